@@ -1,0 +1,32 @@
+# `just` alone lists these verbs.
+_list:
+    @just --list
+
+# An environment with everything a developer needs
+setup:
+    python3 -m venv .venv
+    .venv/bin/pip install -e '.[dev]'
+
+# The default tests
+test *ARGS:
+    .venv/bin/pytest {{ARGS}}
+
+# Formatting, lint, types, architecture
+lint:
+    .venv/bin/ruff format --check .
+    .venv/bin/ruff check .
+    .venv/bin/mypy
+    .venv/bin/lint-imports
+
+# Format and mend what can be mended
+format:
+    .venv/bin/ruff format .
+    .venv/bin/ruff check --fix .
+
+# Speed of the engine
+bench:
+    .venv/bin/python benchmarks/engine.py
+
+# What continuous integration runs
+ci:
+    .ci/run

@@ -1,0 +1,286 @@
+"""The command `mdesign`.
+
+Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
+0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 130 interrupted. Heavy modules are imported by the command
+that needs them, so that `--help` is quick.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mercator_design import __version__
+from mercator_design.errors import FsmError, MercatorError, MissionError
+
+if TYPE_CHECKING:
+    from mercator_design.design import Finished
+    from mercator_design.fsm.text import FsmFile
+    from mercator_design.missions.mission import Mission
+
+_SET = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a key of the mission, e.g. robots=20 or floor.zones[0].radius=0.3. May be repeated.",
+)
+_SEED = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1,
+    show_default=True,
+    help="Master seed of all randomness.",
+)
+_JOBS = click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Experiments run at once.  [default: the cores of this machine]",
+)
+
+_FLAVOUR = click.option(
+    "--flavour",
+    type=click.Choice(["watermelon", "chocolate"]),
+    help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
+)
+_LENIENT = click.option(
+    "--lenient",
+    is_flag=True,
+    help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
+)
+
+
+def main() -> None:
+    """Run the command line; every way out has its exit code."""
+    try:
+        sys.exit(cli.main(standalone_mode=False))
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except MercatorError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("Interrupted.", err=True)
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output went away
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except OSError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(1)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mdesign")
+def cli() -> None:
+    r"""Design control software for swarms of Mercator robots.
+
+    \b
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
+    130 interrupted.
+    """
+
+
+@cli.command()
+@click.argument("mission")
+@click.option("--budget", type=click.IntRange(min=1), required=True, help="Experiments that may be run.")
+@_SEED
+@_JOBS
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the results, new or empty.  [default: the next free runs/MISSION-N]",
+)
+@click.option(
+    "--flavour",
+    type=click.Choice(["watermelon", "chocolate"]),
+    default="watermelon",
+    show_default=True,
+    help="Modules to design with.",
+)
+@_SET
+def race(
+    mission: str,
+    budget: int,
+    seed: int,
+    jobs: int | None,
+    output: Path | None,
+    flavour: str,
+    overrides: tuple[str, ...],
+) -> None:
+    """Design control software for MISSION by iterated F-race.
+
+    MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
+    fsm.txt in the results' folder, and a summary to stdout.
+    """
+    from mercator_design.design import design, new_race
+    from mercator_design.missions.mission import load_mission
+    from mercator_design.race.executors import available_jobs
+    from mercator_design.report.progress import RaceDisplay
+    from mercator_design.report.summary import race_summary
+    from mercator_design.run_folder import RunFolder
+    from mercator_design.sim.simulate import Simulator
+
+    loaded = load_mission(mission, overrides)
+    jobs = jobs or available_jobs()
+    simulator = Simulator(loaded)
+    running = new_race(budget=budget, seed=seed, flavour=flavour)
+    simulator.rehearse(announce=_tell)
+    request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
+    folder = RunFolder(output or _free_folder(loaded.name), loaded, budget=budget, seed=seed, request=request)
+    with RaceDisplay(loaded, budget) as display:
+
+        def watch(finished: "Sequence[Finished]") -> None:
+            folder.note(finished)
+            display.update(running)
+
+        try:
+            result = design(simulator, running, jobs=jobs, flavour=flavour, watch=watch)
+        except KeyboardInterrupt:
+            _tell(f"{folder.path}: the experiments so far are in journal.jsonl")
+            raise
+    folder.finish(result, seconds=round(display.seconds, 3))
+    click.echo(race_summary(result, loaded, seconds=display.seconds, jobs=jobs, folder=folder.path), nl=False)
+
+
+@cli.command()
+@click.argument("fsm", type=click.Path(path_type=Path))
+@click.option(
+    "--mission",
+    help="YAML file or name of a shipped mission.  [default: mission.yaml beside FSM, or FSM's header]",
+)
+@click.option("-n", "--runs", type=click.IntRange(min=1), default=100, show_default=True, help="Experiments to run.")
+@_SEED
+@_JOBS
+@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@_FLAVOUR
+@_LENIENT
+@_SET
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def evaluate(
+    fsm: Path,
+    mission: str | None,
+    runs: int,
+    seed: int,
+    jobs: int | None,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    r"""Measure the controller of an fsm.txt on fresh instances of its mission.
+
+    \b
+    With --json: mission, direction, runs, seed, scores, seeds, mean,
+    standard_deviation (n - 1), quartiles [lower, median, upper],
+    confidence_interval [low, high] (of the mean, 95 %, Student's t);
+    the standard deviation and the interval of one run are null.
+    """
+    from mercator_design.design import evaluate as measure
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.race.executors import available_jobs
+    from mercator_design.report.progress import EvaluationDisplay
+    from mercator_design.report.summary import evaluation_json, evaluation_summary
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
+    loaded = _mission_of(fsm, file, mission, overrides)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model else None)
+    simulator.rehearse(announce=_tell)
+    with EvaluationDisplay(loaded, runs) as display:
+        result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=display.show)
+    report = evaluation_json if as_json else evaluation_summary
+    click.echo(report(result, loaded, seed=seed))
+
+
+@cli.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_FLAVOUR
+@_LENIENT
+def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
+    """Check mission files (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
+
+    A mission is valid if its robots also find places to start from. Prints a line for each file; exit code 3 if any is
+    invalid.
+    """
+    invalid = False
+    for file in files:
+        try:
+            click.echo(f"{file}: {_validated(file, flavour, lenient)}")
+        except (MissionError, FsmError) as error:
+            invalid = True
+            click.echo(f"Error: {error}", err=True)
+    if invalid:
+        raise click.exceptions.Exit(MissionError.exit_code)
+
+
+@cli.command()
+def missions() -> None:
+    """List the shipped missions."""
+    from mercator_design.missions.mission import load_mission, shipped_missions
+
+    for name in shipped_missions():
+        mission = load_mission(name)
+        goal = f"{mission.objective.direction} {mission.objective.name}"
+        click.echo(f"{name:<20} {mission.robots:>3} robots {mission.duration:>5g} s  {goal}")
+        click.echo(f"{'':<20} {mission.description}")
+
+
+def _tell(message: str) -> None:
+    click.echo(message, err=True)
+
+
+def _tolerate(file: Path) -> Callable[[str], None]:
+    return lambda what: _tell(f"Warning: {file}: {what}")
+
+
+def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
+    """What a valid file holds, in a few words."""
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.missions.mission import load_mission, shipped_missions
+
+    if file.suffix in {".yaml", ".yml"} or (str(file) in shipped_missions() and not file.exists()):
+        from mercator_design.sim.simulate import Simulator
+
+        mission = load_mission(str(file))
+        Simulator(mission).try_placement()
+        return f"valid mission, {mission.robots} robots, {mission.duration:g} s"
+    pfsm = read_fsm(file, flavour, tolerate=_tolerate(file) if lenient else None).pfsm
+    transitions = sum(len(state.transitions) for state in pfsm.states)
+    return f"valid {pfsm.flavour} FSM, {len(pfsm.states)} states, {transitions} transitions"
+
+
+def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":
+    """The mission to measure a controller on: the one given, the one raced beside it, the one its header names."""
+    from mercator_design.missions.mission import load_mission
+
+    beside = fsm.parent / "mission.yaml"
+    named = file.header.get("mission")
+    if given is None and named and beside.exists() and load_mission(str(beside)).name == named:
+        given = str(beside)
+    if given is None and named is None:
+        raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
+    try:
+        return load_mission(given or str(named), overrides)
+    except MissionError as error:
+        if given:
+            raise
+        raise MissionError(f"{fsm}: the mission of its header: {error}; give --mission") from None
+
+
+def _free_folder(mission: str) -> Path:
+    """The first of runs/MISSION-1, -2, ... that does not exist."""
+    number = 1
+    while (folder := Path("runs") / f"{mission}-{number}").exists():
+        number += 1
+    return folder

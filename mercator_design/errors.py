@@ -1,0 +1,47 @@
+"""The errors a user may meet.
+
+    MercatorError           exit code 1
+      MissionError          3   a mission or robot-model file does not say what it should
+      FsmError              3   a controller's text or structure is not a valid PFSM
+      RaceError             1   a race cannot be run as asked
+      SimulationError       1   an experiment cannot be set up or went wrong
+      ProtocolError         1   bytes of a device do not follow its protocol
+      RobotError            1   the robot cannot do what was asked
+
+Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
+reaches a user is a fault of this program.
+"""
+
+
+class MercatorError(Exception):
+    """Base of all errors that are reported to the user without a traceback."""
+
+    exit_code = 1
+
+
+class MissionError(MercatorError):
+    """A mission or robot-model file does not say what it should."""
+
+    exit_code = 3
+
+
+class FsmError(MercatorError):
+    """A controller's text or structure is not a valid PFSM."""
+
+    exit_code = 3
+
+
+class RaceError(MercatorError):
+    """A race cannot be run as asked."""
+
+
+class SimulationError(MercatorError):
+    """An experiment cannot be set up or went wrong."""
+
+
+class ProtocolError(MercatorError):
+    """Bytes of a device do not follow its protocol."""
+
+
+class RobotError(MercatorError):
+    """The robot cannot do what was asked."""

@@ -1,0 +1,31 @@
+"""Control software: what a robot's PFSM is, what its modules do, and how it is written down.
+
+    reference   what a behaviour may know and set
+    perception  sensor values -> readings
+    behaviours, conditions   the modules and their tables
+    pfsm        states and transitions, validated
+    control     one control cycle; the driver of one robot
+    text        AutoMoDe's command line and fsm.txt
+    grammar     all PFSMs as a space of parameters
+    drawing     diagrams
+
+Plain Python on the standard library, as it runs on the robot; the simulator compiles the same functions.
+"""
+
+from mercator_design.fsm.control import Controller
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
+from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
+from mercator_design.fsm.text import parse, read_fsm, to_text
+
+__all__ = [
+    "Controller",
+    "Pfsm",
+    "Readings",
+    "ReferenceModel",
+    "State",
+    "Transition",
+    "Wheels",
+    "parse",
+    "read_fsm",
+    "to_text",
+]

@@ -1,0 +1,159 @@
+"""The conditions: with which probability a transition is taken in one control cycle, and the table of them.
+
+Each is a kernel `condition(model, readings, parameters) -> probability`. The caller makes the draw: conditions never
+touch a generator. Sources as in behaviours.py; the gray level is ARGoS's (ITU-R BT.601 luma).
+"""
+
+import math
+from collections.abc import Callable
+
+from mercator_design.fsm.modules import Module, Parameter
+from mercator_design.fsm.perception import Row
+from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.jit import dispatcher, jittable
+
+COLOUR_LABELS = ("green", "blue", "red", "yellow")
+"""What the label parameter of the colour condition means."""
+
+_LABEL_HUES = (2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0, 0.0, math.pi / 3.0)
+
+
+@jittable
+def gray_level(readings: Readings) -> float:
+    """Brightness of the ground, 0 to 255."""
+    return 0.299 * readings.ground_red + 0.587 * readings.ground_green + 0.114 * readings.ground_blue
+
+
+@jittable
+def logistic(x: float) -> float:
+    """1 / (1 + exp(-x)), without overflow for any x."""
+    if x >= 0.0:
+        return 1.0 / (1.0 + math.exp(-x))
+    e = math.exp(x)
+    return e / (1.0 + e)
+
+
+@jittable
+def colour_label(model: ReferenceModel, red: float, green: float, blue: float) -> int:
+    """Number of the label that a colour shows, or -1 for none (gray levels and hues in between)."""
+    highest = max(red, green, blue)
+    spread = highest - min(red, green, blue)
+    if spread <= 0.0 or 1.0 - spread / highest >= model.saturation_tolerance:
+        return -1
+    if highest == red:
+        sixths = (green - blue) / spread
+    elif highest == green:
+        sixths = 2.0 + (blue - red) / spread
+    else:
+        sixths = 4.0 + (red - green) / spread
+    hue = sixths * math.pi / 3.0
+    if hue < 0.0:
+        hue += 2.0 * math.pi
+    found = -1
+    nearest = model.hue_tolerance
+    for label in range(4):
+        difference = abs(hue - _LABEL_HUES[label])
+        difference = min(difference, abs(model.hue_period - difference))
+        if difference < nearest:
+            found = label
+            nearest = difference
+    return found
+
+
+@jittable
+def black_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """Beta where the ground is black."""
+    return parameters[0] if gray_level(readings) <= model.black_highest else 0.0
+
+
+@jittable
+def gray_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """Beta where the ground is gray. Colours count by their brightness: green is gray, red is nearly."""
+    level = gray_level(readings)
+    return parameters[0] if model.gray_lowest < level < model.gray_highest else 0.0
+
+
+@jittable
+def white_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """Beta where the ground is white. Yellow is bright enough to count."""
+    return parameters[0] if gray_level(readings) >= model.white_lowest else 0.0
+
+
+@jittable
+def neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """The more neighbours the likelier: 1 / (1 + exp(eta * (xi - n))) (eq. 20)."""
+    xi, eta = parameters[0], parameters[1]
+    return logistic(eta * (readings.neighbours - xi))
+
+
+@jittable
+def inverted_neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """The fewer neighbours the likelier: one minus the probability of `neighbours_count`."""
+    xi, eta = parameters[0], parameters[1]
+    return 1.0 - logistic(eta * (readings.neighbours - xi))
+
+
+@jittable
+def fixed_probability(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """Beta, always."""
+    return float(parameters[0])
+
+
+@jittable
+def floor_colour(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
+    """Beta where the ground shows the label's colour."""
+    label = colour_label(model, readings.ground_red, readings.ground_green, readings.ground_blue)
+    return parameters[0] if label == parameters[1] else 0.0
+
+
+def _beta() -> Parameter:
+    return Parameter(name="beta", flag="p", grammar="P", low=0, high=1)
+
+
+def _count(suffix: str) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter(name="xi", flag="p", grammar="B" + suffix, low=0, high=10, integer=True, sampled_low=1),
+        Parameter(name="eta", flag="w", grammar="W" + suffix, low=0, high=20),
+    )
+
+
+def _both(number: int) -> dict[str, int]:
+    return {"watermelon": number, "chocolate": number}
+
+
+CONDITIONS = (
+    Module(name="black floor", label="BlackFloor", function=black_floor, numbers=_both(0), parameters=(_beta(),)),
+    Module(name="gray floor", label="GrayFloor", function=gray_floor, numbers=_both(1), parameters=(_beta(),)),
+    Module(name="white floor", label="WhiteFloor", function=white_floor, numbers=_both(2), parameters=(_beta(),)),
+    Module(
+        name="neighbours count",
+        label="NeighborsCount",
+        function=neighbours_count,
+        numbers=_both(3),
+        parameters=_count(""),
+    ),
+    Module(
+        name="inverted neighbours count",
+        label="InvertedNeighborsCount",
+        function=inverted_neighbours_count,
+        numbers=_both(4),
+        parameters=_count("I"),
+    ),
+    Module(
+        name="fixed probability",
+        label="FixedProbability",
+        function=fixed_probability,
+        numbers=_both(5),
+        parameters=(_beta(),),
+    ),
+    Module(
+        name="floor colour",
+        label="ProbColor",
+        function=floor_colour,
+        numbers={"watermelon": 6},
+        parameters=(_beta(), Parameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
+    ),
+)
+
+probability: Callable[..., float] = dispatcher(module.function for module in CONDITIONS)
+"""`probability(position in CONDITIONS, model, readings, parameters) -> probability`."""

@@ -1,0 +1,90 @@
+"""One control cycle of a PFSM: the behaviour acts, then the conditions are tested, then perhaps the state changes.
+
+`control_cycle` is the only definition: the simulator's compiled loop calls it for each robot, and `Controller` calls
+it, as plain Python, on the robot.
+"""
+
+from collections.abc import Sequence
+
+from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE, behave
+from mercator_design.fsm.conditions import probability
+from mercator_design.fsm.modules import MOST_PARAMETERS
+from mercator_design.fsm.perception import Row
+from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Pfsm, Program
+from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
+from mercator_design.jit import jittable
+
+STATE, CYCLES = 0, 1
+"""Places in `memory`: the active state; control cycles spent in it. The rest belongs to the behaviour."""
+
+MEMORY = 4
+"""Length of a controller's memory; all zeros at the start of a run."""
+
+DRAWS = 1 + 2 * MOST_TRANSITIONS
+"""Uniform draws a cycle may use: one for the behaviour, two for each transition (which is next, does it fire)."""
+
+
+@jittable
+def control_cycle(
+    model: ReferenceModel, program: Program, readings: Readings, memory: list[float], draws: Row
+) -> Wheels:
+    """Act, test the conditions, move on.
+
+    The transitions are tested in random order until one fires; none is tested in the first cycle of a state, so every
+    visit lasts at least two cycles. The new state's behaviour first acts in the next cycle. (AutoMoDe's
+    FiniteStateMachine::ControlStep.)
+
+    Args:
+        model: Constants.
+        program: Tables of the PFSM.
+        readings: What the robot perceives.
+        memory: (MEMORY,) changed in place.
+        draws: (DRAWS,) uniform in [0, 1).
+    """
+    state = int(memory[STATE])
+    first = MOST_PARAMETERS * state
+    parameters = (program.behaviour_parameters[first], program.behaviour_parameters[first + 1])
+    wheels = behave(program.behaviours[state], model, readings, parameters, memory, draws[0])
+    entered = memory[CYCLES] == 0.0
+    memory[CYCLES] += 1.0
+    if entered:
+        return wheels
+    tested = 0  # bit j: transition j was tested
+    n = program.transitions[state]
+    for k in range(n):
+        ahead = int(draws[1 + 2 * k] * (n - k))  # how many untested ones to pass over
+        j = 0
+        while tested >> j & 1 or ahead > 0:
+            if not tested >> j & 1:
+                ahead -= 1
+            j += 1
+        tested |= 1 << j
+        place = MOST_TRANSITIONS * state + j
+        first = MOST_PARAMETERS * place
+        parameters = (program.condition_parameters[first], program.condition_parameters[first + 1])
+        if draws[2 + 2 * k] < probability(program.conditions[place], model, readings, parameters):
+            memory[STATE] = float(program.targets[place])
+            memory[CYCLES] = 0.0
+            memory[TURN_CYCLES] = 0.0
+            memory[TURN_SIDE] = 0.0
+            break
+    return wheels
+
+
+class Controller:
+    """Runs a PFSM on one robot: `step` once a control cycle."""
+
+    def __init__(self, pfsm: Pfsm, model: ReferenceModel | None = None) -> None:
+        self.pfsm = pfsm
+        self._model = model or ReferenceModel()
+        self._program = pfsm.program()
+        self._memory = [0.0] * MEMORY
+
+    @property
+    def state(self) -> int:
+        """Number of the active state."""
+        return int(self._memory[STATE])
+
+    def step(self, readings: Readings, draws: Sequence[float]) -> Wheels:
+        """One control cycle, given what the robot perceives and DRAWS uniform draws in [0, 1)."""
+        return control_cycle(self._model, self._program, readings, self._memory, draws)

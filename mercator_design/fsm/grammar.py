@@ -1,0 +1,101 @@
+"""The set of all PFSMs of a flavour as a space of parameters, in the language of irace's parameter files.
+
+This is the grammar of AutoMoDe: NumStates, then for each state its behaviour and number of transitions, for each
+transition its target and condition, and the parameters of the modules chosen. A parameter is active only where its
+module is. The target's upper bound depends on the number of states; AutoMoDe needed a patched irace for that, the
+language has had dependent bounds since.
+"""
+
+from collections.abc import Iterable, Mapping
+
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.modules import Module, Parameter, numbered
+from mercator_design.fsm.pfsm import MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+
+Value = int | float | str
+"""Numbers of modules are text, as they are categories; all else is a number."""
+
+DIGITS = 2
+"""Decimals of real parameters, as AutoMoDe designs them."""
+
+
+def parameters_text(flavour: str) -> str:
+    """The grammar of a flavour as an irace parameter file. Watermelon has 149 parameters, Chocolate 133."""
+    behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
+    lines = [f'NumStates "--nstates " i (1, {MOST_STATES})']
+    for i in range(MOST_STATES):
+        exists = f"NumStates > {i}"
+        lines.append(f'S{i} "--s{i} " c ({_numbers(behaviours)}) | {exists}')
+        lines += _module_lines(behaviours, f"{i}", f"S{i}")
+        connected = "NumStates > 1" if i == 0 else exists
+        lines.append(f'NumConnections{i} "--n{i} " i (1, {MOST_TRANSITIONS}) | {connected}')
+        for j in range(MOST_TRANSITIONS):
+            transition = f"{i}x{j}"
+            exists = f"as.numeric(NumConnections{i}) > {j}"
+            lines.append(f'N{transition} "--n{transition} " i (0, "NumStates-2") | {exists}')
+            lines.append(f'C{transition} "--c{transition} " c ({_numbers(conditions)}) | {exists}')
+            lines += _module_lines(conditions, transition, f"C{transition}")
+    return "\n".join([*lines, "", "[global]", f"digits = {DIGITS}", ""])
+
+
+def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
+    """The PFSM of a configuration: a value for each active parameter of the grammar."""
+    behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
+
+    def values(module: Module, index: str) -> tuple[float, ...]:
+        return tuple(float(configuration[parameter.grammar + index]) for parameter in module.parameters)
+
+    states = []
+    for i in range(int(configuration["NumStates"])):
+        transitions = []
+        for j in range(int(configuration.get(f"NumConnections{i}", 0))):
+            condition = conditions[int(configuration[f"C{i}x{j}"])]
+            relative = int(configuration[f"N{i}x{j}"])
+            target = relative if relative < i else relative + 1
+            transitions.append(Transition(condition.name, values(condition, f"{i}x{j}"), target))
+        behaviour = behaviours[int(configuration[f"S{i}"])]
+        states.append(State(behaviour.name, values(behaviour, f"{i}"), tuple(transitions)))
+    return Pfsm(tuple(states), flavour)
+
+
+def from_pfsm(pfsm: Pfsm) -> dict[str, Value]:
+    """The configuration of a PFSM; the inverse of `to_pfsm`."""
+    configuration: dict[str, Value] = {"NumStates": len(pfsm.states)}
+
+    def add(module: Module, values: Iterable[float], index: str) -> None:
+        for parameter, value in zip(module.parameters, values, strict=True):
+            configuration[parameter.grammar + index] = int(value) if parameter.integer else float(value)
+
+    for i, state in enumerate(pfsm.states):
+        configuration[f"S{i}"] = str(state.module.numbers[pfsm.flavour])
+        add(state.module, state.parameters, f"{i}")
+        if state.transitions:
+            configuration[f"NumConnections{i}"] = len(state.transitions)
+        for j, transition in enumerate(state.transitions):
+            configuration[f"N{i}x{j}"] = transition.target if transition.target < i else transition.target - 1
+            configuration[f"C{i}x{j}"] = str(transition.module.numbers[pfsm.flavour])
+            add(transition.module, transition.parameters, f"{i}x{j}")
+    return configuration
+
+
+def _numbers(table: Iterable[int]) -> str:
+    return ", ".join(str(number) for number in table)
+
+
+def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list[str]:
+    """A line for each parameter of the modules; modules may share one, active where any of them is chosen."""
+    users: dict[str, list[int]] = {}
+    found: dict[str, Parameter] = {}
+    for number, module in table.items():
+        for parameter in module.parameters:
+            users.setdefault(parameter.grammar, []).append(number)
+            found[parameter.grammar] = parameter
+    lines = []
+    for stem, parameter in found.items():
+        low = parameter.low if parameter.sampled_low is None else parameter.sampled_low
+        kind = "i" if parameter.integer else "r"
+        chosen = ", ".join(f'"{number}"' for number in users[stem])
+        switch, condition = f'"--{parameter.flag}{index} "', f"{chooser} %in% c({chosen})"
+        lines.append(f"{stem}{index} {switch} {kind} ({low:g}, {parameter.high:g}) | {condition}")
+    return lines

@@ -1,0 +1,57 @@
+"""What a module is: a named behaviour or condition with its parameters, its number in each flavour and its function.
+
+Everything that lists modules (text, grammar, dispatcher, diagram, docs, tests) is derived from the two tables
+`BEHAVIOURS` (behaviours.py) and `CONDITIONS` (conditions.py), whose rows are made of these.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+MOST_PARAMETERS = 2
+"""No module has more parameters; rows of parameters are padded to this length."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A parameter of a module."""
+
+    name: str
+    flag: str  # the letters of the AutoMoDe command line: "rwm" in --rwm0
+    grammar: str  # the stem of its name in AutoMoDe's parameter file: "RWM" in RWM0
+    low: float
+    high: float
+    integer: bool = False
+    sampled_low: float | None = None  # the grammar samples from here, where `low` is legal but not designed
+
+    @property
+    def domain(self) -> str:
+        """The domain as text: "an integer from 1 to 100"."""
+        return f"{'an integer' if self.integer else 'a number'} from {self.low:g} to {self.high:g}"
+
+    def contains(self, value: float) -> bool:
+        """Whether a value lies in the domain."""
+        return self.low <= value <= self.high and (not self.integer or value == int(value))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Module:
+    """A behaviour or a condition."""
+
+    name: str
+    label: str  # as AutoMoDe's diagrams write it
+    function: Callable[..., Any]
+    numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
+    parameters: tuple[Parameter, ...] = ()
+    needs: frozenset[str] = field(default_factory=frozenset)  # sensors a robot must have, beyond the common ones
+
+
+def numbered(table: tuple[Module, ...], flavour: str) -> dict[int, Module]:
+    """The modules of a flavour by their number, in order of number."""
+    found = {module.numbers[flavour]: module for module in table if flavour in module.numbers}
+    return dict(sorted(found.items()))
+
+
+def named(table: tuple[Module, ...]) -> dict[str, int]:
+    """Position in the table by name."""
+    return {module.name: position for position, module in enumerate(table)}

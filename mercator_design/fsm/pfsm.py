@@ -1,0 +1,140 @@
+"""The probabilistic finite-state machine: its structure, what makes it valid, and its tables for the kernels."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from mercator_design.errors import FsmError
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.modules import MOST_PARAMETERS, Module, named
+from mercator_design.fsm.perception import Row
+
+MOST_STATES = 4
+MOST_TRANSITIONS = 4
+"""The limits of AutoMoDe's grammar: states a PFSM, outgoing transitions a state."""
+
+FLAVOURS = ("watermelon", "chocolate")
+
+_BEHAVIOURS = named(BEHAVIOURS)
+_CONDITIONS = named(CONDITIONS)
+
+
+class Program(NamedTuple):
+    """A PFSM as tables of numbers: tuples here, numpy arrays of the same length in compiled code.
+
+    Transition j of state i is at place i * MOST_TRANSITIONS + j; a module's parameters begin at MOST_PARAMETERS times
+    the place of the state or transition.
+    """
+
+    behaviours: Row  # of each state, position in BEHAVIOURS
+    behaviour_parameters: Row
+    transitions: Row  # of each state, how many
+    conditions: Row  # of each transition, position in CONDITIONS
+    condition_parameters: Row
+    targets: Row  # of each transition, number of a state
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """An edge: a condition, with its parameters in the table's order, and the number of the target state."""
+
+    condition: str
+    parameters: tuple[float, ...]
+    target: int
+
+    @property
+    def module(self) -> Module:
+        """The row of CONDITIONS."""
+        return CONDITIONS[_CONDITIONS[self.condition]]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A node: a behaviour, with its parameters in the table's order, and the outgoing transitions."""
+
+    behaviour: str
+    parameters: tuple[float, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+
+    @property
+    def module(self) -> Module:
+        """The row of BEHAVIOURS."""
+        return BEHAVIOURS[_BEHAVIOURS[self.behaviour]]
+
+
+@dataclass(frozen=True, slots=True)
+class Pfsm:
+    """A valid probabilistic finite-state machine; state 0 is the initial one.
+
+    Raises:
+        FsmError: on more than 4 or no states, more than 4 transitions from a state, a target that is the state itself
+            or does not exist, a module that does not exist in the flavour, a missing, superfluous or not finite
+            parameter, and (unless `any_domain`) a parameter outside its domain.
+    """
+
+    states: tuple[State, ...]
+    flavour: str = "watermelon"
+    any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.flavour not in FLAVOURS:
+            raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {self.flavour!r}")
+        if not 1 <= len(self.states) <= MOST_STATES:
+            raise FsmError(f"expected 1 to {MOST_STATES} states, found {len(self.states)}")
+        for i, state in enumerate(self.states):
+            self._check_module(f"state {i}", "behaviour", state.behaviour, state.parameters)
+            if len(state.transitions) > MOST_TRANSITIONS:
+                raise FsmError(
+                    f"state {i}: expected at most {MOST_TRANSITIONS} transitions, found {len(state.transitions)}"
+                )
+            for j, transition in enumerate(state.transitions):
+                place = f"state {i}, transition {j}"
+                if not 0 <= transition.target < len(self.states) or transition.target == i:
+                    raise FsmError(
+                        f"{place}: the target must be another one of the states 0 to {len(self.states) - 1}, "
+                        f"found {transition.target}"
+                    )
+                self._check_module(place, "condition", transition.condition, transition.parameters)
+
+    def _check_module(self, place: str, kind: str, name: str, values: tuple[float, ...]) -> None:
+        table, places = (BEHAVIOURS, _BEHAVIOURS) if kind == "behaviour" else (CONDITIONS, _CONDITIONS)
+        if name not in places or self.flavour not in table[places[name]].numbers:
+            known = ", ".join(module.name for module in table if self.flavour in module.numbers)
+            raise FsmError(f"{place}: {self.flavour} has no {kind} {name!r}; it has {known}")
+        parameters = table[places[name]].parameters
+        if len(values) != len(parameters):
+            raise FsmError(f"{place}: {name} takes {len(parameters)} parameters, found {len(values)}")
+        for parameter, value in zip(parameters, values, strict=True):
+            if not math.isfinite(value) or not (self.any_domain or parameter.contains(value)):
+                raise FsmError(
+                    f"{place}: parameter {parameter.name} of {name} must be {parameter.domain}, found {value:g}"
+                )
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Sensors that a robot must have to run this PFSM, beyond the common ones."""
+        return frozenset().union(*(state.module.needs for state in self.states))
+
+    def program(self) -> Program:
+        """The tables that `control_cycle` runs on."""
+        nothing = Transition(CONDITIONS[0].name, (), 0)
+        places = [
+            transition
+            for state in self.states
+            for transition in (*state.transitions, *[nothing] * (MOST_TRANSITIONS - len(state.transitions)))
+        ]
+        return Program(
+            behaviours=tuple(_BEHAVIOURS[state.behaviour] for state in self.states),
+            behaviour_parameters=_padded(state.parameters for state in self.states),
+            transitions=tuple(len(state.transitions) for state in self.states),
+            conditions=tuple(_CONDITIONS[transition.condition] for transition in places),
+            condition_parameters=_padded(transition.parameters for transition in places),
+            targets=tuple(transition.target for transition in places),
+        )
+
+
+def _padded(rows: Iterable[tuple[float, ...]]) -> tuple[float, ...]:
+    """Parameters one after the other, MOST_PARAMETERS to a module."""
+    return tuple(float(value) for row in rows for value in (*row, *[0.0] * (MOST_PARAMETERS - len(row))))

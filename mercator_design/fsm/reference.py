@@ -1,0 +1,76 @@
+"""The reference model: what a behaviour may know and set, and the constants by which it is interpreted.
+
+Lengths are metres, angles radians counter-clockwise from the robot's front, colours 0 to 255 a channel.
+"""
+
+import math
+from typing import NamedTuple
+
+
+class Readings(NamedTuple):
+    """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived."""
+
+    proximity_x: float = 0.0  # obstacles: a vector towards them, of length 0 (none) to 1 (very near)
+    proximity_y: float = 0.0
+    neighbours: float = 0.0  # how many robots are within ReferenceModel.neighbour_range
+    neighbours_x: float = 0.0  # sum over them of a vector towards each, the longer the nearer
+    neighbours_y: float = 0.0
+    ground_red: float = 255.0
+    ground_green: float = 255.0
+    ground_blue: float = 255.0
+    light_x: float = 0.0  # towards the light, of length 0 (none perceived) to 1
+    light_y: float = 0.0
+
+
+class Wheels(NamedTuple):
+    """Speeds of the left and right tread, as fractions -1 to 1 of the robot's maximum speed."""
+
+    left: float
+    right: float
+
+
+class ReferenceModel(NamedTuple):
+    """The constants of perception, behaviours and conditions; a robot model may set each.
+
+    Defaults are AutoMoDe-Watermelon as its paper describes it, with the simulated original's rules where the paper
+    is silent. The differences between published variants are numbers in this table, never a second copy of a module.
+    """
+
+    # Proximity: a distance d in [near, range] weighs max(0, (1/d - offset) * scale); nearer weighs near_weight.
+    proximity_near: float = 0.05
+    proximity_range: float = 0.4
+    proximity_near_weight: float = 1.0
+    proximity_offset: float = 2.5  # [1/m] 1 / range: the weight is 0 at the range ...
+    proximity_scale: float = 1.0 / 17.5  # [m] 1 / (1/near - 1/range): ... and 1 at `near`
+
+    # Neighbours: one at distance d weighs 1 / (offset + scale * d); counted when d < range.
+    neighbour_range: float = 0.75
+    neighbour_offset: float = 1.0
+    neighbour_scale: float = 1.0  # [1/m] 100 where a variant means centimetres
+    # One within obstacle_range also weighs on the proximity vector, at its distance less obstacle_radius. 0: never,
+    # because the proximity sensors see robots too.
+    neighbour_obstacle_range: float = 0.0
+    neighbour_obstacle_radius: float = 0.275
+
+    # Behaviours.
+    obstacle_threshold: float = 0.1  # proximity from which exploration turns
+    attraction_gain: float = 1.2  # k_w of the paper's eq. 18
+    attraction_obstacle_gain: float = 5.0  # k_o of the same
+    repulsion_gain: float = 1.0
+    repulsion_obstacle_gain: float = 5.0
+    light_gain: float = 1.0
+    light_obstacle_gain: float = 5.0
+    weakest_pull: float = 0.1  # a shorter vector counts as none: straight on
+    strength_step: float = 0.0  # alpha is rounded down to a multiple of this; 0: real
+    repulsion_power: float = 1.0  # the power with which alpha enters repulsion
+
+    # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
+    black_highest: float = 0.05 * 255
+    gray_lowest: float = 0.3 * 255
+    gray_highest: float = 0.7 * 255
+    white_lowest: float = 0.78 * 255
+
+    # Colours: a label is recognised within these of its hue and of full saturation.
+    hue_tolerance: float = math.radians(15.0)
+    hue_period: float = 2.0 * math.pi  # a huge period makes the difference of hues linear instead of circular
+    saturation_tolerance: float = 0.2

@@ -1,0 +1,303 @@
+"""A controller as text: AutoMoDe's command line, and the fsm.txt file around it.
+
+    --nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1
+
+A state's behaviour, its parameters, the number of its transitions; for each transition the target, the condition and
+its parameters. The target is relative: the number among the *other* states. `parse` is strict: all that the original
+program crashes on or silently reads as something else is refused, with the token, the state and the transition.
+A caller who passes `tolerate` hears of each such thing instead, and gets what the original would have run.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mercator_design.errors import FsmError
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.modules import Module, Parameter, numbered
+from mercator_design.fsm.pfsm import FLAVOURS, MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+
+Tell = Callable[[str], None]
+
+_LONGEST_FILE = 64 * 1024
+_FLAG = re.compile(r"--(?:nstates|(?:s|rwm|att|rep)\d+|n\d+|[ncpwl]\d+x\d+)")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_INTEGER = re.compile(r"[+-]?\d+")
+_LONGEST_TOKEN = 40
+
+
+def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = None) -> Pfsm:
+    """The PFSM that a command line describes.
+
+    Args:
+        line: The text, with or without a leading `--fsm-config`.
+        flavour: Whose module numbers these are.
+        tolerate: If given, what the original AutoMoDe tolerates is accepted, and this is called with a sentence on
+            each such thing; if not, it is refused.
+
+    Raises:
+        FsmError: naming token, state and transition.
+    """
+    if flavour not in FLAVOURS:
+        raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {flavour!r}")
+    tokens = line.split()
+    if tokens[:1] == ["--fsm-config"]:
+        del tokens[0]
+    for token in tokens:
+        if len(token) > _LONGEST_TOKEN:
+            raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}...")
+    if tolerate:
+        tokens = _as_original(tokens, flavour, tolerate)
+    pfsm = _Reader(tokens, flavour, any_domain=tolerate is not None).pfsm()
+    if tolerate:
+        for place, module, parameter, value in _parameters(pfsm):
+            if not parameter.contains(value):
+                tolerate(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
+    return pfsm
+
+
+def to_text(pfsm: Pfsm) -> str:
+    """The canonical command line of a PFSM; `parse` reads it back to an equal one."""
+    words = [f"--nstates {len(pfsm.states)}"]
+    for i, state in enumerate(pfsm.states):
+        words.append(f"--s{i} {state.module.numbers[pfsm.flavour]}")
+        words += _values(state.module, state.parameters, f"{i}")
+        if state.transitions:
+            words.append(f"--n{i} {len(state.transitions)}")
+        for j, transition in enumerate(state.transitions):
+            relative = transition.target if transition.target < i else transition.target - 1
+            words.append(f"--n{i}x{j} {relative} --c{i}x{j} {transition.module.numbers[pfsm.flavour]}")
+            words += _values(transition.module, transition.parameters, f"{i}x{j}")
+    return " ".join(words)
+
+
+def _values(module: Module, values: tuple[float, ...], index: str) -> list[str]:
+    return [
+        f"--{parameter.flag}{index} {int(value) if value == int(value) else value!r}"
+        for parameter, value in zip(module.parameters, values, strict=True)
+    ]
+
+
+def _parameters(pfsm: Pfsm) -> Iterator[tuple[str, Module, Parameter, float]]:
+    """Each parameter of a PFSM with its place."""
+    for i, state in enumerate(pfsm.states):
+        for parameter, value in zip(state.module.parameters, state.parameters, strict=True):
+            yield f"state {i}", state.module, parameter, value
+        for j, transition in enumerate(state.transitions):
+            for parameter, value in zip(transition.module.parameters, transition.parameters, strict=True):
+                yield f"state {i}, transition {j}", transition.module, parameter, value
+
+
+class _Reader:
+    """Reads well-formed tokens, one flag with its value after the other."""
+
+    def __init__(self, tokens: list[str], flavour: str, *, any_domain: bool) -> None:
+        self._flavour = flavour
+        self._any_domain = any_domain
+        self._behaviours = numbered(BEHAVIOURS, flavour)
+        self._conditions = numbered(CONDITIONS, flavour)
+        self._pairs: list[tuple[str, str]] = []
+        seen: set[str] = set()
+        for flag, value in zip(tokens[::2], [*tokens[1::2], ""], strict=False):
+            if not _FLAG.fullmatch(flag):
+                raise FsmError(f"expected a flag such as --s0 or --p0x1, found {flag!r}")
+            if flag in seen:
+                raise FsmError(f"{flag} is given twice")
+            if not value or value.startswith("--"):
+                raise FsmError(f"{flag}: expected a value, found {value or 'the end of the text'!r}")
+            seen.add(flag)
+            self._pairs.append((flag, value))
+        self._next = 0
+
+    def pfsm(self) -> Pfsm:
+        n = self._integer("--nstates", "the number of states", 1, MOST_STATES)
+        states = tuple(self._state(i, n) for i in range(n))
+        if self._next < len(self._pairs):
+            flag = self._pairs[self._next][0]
+            raise FsmError(f"{flag} is not expected here: --nstates {n} ends with state {n - 1}")
+        return Pfsm(states, self._flavour, any_domain=self._any_domain)
+
+    def _state(self, i: int, n: int) -> State:
+        place = f"state {i}"
+        module = self._module(f"--s{i}", f"the behaviour of {place}", self._behaviours)
+        flags = {f"--{parameter.flag}{i}" for behaviour in BEHAVIOURS for parameter in behaviour.parameters}
+        parameters = self._values(place, module, self._gather(flags), f"{i}")
+        transitions: tuple[Transition, ...] = ()
+        if self._peek() == f"--n{i}":
+            most = MOST_TRANSITIONS if n > 1 else 0
+            m = self._integer(f"--n{i}", f"the number of transitions of {place} (of {n})", 0, most)
+            transitions = tuple(self._transition(i, j, n) for j in range(m))
+        return State(module.name, parameters, transitions)
+
+    def _transition(self, i: int, j: int, n: int) -> Transition:
+        place = f"state {i}, transition {j}"
+        relative = self._integer(f"--n{i}x{j}", f"the target of {place}, counted among the other states", 0, n - 2)
+        flags = {f"--{parameter.flag}{i}x{j}" for condition in CONDITIONS for parameter in condition.parameters}
+        condition = f"--c{i}x{j}"
+        given = self._gather({condition, *flags})
+        if condition not in given:
+            raise FsmError(f"{place}: {condition}, its condition, is missing")
+        module = self._known(condition, given.pop(condition), f"the condition of {place}", self._conditions)
+        parameters = self._values(place, module, given, f"{i}x{j}")
+        return Transition(module.name, parameters, relative if relative < i else relative + 1)
+
+    def _peek(self) -> str | None:
+        return self._pairs[self._next][0] if self._next < len(self._pairs) else None
+
+    def _gather(self, flags: set[str]) -> dict[str, str]:
+        """The values of the next flags, as long as they are among these."""
+        start = self._next
+        while self._peek() in flags:
+            self._next += 1
+        return dict(self._pairs[start : self._next])
+
+    def _value(self, flag: str, what: str) -> str:
+        if self._peek() != flag:
+            found = self._peek() or "the end of the text"
+            raise FsmError(f"expected {flag}, {what}; found {found}")
+        self._next += 1
+        return self._pairs[self._next - 1][1]
+
+    def _integer(self, flag: str, what: str, low: int, high: int) -> int:
+        value = self._value(flag, what)
+        if not _INTEGER.fullmatch(value) or not low <= int(value) <= high:
+            expected = f"a whole number from {low} to {high}" if high > low else str(low)
+            if high < low:
+                expected = "no transition, as there is no other state"
+            raise FsmError(f"{flag}, {what}: expected {expected}, found {value}")
+        return int(value)
+
+    def _module(self, flag: str, what: str, known: Mapping[int, Module]) -> Module:
+        return self._known(flag, self._value(flag, what), what, known)
+
+    def _known(self, flag: str, value: str, what: str, known: Mapping[int, Module]) -> Module:
+        if not _INTEGER.fullmatch(value) or int(value) not in known:
+            names = ", ".join(f"{number} {module.name}" for number, module in known.items())
+            raise FsmError(f"{flag}, {what}: expected one of {names} ({self._flavour}); found {value}")
+        return known[int(value)]
+
+    def _values(self, place: str, module: Module, given: dict[str, str], index: str) -> tuple[float, ...]:
+        values = []
+        for parameter in module.parameters:
+            flag = f"--{parameter.flag}{index}"
+            text = given.pop(flag, None)
+            if text is None:
+                raise FsmError(f"{place}: {flag}, the {parameter.name} of {module.name}, is missing")
+            if not _NUMBER.fullmatch(text):
+                raise FsmError(f"{place}: {flag}: expected {parameter.domain}, found {text!r}")
+            if not (self._any_domain or parameter.contains(float(text))):
+                raise FsmError(
+                    f"{place}: {flag}, the {parameter.name} of {module.name}: expected {parameter.domain}, found {text}"
+                )
+            values.append(int(float(text)) if parameter.integer else float(text))
+        for flag in given:
+            raise FsmError(f"{place}: {module.name} has no parameter {flag}")
+        return tuple(values)
+
+
+def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
+    """The tokens that the original builder makes use of, with numbers as C's atoi and strtod read them.
+
+    AutoMoDeFsmBuilder searches slices of the text for flags: the first of each counts, what it does not search for is
+    ignored. What makes it crash is left in place, for the strict reader to refuse.
+    """
+    used: set[int] = set()
+    clean: list[str] = []
+
+    def find(flag: str, start: int, end: int) -> int:
+        return next((k for k in range(start, end) if tokens[k] == flag), end)
+
+    def take(flag: str, start: int, end: int, *, integer: bool) -> str | None:
+        at = find(flag, start, end)
+        if at + 1 >= end:
+            return None
+        used.update((at, at + 1))
+        text = tokens[at + 1]
+        match = (_INTEGER if integer else _NUMBER).match(text)
+        value = match.group() if match else "0"
+        if value != text:
+            tell(f"{flag} {text} was read as {value}")
+        clean.extend((flag, value))
+        return value
+
+    def take_parameters(table: Mapping[int, Module], number: str | None, index: str, start: int, end: int) -> None:
+        module = table.get(int(number)) if number is not None else None
+        for parameter in module.parameters if module else ():
+            take(f"--{parameter.flag}{index}", start, end, integer=parameter.integer)
+
+    begin = find("--nstates", 0, len(tokens))
+    n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), MOST_STATES + 1)
+    for i in range(n):
+        start = find(f"--s{i}", 0, len(tokens))
+        end = find(f"--s{i + 1}", 0, len(tokens)) if i < n - 1 else len(tokens)
+        behaviour = take(f"--s{i}", start, end, integer=True)
+        take_parameters(numbered(BEHAVIOURS, flavour), behaviour, f"{i}", start, end)
+        m = min(int(take(f"--n{i}", start, end, integer=True) or 0), MOST_TRANSITIONS + 1)
+        for j in range(m):
+            first = find(f"--n{i}x{j}", start, end)
+            last = find(f"--n{i}x{j + 1}", start, end) if j < m - 1 else end
+            take(f"--n{i}x{j}", first, last, integer=True)
+            condition = take(f"--c{i}x{j}", first, last, integer=True)
+            take_parameters(numbered(CONDITIONS, flavour), condition, f"{i}x{j}", first, last)
+    ignored = " ".join(token for k, token in enumerate(tokens) if k not in used)
+    if ignored:
+        tell(f"ignored: {ignored}")
+    return clean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FsmFile:
+    """What an fsm.txt holds: the PFSM, and what its comment lines say of it."""
+
+    pfsm: Pfsm
+    header: Mapping[str, str]
+
+
+def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
+    """Read an fsm.txt: comment lines `# key: value`, and one line of text.
+
+    Args:
+        path: The file.
+        flavour: Overrides the header's; without either it is watermelon.
+        tolerate: As for `parse`. A trailing line `score X`, as target runners log it, is accepted in any case.
+
+    Raises:
+        FsmError: naming file and line.
+    """
+    try:
+        if not path.is_file():
+            raise FsmError(f"{path}: expected a file with a PFSM, found {'a folder' if path.is_dir() else 'none'}")
+        with path.open("rb") as file:
+            content = file.read(_LONGEST_FILE + 1)
+        if len(content) > _LONGEST_FILE:
+            raise FsmError(f"{path}: expected at most {_LONGEST_FILE} bytes")
+        lines = content.decode("utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise FsmError(f"{path}: cannot be read as text: {error}") from None
+    header: dict[str, str] = {}
+    found: list[tuple[int, str]] = []
+    for number, line in enumerate((line.strip() for line in lines), start=1):
+        if line.startswith("#"):
+            key, colon, value = line.lstrip("# ").partition(":")
+            if colon:
+                header[key.strip()] = value.strip()
+        elif line and not re.fullmatch(r"score\s+\S+", line):
+            found.append((number, line))
+    if len(found) != 1:
+        where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
+        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
+    number, line = found[0]
+    try:
+        pfsm = parse(line, flavour or header.get("flavour", "watermelon"), tolerate=tolerate)
+    except FsmError as error:
+        raise FsmError(f"{path}:{number}: {error}") from None
+    return FsmFile(pfsm=pfsm, header=header)
+
+
+def fsm_file_text(pfsm: Pfsm, header: Mapping[str, str]) -> str:
+    """The text of an fsm.txt; the flavour is always in its header."""
+    entries = {"flavour": pfsm.flavour, **header}
+    comments = [f"# {key}: {' '.join(str(value).split())}" for key, value in entries.items()]
+    return "\n".join([*comments, to_text(pfsm)]) + "\n"

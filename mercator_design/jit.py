@@ -1,0 +1,197 @@
+"""How a function comes to be compiled; the only file that knows numba.
+
+A kernel is a plain Python function in a small subset of the language (floats, tuples, rows of numbers, `math`), marked
+`@jittable`. The mark changes nothing: Python, and the robot, call the plain function. `compiled` makes the fast form of
+one entry function, in which every call of a marked function is compiled too. So there is one definition of each
+behaviour, and numba is imported only by who wants speed.
+
+Compiled code is cached in a folder named by the contents of all kernel files: numba itself does not notice an edited
+callee (numba issue 1833) and would go on running the old one.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+R = TypeVar("R")
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PACKAGE = Path(__file__).parent
+_waiting: list[Callable[..., Any]] = []
+
+
+def jittable(function: F) -> F:
+    """Mark a function as callable from compiled code. It stays the plain function it is."""
+    _waiting.append(function)
+    return function
+
+
+def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
+    """A kernel `call(which, *arguments)` that calls the function number `which`."""
+    table = tuple(functions)
+
+    def call(which: int, *arguments: Any) -> R:
+        return table[which](*arguments)
+
+    call.links = table  # type: ignore[attr-defined]  # what the compiled form is chained from
+    return jittable(call)
+
+
+def jit_wanted() -> bool:
+    """Whether compiled code is used: not where NUMBA_DISABLE_JIT=1 asks for plain Python."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
+
+
+@cache
+def compiled(function: F) -> F:
+    """The compiled form of an entry function, which runs without holding the GIL."""
+    if not jit_wanted():
+        return function
+    numba = _numba()
+    while _waiting:
+        _register(_waiting.pop(0))
+    if hasattr(function, "links"):
+        return cast("F", _chain(function.links))
+    # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
+    # references to every array that is passed on would take two thirds of the time.
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+
+
+def is_cached(function: Callable[..., Any]) -> bool:
+    """Whether an entry function was compiled before on this machine, in its present form."""
+    return not jit_wanted() or any(cache_folder().glob(f"**/*{function.__qualname__}*.nbi"))
+
+
+@cache
+def cache_folder() -> Path:
+    """Where compiled code lies: a folder a version of the kernels, or a temporary one if none can be written."""
+    import platformdirs
+
+    root = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
+    folder = Path(root) / fingerprint(kernel_files())[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))
+    return folder
+
+
+def kernel_files() -> list[Path]:
+    """The source files that compiled code is made from."""
+    folders = ("fsm", "missions", "sim")
+    files = [file for folder in folders for file in sorted((_PACKAGE / folder).glob("*.py"))]
+    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py"]
+
+
+def fingerprint(files: Iterable[Path]) -> str:
+    """A digest of the contents of files, as hexadecimal text."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+@cache
+def _numba() -> Any:
+    import numba
+
+    numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]  # numba sets its options at run time
+    return numba
+
+
+def _register(function: Callable[..., Any]) -> None:
+    """Let compiled code call a marked function."""
+    from numba.extending import overload, register_jitable
+
+    links = getattr(function, "links", None)
+    if links is None:
+        register_jitable(function)
+        return
+
+    chain = _chain(links)
+
+    @overload(function, strict=False)
+    def _dispatch(which: Any, *arguments: Any) -> Any:
+        return lambda which, *arguments: chain(which, *arguments)  # noqa: PLW0108 - numba compiles it
+
+
+def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
+    """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
+    numba = _numba()
+    head = functions[0]
+    if len(functions) == 1:
+        return cast("Callable[..., Any]", numba.njit(lambda which, *arguments: head(*arguments)))
+    tail = _chain(functions[1:])
+
+    def link(which: int, *arguments: Any) -> Any:
+        if which == 0:
+            return head(*arguments)
+        return tail(which - 1, *arguments)
+
+    return cast("Callable[..., Any]", numba.njit(link))
+
+
+@cache
+def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
+    """A call, for compiled code only, of a C function `void f(...)`: `call(address, (values, ...))`.
+
+    Args:
+        arguments: "pointer" (the value is an int64 address) or "double", in the order of the C function.
+    """
+    from llvmlite import ir
+    from numba import types
+    from numba.core import cgutils
+    from numba.extending import intrinsic
+
+    byte = ir.PointerType(ir.IntType(8))
+    c_types = [byte if argument == "pointer" else ir.DoubleType() for argument in arguments]
+    c_function = ir.PointerType(ir.FunctionType(ir.VoidType(), c_types))
+
+    values_of: Callable[[Any, Any], list[Any]] = cgutils.unpack_tuple
+
+    @intrinsic
+    def call(typing_context: Any, address: Any, values: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            passed = [
+                builder.inttoptr(value, byte) if c_type == byte else value
+                for value, c_type in zip(values_of(builder, given[1]), c_types, strict=True)
+            ]
+            builder.call(builder.inttoptr(given[0], c_function), passed)
+            return context.get_dummy_value()
+
+        return types.void(types.int64, values), build
+
+    return cast("Callable[[int, tuple[float, ...]], None]", call)
+
+
+@cache
+def memory_access() -> tuple[Callable[[int], float], Callable[[int, float], None]]:
+    """For compiled code only: `load(address)` and `store(address, value)` of a double in memory."""
+    from llvmlite import ir
+    from numba import types
+    from numba.extending import intrinsic
+
+    double_pointer = ir.PointerType(ir.DoubleType())
+
+    @intrinsic
+    def load(typing_context: Any, address: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            return builder.load(builder.inttoptr(given[0], double_pointer))
+
+        return types.float64(types.int64), build
+
+    @intrinsic
+    def store(typing_context: Any, address: Any, value: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            builder.store(given[1], builder.inttoptr(given[0], double_pointer))
+            return context.get_dummy_value()
+
+        return types.void(types.int64, types.float64), build
+
+    return cast("Callable[[int], float]", load), cast("Callable[[int, float], None]", store)

@@ -1,0 +1,172 @@
+"""Where the robots are: walls around them, boxes among them, lights above them. Metres and radians.
+
+What is decided here: an arena is the inside of one simple polygon, and its border is the inner face of the
+walls, so that the numbers in a mission file are what a tape measure between the walls shows.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.loading import FieldError, Length, NonNegative, Range
+
+WALL_THICKNESS = 0.01
+"""Of the outer walls [m], which stand outside the polygon; as the boxes of the ARGoS missions' dodecagon."""
+
+Coordinate: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
+Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
+Point: TypeAlias = tuple[Coordinate, Coordinate]
+Array: TypeAlias = NDArray[np.float64]
+
+_SMALLEST_AREA = 1e-6
+"""Of a polygon that is not a line [m2]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegularPolygon:
+    """Walls of equal length around the origin."""
+
+    shape: Literal["regular_polygon"] = "regular_polygon"
+    sides: Annotated[int, Range(3, 360)]
+    apothem: Size  # [m] from the centre to the inner face of a wall
+    rotation: float = 0.0  # [rad] direction from the centre to the middle of the first wall
+
+    def corners(self) -> Array:
+        """The corners (sides, 2), counter-clockwise; the first wall ends at the first one."""
+        angles = self.rotation + math.pi * (2.0 * np.arange(self.sides) + 1.0) / self.sides
+        radius = self.apothem / math.cos(math.pi / self.sides)
+        return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Polygon:
+    """Walls from corner to corner, in either sense; the last wall closes the polygon."""
+
+    shape: Literal["polygon"] = "polygon"
+    vertices: Annotated[tuple[Point, ...], Length(3, 360)]
+
+    def __post_init__(self) -> None:
+        if len(self.vertices) < 3:
+            raise FieldError("vertices", f"expected at least 3 corners, found {len(self.vertices)}")
+        for index, vertex in enumerate(self.vertices):
+            if vertex in self.vertices[:index]:
+                raise FieldError(f"vertices[{index}]", "a corner for the second time; the last wall closes by itself")
+        crossing = _crossing(np.array(self.vertices, dtype=float))
+        if crossing is not None:
+            first, second = crossing
+            raise FieldError(f"vertices[{second}]", f"the wall from here crosses or touches wall {first}")
+        if abs(_signed_area(np.array(self.vertices, dtype=float))) < _SMALLEST_AREA:
+            raise FieldError("vertices", "the corners enclose no area")
+
+    def corners(self) -> Array:
+        """The corners (n, 2), counter-clockwise, beginning with the first vertex."""
+        vertices = np.array(self.vertices, dtype=float)
+        if _signed_area(vertices) < 0.0:
+            vertices = np.roll(vertices[::-1], 1, axis=0)
+        return np.ascontiguousarray(vertices)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """An obstacle, or a wall inside the arena."""
+
+    center: Point
+    size: tuple[Size, Size]  # [m] along its own x and y
+    angle: float = 0.0  # [rad]
+
+    def corners(self) -> Array:
+        """The corners (4, 2), counter-clockwise."""
+        return rectangle_corners(self.center, self.size, self.angle)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Light:
+    """A point light above the floor."""
+
+    position: tuple[Coordinate, Coordinate, Coordinate]  # [m]
+    intensity: NonNegative  # as ARGoS counts it: the farther the reach, the greater
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arena:
+    """The walls and what stands between them."""
+
+    walls: RegularPolygon | Polygon
+    obstacles: tuple[Box, ...] = ()
+
+    def corners(self) -> Array:
+        """The corners of the walls' inner face (n, 2), counter-clockwise."""
+        return self.walls.corners()
+
+    def obstacle_corners(self) -> Array:
+        """The corners of each obstacle (obstacles, 4, 2), counter-clockwise."""
+        return np.array([box.corners() for box in self.obstacles]).reshape(-1, 4, 2)
+
+    @property
+    def area(self) -> float:
+        """Between the walls, obstacles included [m2]."""
+        return _signed_area(self.corners())
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Whether each of the points (n, 2) lies between the walls; obstacles do not matter."""
+        start = self.corners()
+        end = np.roll(start, -1, axis=0)
+        x, y = points[:, :1], points[:, 1:]
+        straddles = (start[:, 1] > y) != (end[:, 1] > y)
+        rise = np.where(end[:, 1] == start[:, 1], 1.0, end[:, 1] - start[:, 1])  # level walls straddle nothing
+        left_of_wall = x < start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
+        crossings = np.sum(straddles & left_of_wall, axis=1)
+        return np.asarray(crossings % 2 == 1, dtype=np.bool_)
+
+
+def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Array:
+    """The corners (4, 2) of a rectangle, counter-clockwise."""
+    along = 0.5 * size[0] * np.array([math.cos(angle), math.sin(angle)])
+    across = 0.5 * size[1] * np.array([-math.sin(angle), math.cos(angle)])
+    around = np.array([-along - across, along - across, along + across, -along + across])
+    return np.asarray(center + around, dtype=np.float64)
+
+
+def _signed_area(corners: Array) -> float:
+    """Positive if counter-clockwise (the shoelace formula)."""
+    x, y = corners[:, 0], corners[:, 1]
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _crossing(corners: Array) -> tuple[int, int] | None:
+    """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
+    n = len(corners)
+    points = [(float(x), float(y)) for x, y in corners]
+    walls = [(points[i], points[(i + 1) % n]) for i in range(n)]
+    for i in range(n):
+        for j in range(i + 1, n):
+            if _meet(walls[i], walls[j], adjacent=j == i + 1 or (i == 0 and j == n - 1)):
+                return i, j
+    return None
+
+
+_Segment: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _meet(first: _Segment, second: _Segment, *, adjacent: bool) -> bool:
+    """Whether two segments touch; if adjacent, elsewhere than at the corner they share."""
+    (a, b), (c, d) = first, second
+    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    if adjacent:
+        p, corner, q = (a, b, d) if b == c else (c, a, b)
+        ahead = (p[0] - corner[0]) * (q[0] - corner[0]) + (p[1] - corner[1]) * (q[1] - corner[1])
+        return not any(sides) and ahead > 0.0
+    if sides[0] != sides[1] and sides[2] != sides[3]:
+        return True
+    return not any(sides) and all(
+        max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k])) for k in (0, 1)
+    )
+
+
+def _side(a: tuple[float, float], b: tuple[float, float], p: tuple[float, float]) -> int:
+    """1 if p lies left of the line from a to b, -1 if right, 0 if on it."""
+    turn = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+    return (turn > 0.0) - (turn < 0.0)

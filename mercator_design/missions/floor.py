@@ -1,0 +1,212 @@
+"""What the floor looks like: a background, an image, and painted zones, the later over the earlier.
+
+What is decided here: the colours and their RGB values, how a zone is written, and how the floor of one
+instance (tiles may be drawn at random) becomes a `FloorTable` of numbers. What a table means at a point is
+said once, in floor_kernels.py, for sensors and objectives alike.
+"""
+
+import math
+import os.path
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.loading import FieldError, FilePath, Length, Name, Range
+from mercator_design.missions.arena import Array, Point, Size
+
+ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
+Channel: TypeAlias = Annotated[int, Range(0, 255)]
+Colour: TypeAlias = ColourName | tuple[Channel, Channel, Channel]
+RGB: TypeAlias = tuple[float, float, float]
+
+COLOURS: Mapping[ColourName, RGB] = {
+    # As ARGoS defines them, but gray: the floors of its missions use GRAY50.
+    "black": (0.0, 0.0, 0.0),
+    "white": (255.0, 255.0, 255.0),
+    "gray": (127.0, 127.0, 127.0),
+    "red": (255.0, 0.0, 0.0),
+    "green": (0.0, 255.0, 0.0),
+    "blue": (0.0, 0.0, 255.0),
+    "yellow": (255.0, 255.0, 0.0),
+    "magenta": (255.0, 0.0, 255.0),
+    "cyan": (0.0, 255.0, 255.0),
+    "orange": (255.0, 140.0, 0.0),
+}
+
+DISC, RECTANGLE, HALF_PLANE = 0.0, 1.0, 2.0
+"""The first number of a row of a table."""
+
+LARGEST_IMAGE = 16_000_000
+"""Pixels: beyond, a small file could fill the memory."""
+
+
+_FORMATS = ("PNG", "JPEG", "BMP", "PPM")
+
+
+class FloorTable(NamedTuple):
+    """The floor of one instance, as numbers for the kernels."""
+
+    zones: Array  # (zones, 9): kind, five numbers of the shape, red, green, blue
+    background: Array  # (3,) red, green, blue in 0 .. 255
+    image: NDArray[np.uint8]  # (rows, columns, 3), the first row at the top (+y); (1, 1, 3) if there is none
+    extent: Array  # (4,) left, bottom, width, height of the image [m]; widths 0 if there is none
+
+
+Row: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+
+
+def rgb(colour: Colour) -> RGB:
+    """Red, green and blue, each in 0 .. 255."""
+    if isinstance(colour, str):
+        return COLOURS[colour]
+    red, green, blue = colour
+    return float(red), float(green), float(blue)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disc:
+    """The points at most `radius` from `center`."""
+
+    shape: Literal["disc"] = "disc"
+    center: Point
+    radius: Size
+    color: Colour
+    name: Name | None = None
+
+    def rows(self, _rng: np.random.Generator) -> list[Row]:
+        return [(DISC, *self.center, self.radius, 0.0, 0.0, *rgb(self.color))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rectangle:
+    """A rectangle with its border."""
+
+    shape: Literal["rectangle"] = "rectangle"
+    center: Point
+    size: tuple[Size, Size]  # [m] along its own x and y
+    angle: float = 0.0  # [rad]
+    color: Colour
+    name: Name | None = None
+
+    def rows(self, _rng: np.random.Generator) -> list[Row]:
+        width, height = self.size
+        return [(RECTANGLE, *self.center, width / 2.0, height / 2.0, self.angle, *rgb(self.color))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HalfPlane:
+    """The side of the line through `point` to which `normal` points, with the line."""
+
+    shape: Literal["half_plane"] = "half_plane"
+    point: Point
+    normal: Point
+    color: Colour
+    name: Name | None = None
+
+    def __post_init__(self) -> None:
+        if math.hypot(*self.normal) < 1e-6:
+            raise FieldError("normal", "expected a direction, found no length")
+
+    def rows(self, _rng: np.random.Generator) -> list[Row]:
+        return [(HALF_PLANE, *self.point, *self.normal, 0.0, *rgb(self.color))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tiles:
+    """Squares whose colours are drawn for each instance, each colour `colors[colour]` times."""
+
+    shape: Literal["tiles"] = "tiles"
+    centers: Annotated[tuple[Point, ...], Length(1, 1000)]
+    size: Size  # [m] side of a square
+    colors: Mapping[ColourName, Annotated[int, Range(0, 1000)]]
+    name: Name | None = None
+
+    def __post_init__(self) -> None:
+        if sum(self.colors.values()) != len(self.centers):
+            found = f"{sum(self.colors.values())} for {len(self.centers)} centers"
+            raise FieldError("colors", f"expected one tile for each center, found {found}")
+
+    def rows(self, rng: np.random.Generator) -> list[Row]:
+        half = self.size / 2.0
+        deck = [colour for colour, count in self.colors.items() for _ in range(count)]
+        drawn = zip(self.centers, rng.permutation(len(deck)), strict=True)
+        return [(RECTANGLE, *center, half, half, 0.0, *rgb(deck[card])) for center, card in drawn]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Image:
+    """A picture laid on the floor, its first row at the top (+y); transparency is ignored.
+
+    It is read once, here, and travels with the mission: the file may change or be out of a worker's reach.
+    """
+
+    path: Annotated[str, FilePath()]  # PNG, JPEG, BMP or PPM
+    size: tuple[Size, Size]  # [m] width and height
+    center: Point = (0.0, 0.0)
+    pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # (rows, columns, 3)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pixels", _pixels(self.path))
+
+    def extent(self) -> Array:
+        """Left, bottom, width and height [m]."""
+        width, height = self.size
+        return np.array([self.center[0] - width / 2.0, self.center[1] - height / 2.0, width, height])
+
+
+Zone: TypeAlias = Disc | Rectangle | HalfPlane | Tiles
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Floor:
+    """Background, image over it, zones over both in their order."""
+
+    background: Colour = "gray"
+    image: Image | None = None
+    zones: Annotated[tuple[Zone, ...], Length(high=1000)] = ()
+
+    def __post_init__(self) -> None:
+        names = [zone.name for zone in self.zones]
+        for index, name in enumerate(names):
+            if name is not None and name in names[:index]:
+                raise FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
+
+    def realise(self, rng: np.random.Generator) -> FloorTable:
+        """The floor of one instance; the only draws are the colours of tiles, in the order of the zones."""
+        rows = [row for zone in self.zones for row in zone.rows(rng)]
+        return FloorTable(
+            zones=np.array(rows, dtype=float).reshape(-1, 9),
+            background=np.array(rgb(self.background)),
+            image=self.image.pixels if self.image else np.zeros((1, 1, 3), dtype=np.uint8),
+            extent=self.image.extent() if self.image else np.zeros(4),
+        )
+
+    def zone_rows(self) -> dict[str, tuple[int, ...]]:
+        """The rows of every table of this floor that a named zone is made of."""
+        rows, first = {}, 0
+        for zone in self.zones:
+            count = len(zone.centers) if isinstance(zone, Tiles) else 1
+            if zone.name is not None:
+                rows[zone.name] = tuple(range(first, first + count))
+            first += count
+        return rows
+
+
+def _pixels(path: str) -> NDArray[np.uint8]:
+    """The picture in a file; raises FieldError("path", ...) if it is none, or too large."""
+    from PIL import Image as Pillow
+
+    if not os.path.isfile(path):  # noqa: PTH113 - raises for no path; and a pipe or device would hang
+        raise FieldError("path", f"no such file: {path}")
+    try:
+        with warnings.catch_warnings(action="ignore"), Pillow.open(path, formats=_FORMATS) as picture:
+            width, height = picture.size
+            if width * height <= LARGEST_IMAGE:
+                return np.array(picture.convert("RGB"), dtype=np.uint8, order="C")
+    except (OSError, ValueError, SyntaxError, Pillow.DecompressionBombError) as error:
+        raise FieldError("path", f"not a picture (PNG, JPEG, BMP or PPM) that can be read: {error}") from None
+    raise FieldError("path", f"expected at most {LARGEST_IMAGE} pixels, found {width} x {height} in {path}")

@@ -1,0 +1,89 @@
+"""What the floor is at a point: the one definition that ground sensors and objectives share.
+
+The marked functions are kernels (see jit.py): plain Python on numpy arrays, or called from compiled code. The
+other functions serve whole arrays of points, compiled.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.jit import compiled, jittable
+from mercator_design.missions.arena import Array
+from mercator_design.missions.floor import DISC, RECTANGLE, RGB, FloorTable
+
+
+@jittable
+def zone_contains(zones: Array, index: int, x: float, y: float) -> bool:
+    """Whether the zone in a row of `FloorTable.zones` contains a point; borders belong to it."""
+    kind = zones[index, 0]
+    dx = x - zones[index, 1]
+    dy = y - zones[index, 2]
+    p, q = zones[index, 3], zones[index, 4]
+    if kind == DISC:  # p: radius
+        return bool(dx * dx + dy * dy <= p * p)
+    if kind == RECTANGLE:  # p, q: half width and height
+        angle = zones[index, 5]
+        along = dx
+        across = dy
+        if angle != 0.0:
+            along = math.cos(angle) * dx + math.sin(angle) * dy
+            across = math.cos(angle) * dy - math.sin(angle) * dx
+        return bool(abs(along) <= p and abs(across) <= q)
+    return bool(dx * p + dy * q >= 0.0)  # half plane; p, q: normal
+
+
+@jittable
+def zone_at(zones: Array, x: float, y: float) -> int:
+    """The row of the zone seen at a point, the last painted one there; -1 if none is."""
+    for index in range(len(zones) - 1, -1, -1):
+        if zone_contains(zones, index, x, y):
+            return index
+    return -1
+
+
+@jittable
+def color_at(floor: FloorTable, x: float, y: float) -> RGB:
+    """Red, green and blue at a point, each in 0 .. 255."""
+    index = zone_at(floor.zones, x, y)
+    if index >= 0:
+        return floor.zones[index, 6], floor.zones[index, 7], floor.zones[index, 8]
+    right = x - floor.extent[0]
+    up = y - floor.extent[1]
+    width, height = floor.extent[2], floor.extent[3]
+    if width > 0.0 and 0.0 <= right <= width and 0.0 <= up <= height:
+        rows, columns, _ = floor.image.shape
+        row = min(int((height - up) / height * rows), rows - 1)
+        column = min(int(right / width * columns), columns - 1)
+        pixel = floor.image[row, column]
+        return float(pixel[0]), float(pixel[1]), float(pixel[2])
+    return floor.background[0], floor.background[1], floor.background[2]
+
+
+def in_zones(zones: Array, rows: tuple[int, ...], points: Array) -> NDArray[np.bool_]:
+    """Whether each of the points (..., 2) lies in one of some rows' zones, painted over or not."""
+    flat = np.ascontiguousarray(points.reshape(-1, 2))
+    inside = np.zeros(len(flat), dtype=np.bool_)
+    compiled(_mark_inside)(zones, np.array(rows, dtype=np.int64), flat, inside)
+    return inside.reshape(points.shape[:-1])
+
+
+def colors_at(floor: FloorTable, points: Array) -> Array:
+    """The colours (..., 3) at points (..., 2)."""
+    flat = np.ascontiguousarray(points.reshape(-1, 2))
+    colors = np.zeros((len(flat), 3))
+    compiled(_fill_colors)(floor, flat, colors)
+    return colors.reshape(*points.shape[:-1], 3)
+
+
+def _mark_inside(zones: Array, rows: NDArray[np.int64], points: Array, inside: NDArray[np.bool_]) -> None:
+    for i in range(len(points)):
+        for row in rows:
+            if zone_contains(zones, row, points[i, 0], points[i, 1]):
+                inside[i] = True
+
+
+def _fill_colors(floor: FloorTable, points: Array, colors: Array) -> None:
+    for i in range(len(points)):
+        colors[i, 0], colors[i, 1], colors[i, 2] = color_at(floor, points[i, 0], points[i, 1])

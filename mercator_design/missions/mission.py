@@ -1,0 +1,168 @@
+"""A mission: what is asked of how many robots, where and for how long; one YAML file each.
+
+What is decided here: the keys of a mission file, what must fit together in it, and how a name finds its file.
+The files in `scenarios/` are found by being there.
+"""
+
+import inspect
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from mercator_design.errors import MissionError
+from mercator_design.loading import FieldError, KeywordsOf, Length, Name, Range, parse, read
+from mercator_design.missions.arena import Arena, Light
+from mercator_design.missions.floor import Floor
+from mercator_design.missions.objectives import OBJECTIVES, zone_parameters
+from mercator_design.missions.placement import Placement, outside
+from mercator_design.missions.trace import Trace
+from mercator_design.yaml_tree import excerpt
+
+_PACKAGE = Path(__file__).parent.parent
+_LONGEST = 50_000_000
+"""Robots times cycles: their trace fills 1.3 GB."""
+_GRAY = Floor()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Objective:
+    """A function of OBJECTIVES with its parameters, and whether more of it is better."""
+
+    name: str
+    direction: Literal["maximise", "minimise"]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
+
+    def __post_init__(self) -> None:
+        if self.name not in OBJECTIVES:
+            raise FieldError("name", f"expected one of {', '.join(OBJECTIVES)}, found '{self.name}'")
+        try:
+            inspect.signature(OBJECTIVES[self.name]).bind(None, **self.parameters)
+        except TypeError as error:
+            raise FieldError("parameters", f"of {self.name}: {error}") from None
+
+    def __call__(self, trace: Trace) -> float:
+        """The score of an experiment."""
+        return OBJECTIVES[self.name](trace, **self.parameters)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mission:
+    """What a mission file says."""
+
+    schema: Literal[1]
+    name: Name  # by default the file's
+    description: str = ""
+    source: str = ""  # where the mission was published
+    robots: Annotated[int, Range(1, 1000)]
+    robot_model: Annotated[str, Length(1)] = "mercator"
+    duration: Annotated[float, Range(0.0, 86_400.0, exclusive_low=True)]  # [s]
+    control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s]
+    arena: Arena
+    floor: Floor = _GRAY
+    lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()
+    placement: Placement
+    objective: Objective
+
+    def __post_init__(self) -> None:
+        cycles = self.duration / self.control_period
+        if self.cycles < 1 or abs(cycles - self.cycles) > 1e-6:
+            period = f"a whole number of control periods ({self.control_period:g} s)"
+            raise FieldError("duration", f"expected {period}, found {self.duration:g} s")
+        if self.cycles * self.robots > _LONGEST:
+            found = f"{self.robots} robots x {self.cycles} cycles"
+            raise FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
+        self._check_zones()
+        self._check_placement()
+
+    def _check_zones(self) -> None:
+        known = list(self.floor.zone_rows())
+        for parameter in zone_parameters(OBJECTIVES[self.objective.name]):
+            for index, zone in enumerate(self.objective.parameters[parameter]):
+                if zone not in known:
+                    near = get_close_matches(zone, known, n=1)
+                    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
+                    raise FieldError(f"objective.{parameter}[{index}]", f"no zone is called '{zone}'; {hint}")
+
+    def _check_placement(self) -> None:
+        poses = getattr(self.placement, "poses", None)
+        if poses is not None and len(poses) < self.robots:
+            raise FieldError("placement.poses", f"expected a pose for each of {self.robots} robots")
+        field = outside(self.placement, self.arena)
+        if field is not None:
+            raise FieldError(f"placement.{field}", "lies outside the walls")
+
+    @property
+    def cycles(self) -> int:
+        """Control cycles of an experiment."""
+        return round(self.duration / self.control_period)
+
+    def cost(self, score: float) -> float:
+        """What a race minimises."""
+        return -score if self.objective.direction == "maximise" else score
+
+    def better(self, score: float, other: float) -> bool:
+        """Whether a score is better than another."""
+        return self.cost(score) < self.cost(other)
+
+
+def load_mission(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Mission:
+    """The mission of a file, or a shipped one by its name.
+
+    Args:
+        name_or_path: a path if there is such a file, or if it looks like one (a separator, .yaml, .yml).
+        overrides: assignments as `robots=20` or `floor.zones[0].radius=0.3`.
+
+    Raises:
+        MissionError: naming file, line and key.
+    """
+    path = Path(name_or_path)
+    text = str(name_or_path)
+    is_path = "/" in text or "\\" in text or path.suffix in {".yaml", ".yml"}
+    if not is_path and not _is_there(path):
+        shipped = shipped_missions()
+        if text not in shipped:
+            near = get_close_matches(text[:100], shipped, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(shipped)}"
+            raise MissionError(f"{excerpt(text)}: no such mission; {hint}")
+        path = shipped[text]
+    defaults = {"name": _name_of(path)}
+    return read(path, Mission, error=MissionError, overrides=overrides, defaults=defaults)
+
+
+def parse_mission(
+    text: str, *, name: str = "mission", folder: Path | None = None, overrides: Sequence[str] = ()
+) -> Mission:
+    """The mission of a YAML text; `name` is its label in errors and, if it has none, its name.
+
+    Raises:
+        MissionError: naming line and key.
+    """
+    defaults = {"name": _name_of(Path(name))}
+    return parse(text, Mission, error=MissionError, label=name, folder=folder, overrides=overrides, defaults=defaults)
+
+
+def scenarios_folder() -> Path:
+    """Where the shipped missions and robot models are: in the package, or beside it in a checkout."""
+    packaged = _PACKAGE / "scenarios"
+    return packaged if packaged.is_dir() else _PACKAGE.parent / "scenarios"
+
+
+def shipped_missions() -> dict[str, Path]:
+    """Name -> file of the missions that come with the package, in the order of their names."""
+    return {path.stem: path for path in sorted(scenarios_folder().glob("*.yaml"))}
+
+
+def _is_there(path: Path) -> bool:
+    """Whether there is something to open; a folder called like a shipped mission does not hide it."""
+    try:
+        return path.exists() and not path.is_dir()
+    except OSError:  # as for a name too long to be one
+        return False
+
+
+def _name_of(path: Path) -> str:
+    """A file's name, made acceptable as a mission's."""
+    return re.sub(r"^\W|[^\w .+-]", "_", path.stem)[:100] or "mission"

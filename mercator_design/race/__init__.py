@@ -1,0 +1,57 @@
+"""Iterated F-race: find good configurations of anything by racing them on more and more instances.
+
+A racing library that knows no robots: it says which experiments to run, is told their costs, and finds the
+configurations of least mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
+Research Perspectives 3:43-58).
+
+    Space, Parameter       what may be configured; `Space.from_text` reads irace's parameters.txt
+    IteratedRace           the whole algorithm as ask and tell; RaceOptions are irace's options
+    Experiment             one configuration on one instance, both counted from 0
+
+>>> from mercator_design.race import IteratedRace, Space
+>>> space = Space.from_text('''
+... x    "--x "    r (-5, 5)
+... rule "--rule " c (slow, fast)
+... ''')
+>>> race = IteratedRace(space, budget=500, seed=1)
+>>> while batch := race.ask():
+...     chosen = [race.configurations[experiment.configuration] for experiment in batch]
+...     race.tell([(c["x"] - 1.5) ** 2 + (c["rule"] == "slow") for c in chosen])
+>>> best = race.configurations[race.best.configuration]
+>>> abs(best["x"] - 1.5) < 0.1, best["rule"], race.used <= 500
+(True, 'fast', True)
+"""
+
+from mercator_design.race.iterated import IteratedRace
+from mercator_design.race.options import RaceOptions
+from mercator_design.race.parameter import (
+    Configuration,
+    Parameter,
+    Value,
+    categorical,
+    integer,
+    ordered,
+    real,
+)
+from mercator_design.race.race import Experiment, Race, RaceRules
+from mercator_design.race.space import Space
+from mercator_design.race.summary import Elite, IterationSummary, Progress
+
+__all__ = [
+    "Configuration",
+    "Elite",
+    "Experiment",
+    "IteratedRace",
+    "IterationSummary",
+    "Parameter",
+    "Progress",
+    "Race",
+    "RaceOptions",
+    "RaceRules",
+    "Space",
+    "Value",
+    "categorical",
+    "integer",
+    "ordered",
+    "real",
+]

@@ -1,0 +1,268 @@
+"""irace's expression language: conditions, dependent bounds and forbidden combinations over parameter names.
+
+A small part of R, read by a parser of our own and turned into closures, never into Python code. As in R, a
+missing value (NA, here None: the value of an inactive parameter) spreads through whatever uses it, `FALSE &
+NA` is FALSE and `TRUE | NA` is TRUE, and comparing text with a number compares text: `"1" == 1` is TRUE. Two
+choices of our own: the text of a number is what the command line shows (R makes "1e+05" of 100000), and text
+is ordered by code point, not by locale.
+
+    or         := and { ("|" | "||") and }                 operators by R's precedence, loosest first
+    and        := not { ("&" | "&&") not }
+    not        := "!" not | comparison
+    comparison := sum [ ("==" | "!=" | "<" | "<=" | ">" | ">=") sum ]
+    sum        := product { ("+" | "-") product }
+    product    := special { ("*" | "/") special }
+    special    := sign { ("%in%" | "%%") sign }
+    sign       := ("-" | "+") sign | primary
+    primary    := NUMBER | "text" | TRUE | FALSE | NA | name | function "(" or { "," or } ")" | "(" or ")"
+"""
+
+import operator
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple, NoReturn
+
+from mercator_design.errors import RaceError
+from mercator_design.race.operations import (
+    ARITHMETIC_FUNCTIONS,
+    COMPARISONS,
+    CONSTANTS,
+    FUNCTIONS,
+    Closure,
+    both,
+    comparable,
+    constant,
+    divide,
+    either,
+    logical,
+    member,
+    modulo,
+    number,
+    numeric,
+    strict,
+)
+
+_TOKEN = re.compile(
+    r"""\s*(?:
+        (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?L?)
+      | (?P<name>[A-Za-z.][A-Za-z0-9._]*)
+      | (?P<text>"[^"]*"|'[^']*')
+      | (?P<operator>%in%|%%|==|!=|<=|>=|&&|\|\||[-+*/<>!&|(),])
+      | (?P<end>$)
+    )""",
+    re.VERBOSE,
+)
+_REMEMBERED = 4096
+"""Results kept for each expression: most depend on one or two parameters with a handful of values."""
+
+
+class Expression:
+    """An expression over parameter names.
+
+    Args:
+        text: in irace's language, see the module.
+        source, line, column: where the text stands, for error messages.
+        arithmetic: only numbers and arithmetic, as in the bounds of a domain.
+
+    Raises:
+        RaceError: the text does not follow the grammar; when called, an operand of the wrong type.
+    """
+
+    __slots__ = ("_remembered", "arithmetic", "names", "text")
+
+    def __init__(
+        self, text: str, *, source: str = "", line: int = 1, column: int = 1, arithmetic: bool = False
+    ) -> None:
+        parser = _Parser(text, source, line, column, arithmetic=arithmetic)
+        self.text = text.strip()
+        self.arithmetic = arithmetic
+        closure = parser.parse()
+        self.names: tuple[str, ...] = tuple(parser.names)
+        self._remembered = lru_cache(_REMEMBERED)(lambda *values: closure(values))
+
+    def __call__(self, configuration: Mapping[str, Any]) -> Any:  # noqa: ANN401 - number, text, bool, None
+        """The value for a configuration; None stands for NA."""
+        try:
+            return self._remembered(*map(configuration.get, self.names))
+        except TypeError as error:
+            given = ", ".join(f"{name} = {configuration.get(name)!r}" for name in self.names)
+            raise RaceError(f"{self.text}: {error} (with {given})") from None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Expression) and other.text == self.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"Expression({self.text!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.text, self.arithmetic)
+
+
+def _again(text: str, arithmetic: bool) -> Expression:
+    return Expression(text, arithmetic=arithmetic)
+
+
+class _Token(NamedTuple):
+    kind: str
+    text: str
+    position: int
+
+    def __str__(self) -> str:
+        return "the end" if self.kind == "end" else f"'{self.text}'"
+
+
+class _Parser:
+    """Recursive descent over the tokens of one expression."""
+
+    def __init__(self, text: str, source: str, line: int, column: int, *, arithmetic: bool) -> None:
+        self.names: dict[str, None] = {}  # in order of appearance
+        self._place = (source, line, column)
+        self._arithmetic = arithmetic
+        self._tokens = self._tokenise(text)
+        self._index = 0
+
+    def parse(self) -> Closure:
+        closure = self._or()
+        if self._next.kind != "end":
+            self._fail("an operator or the end", self._next)
+        return closure
+
+    @property
+    def _next(self) -> _Token:
+        return self._tokens[self._index]
+
+    def _take(self) -> _Token:
+        self._index += 1
+        return self._tokens[self._index - 1]
+
+    def _at(self, *operators: str) -> bool:
+        return self._next.kind == "operator" and self._next.text in operators
+
+    def _expect(self, text: str) -> None:
+        if not self._at(text):
+            self._fail(f"'{text}'", self._next)
+        self._take()
+
+    def _fail(self, expected: str, found: _Token) -> NoReturn:
+        source, line, column = self._place
+        where = f"{source}:{line}" if source else f"line {line}"
+        raise RaceError(f"{where}, column {column + found.position}: expected {expected}, found {found}")
+
+    def _tokenise(self, text: str) -> list[_Token]:
+        tokens, position = [], 0
+        while True:
+            match = _TOKEN.match(text, position)
+            if match is None or match.lastgroup is None:
+                rest = text[position:]
+                start = position + len(rest) - len(rest.lstrip())
+                self._fail("a number, a name, text or an operator", _Token("", text[start], start))
+            tokens.append(_Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup)))
+            if match.lastgroup == "end":
+                return tokens
+            position = match.end()
+
+    def _logic(self) -> _Token:
+        """Take an operator that gives a truth value, which bounds may not have."""
+        if self._arithmetic:
+            self._fail("arithmetic", self._next)
+        return self._take()
+
+    def _or(self) -> Closure:
+        left = self._and()
+        while self._at("|", "||"):
+            self._logic()
+            left = either(left, self._and())
+        return left
+
+    def _and(self) -> Closure:
+        left = self._not()
+        while self._at("&", "&&"):
+            self._logic()
+            left = both(left, self._not())
+        return left
+
+    def _not(self) -> Closure:
+        if self._at("!"):
+            self._logic()
+            return strict(lambda a: not logical(a), self._not())
+        return self._comparison()
+
+    def _comparison(self) -> Closure:
+        left = self._sum()
+        if self._at(*COMPARISONS):
+            compare = COMPARISONS[self._logic().text]
+            return strict(lambda a, b: compare(*comparable(a, b)), left, self._sum())
+        return left
+
+    def _sum(self) -> Closure:
+        left = self._product()
+        while self._at("+", "-"):
+            operation = operator.add if self._take().text == "+" else operator.sub
+            left = numeric(operation, left, self._product())
+        return left
+
+    def _product(self) -> Closure:
+        left = self._special()
+        while self._at("*", "/"):
+            operation = operator.mul if self._take().text == "*" else divide
+            left = numeric(operation, left, self._special())
+        return left
+
+    def _special(self) -> Closure:
+        left = self._sign()
+        while self._at("%in%", "%%"):
+            if self._next.text == "%%":
+                self._take()
+                left = numeric(modulo, left, self._sign())
+            else:
+                self._logic()
+                left = member(left, self._sign())
+        return left
+
+    def _sign(self) -> Closure:
+        if self._at("-", "+"):
+            sign = -1 if self._take().text == "-" else 1
+            return numeric(lambda a: sign * a, self._sign())
+        return self._primary()
+
+    def _primary(self) -> Closure:
+        token = self._next
+        if self._at("("):
+            self._take()
+            inside = self._or()
+            self._expect(")")
+            return inside
+        if token.kind not in {"number", "text", "name"} or (token.kind == "text" and self._arithmetic):
+            self._fail("a number or a parameter" if self._arithmetic else "a value, a parameter or '('", token)
+        self._take()
+        if token.kind == "number":
+            return constant(number(token.text.rstrip("L")))
+        if token.kind == "text":
+            return constant(token.text[1:-1])
+        if self._at("("):
+            return self._call(token)
+        if token.text in CONSTANTS:
+            return constant(CONSTANTS[token.text])
+        self.names.setdefault(token.text)
+        index = list(self.names).index(token.text)
+        return lambda values: values[index]
+
+    def _call(self, function: _Token) -> Closure:
+        known = ARITHMETIC_FUNCTIONS if self._arithmetic else FUNCTIONS
+        if function.text not in known:
+            self._fail(f"one of {', '.join(known)}", function)
+        self._take()
+        arguments = [self._or()]
+        while self._at(","):
+            self._take()
+            arguments.append(self._or())
+        self._expect(")")
+        fewest, most, build = known[function.text]
+        if not fewest <= len(arguments) <= most:
+            wanted = "1 argument" if most == 1 else f"{fewest} to {most} arguments"
+            self._fail(f"{wanted} of {function.text}", _Token("", f"{len(arguments)}", function.position))
+        return build(*arguments)

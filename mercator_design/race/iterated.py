@@ -1,0 +1,390 @@
+"""Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
+
+As ask and tell: `ask` gives a batch of experiments, `tell` takes their costs, and an empty batch is the end.
+What is asked depends on the space, the budget, the seed and the costs alone. Costs are minimised; one that is
+infinite rejects its configuration for good. Unlike irace's, the budget is never exceeded, not even by an
+experiment: a race that would do so ends.
+"""
+
+import math
+from collections.abc import Generator, Mapping, Sequence
+from itertools import chain
+
+import numpy as np
+
+from mercator_design import seeds
+from mercator_design.errors import RaceError
+from mercator_design.race import budget as arithmetic
+from mercator_design.race.model import SamplingModel
+from mercator_design.race.options import RaceOptions
+from mercator_design.race.parameter import Configuration, Value
+from mercator_design.race.postselection import select_candidates
+from mercator_design.race.race import Experiment, Race, check_costs
+from mercator_design.race.sampling import similar, sobol_sample
+from mercator_design.race.space import Space
+from mercator_design.race.summary import Elite, IterationSummary, Progress
+
+Batches = Generator[list[Experiment], Sequence[float], None]
+
+
+class IteratedRace:
+    """An iterated race over a space.
+
+    Args:
+        space: What to configure.
+        budget: How many experiments to make at most.
+        seed: Of everything that is random here.
+        options: irace's options.
+        initial: Configurations to begin with; the first iteration samples the others.
+
+    Attributes:
+        configurations: All that were ever sampled; an experiment names one by its place in this list.
+        parents: The elite that a configuration was sampled from, None in the first iteration.
+        elites: The survivors of the last race that has ended, best first.
+        iterations: Summaries of the races that have ended.
+        notes: What differs from what a user may expect.
+        stop_reason: Why there are no more iterations, None as long as there may be.
+
+    Raises:
+        RaceError: The budget is not a whole number or not enough for one iteration, the space leaves nothing
+            to choose, or an initial configuration is not valid.
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        *,
+        budget: int,
+        seed: int,
+        options: RaceOptions | None = None,
+        initial: Sequence[Mapping[str, Value]] = (),
+    ) -> None:
+        self.space = space
+        self.budget = _whole("budget", budget, 1)
+        self.seed = _whole("seed", seed, 0)
+        self.options = options or RaceOptions()
+        if space.n_variable == 0:
+            raise RaceError("space: expected at least one parameter with more than one value, found none")
+        plan = arithmetic.plan(
+            self.budget,
+            n_variable=space.n_variable,
+            mu=self.options.planned_mu,
+            each_test=self.options.each_test,
+            n_new=self.options.elitist_new_instances,
+            elitist=self.options.elitist,
+            iterations=self.options.iterations,
+            survivors=self.options.survivors,
+        )
+        self.configurations: list[Configuration] = []
+        self.parents: list[int | None] = []
+        self.elites: list[Elite] = []
+        self.iterations: list[IterationSummary] = []
+        self.notes: list[str] = [] if plan.note is None else [plan.note]
+        self.stop_reason: str | None = None
+
+        self._survivors = plan.survivors  # that end a race
+        self._most_configurations = plan.configurations
+        self._n_iterations = plan.iterations
+        self._iteration = 0
+        self._initial = self._checked(initial)
+        self._costs: list[dict[int, float]] = []  # of each configuration, by instance
+        self._rejected: set[tuple[Value | None, ...]] = set()
+        self._used = 0
+        self._n_seen = 0  # instances
+        self._n_new_instances = self.options.elitist_new_instances
+        self._model = SamplingModel(space, elitist=self.options.elitist)
+        self._race: Race | None = None
+        self._batches = self._run()
+        self._batch: list[Experiment] | None = None
+
+    @property
+    def used(self) -> int:
+        """Experiments told."""
+        return self._used
+
+    @property
+    def iteration(self) -> int:
+        """The present iteration, from 1; 0 before the first `ask`."""
+        return self._iteration
+
+    @property
+    def best(self) -> Elite:
+        """The best of the elites.
+
+        Raises:
+            RaceError: No race has ended yet.
+        """
+        if not self.elites:
+            raise RaceError("race: expected an iteration to have ended before its best is asked for, found none")
+        return self.elites[0]
+
+    @property
+    def progress(self) -> Progress:
+        """Where the race stands."""
+        best = self.elites[0] if self.elites else None
+        if self._race is not None:
+            leader = self._race.ranked()[0]
+            best = self.statistics(leader) if self._costs[leader] else best
+        return Progress(
+            iteration=self._iteration,
+            iterations=self._n_iterations,
+            alive=len(self.elites) if self._race is None else len(self._race.alive),
+            used=self._used,
+            budget=self.budget,
+            best=best,
+        )
+
+    def costs(self, configuration: int) -> dict[int, float]:
+        """The costs of a configuration so far, by instance."""
+        return dict(self._costs[configuration])
+
+    def statistics(self, configuration: int) -> Elite:
+        """The costs of a configuration in short; it must have some."""
+        costs = np.array(list(self._costs[configuration].values()))
+        sd = float(costs.std(ddof=1)) if len(costs) > 1 else math.nan
+        return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
+
+    def ask(self) -> list[Experiment]:
+        """The next experiments, all on one instance; the same until their costs are told; none at the end."""
+        if self._batch is None:
+            self._batch = next(self._batches, [])
+        return list(self._batch)
+
+    def tell(self, costs: Sequence[float]) -> None:
+        """The costs of the experiments that `ask` gave, in their order.
+
+        Raises:
+            RaceError: There is not one number for each experiment (then nothing has changed), or all
+                configurations of the race have been rejected.
+        """
+        if not self._batch:
+            raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
+        check_costs(self._batch, costs)
+        self._batch = []
+        try:
+            self._batch = self._batches.send([float(cost) for cost in costs])
+        except StopIteration:
+            return
+
+    def _run(self) -> Batches:
+        """The whole algorithm; each batch it yields is sent its costs."""
+        while not isinstance(planned := self._plan_iteration(self._iteration + 1), str):
+            self._iteration += 1
+            self._n_iterations = max(self._n_iterations, self._iteration)
+            yield from self._later_race(*planned) if self.elites else self._first_race(*planned)
+        self.stop_reason = planned
+        self._n_iterations = self._iteration
+        if self.options.elitist and self.options.postselection:
+            yield from self._postselect()
+
+    def _plan_iteration(self, iteration: int) -> tuple[int, int] | str:
+        """Budget and number of configurations of an iteration, or why there is none."""
+        remaining = self.budget - self._used
+        if remaining <= 0:
+            return "the whole budget is used"
+        if iteration > self._n_iterations and self.options.iterations is not None:
+            return f"all {self._n_iterations} iterations are done"
+        budget = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
+        n = self._n_configurations(budget, iteration)
+        n_elites = len(self.elites)
+        if n <= self._survivors:
+            return f"the budget left is too small to race more than {self._survivors} configurations"
+        if n <= n_elites:
+            return "the budget left is too small to sample configurations"
+        mu = self.options.planned_mu
+        needed = n * mu
+        if self.options.elitist:
+            n_new_instances = self._n_new_instances if n_elites else 0
+            needed = (n - n_elites) * mu + n_elites * min(n_new_instances, mu)
+        return "the budget left is too small to test configurations" if needed > budget else (budget, n)
+
+    def _n_configurations(self, budget: int, iteration: int) -> int:
+        """As many as the budget allows, if need be without new instances, and then with few instances at all."""
+        keeping = self.options.elitist and bool(self.elites)
+        n_elites, n_old = (len(self.elites), self._n_seen) if keeping else (0, 0)
+
+        def fitting(growth: int, mu: int) -> int:
+            n_new = self._n_new_instances if keeping else 0
+            each_test = self.options.each_test
+            return arithmetic.n_configurations(
+                budget, growth, mu=mu, each_test=each_test, n_elites=n_elites, n_old=n_old, n_new=n_new
+            )
+
+        n = fitting(iteration, self.options.planned_mu)
+        if n <= self._survivors:
+            self._n_new_instances = 0  # from now on
+            n = fitting(iteration, self.options.planned_mu)
+        if n <= self._survivors:
+            n = fitting(1, 1)
+        return n if self._most_configurations is None else min(n, self._most_configurations)
+
+    def _first_race(self, budget: int, n: int) -> Batches:
+        initial = self._initial[:n]
+        if len(initial) < len(self._initial):
+            self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first iteration")
+        present = {self.space.key(configuration) for configuration in initial}
+        sampled: list[Configuration] = []
+        if len(initial) < n:
+            sampled = sobol_sample(
+                self.space,
+                n - len(initial),
+                self._generator("sampling"),
+                lambda c: self._is_excluded(c) or self.space.key(c) in present,
+            )
+        self._allow_for_few(len(initial + sampled))
+        numbers = self._add([(configuration, None) for configuration in initial + sampled])
+        race = self._new_race(numbers, budget, elites=[])
+        yield from self._hold(race, budget, n_new=len(numbers), soft_restart=False)
+        self._model.initialise(self._elite_configurations())
+
+    def _allow_for_few(self, n: int) -> None:
+        """A race ends when few are alive, but in a small space it would not even begin."""
+        if n == 1:
+            raise RaceError("space: expected several different configurations to be allowed, found one")
+        if n <= self._survivors:
+            self._survivors = n - 1
+            self.notes.append(f"only {n} different configurations were found, so races end with {n - 1}")
+
+    def _later_race(self, budget: int, n: int) -> Batches:
+        elites = [elite.configuration for elite in self.elites]
+        n_new = n - len(elites)
+        self._model.update(
+            self._elite_configurations(),
+            {elite: parent for elite in elites if (parent := self.parents[elite]) is not None},
+            n_new=n_new,
+            iteration=self._iteration,
+            iterations=self._n_iterations,
+        )
+        generator = self._generator("sampling")
+        children = self._model.sample(n_new, elites, generator, self._is_excluded)
+        to_restart = self._too_narrow(children) if self.options.soft_restart else []
+        if to_restart:
+            self._model.restart(to_restart, n_new)
+            children = self._model.sample(n_new, elites, generator, self._is_excluded)
+        numbers = elites + self._add(children)
+        race = self._new_race(numbers, budget, elites=elites)
+        yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+
+    def _too_narrow(self, children: Sequence[tuple[Configuration, int]]) -> list[int]:
+        """The elites whose distributions have come to give the same configurations again."""
+        together = self._elite_configurations()
+        parents = {number: number for number in together}
+        for number, (configuration, parent) in enumerate(children, start=len(self.configurations)):
+            together[number] = configuration
+            parents[number] = parent
+        alike = similar(self.space, together, self.options.soft_restart_threshold)
+        return list(dict.fromkeys(parents[number] for number in alike))
+
+    def _new_race(self, numbers: Sequence[int], budget: int, *, elites: Sequence[int]) -> Race:
+        new: list[int] = []
+        old: list[int] = []
+        if self.options.elitist and elites:
+            new = list(range(self._n_seen, self._n_seen + self._n_new_instances))
+            old = self._generator("instances").permutation(self._n_seen).tolist()
+        return Race(
+            numbers,
+            earlier={elite: self._costs[elite] for elite in elites} if self.options.elitist else {},
+            instances=new + old,
+            next_instance=self._n_seen + len(new),
+            rules=self.options.rules(),
+            survivors=self._survivors,
+            budget=budget,
+            limit=self.budget - self._used,
+        )
+
+    def _postselect(self) -> Batches:
+        """A race among the best of all iterations with what is left of the budget."""
+        remaining = self.budget - self._used
+        if remaining // self.options.each_test <= 1 or not self.elites:
+            return
+        former = chain.from_iterable(summary.elites for summary in reversed(self.iterations))
+        ordered = dict.fromkeys([*(elite.configuration for elite in former), *range(len(self.configurations))])
+        accepted = [c for c in ordered if self.space.key(self.configurations[c]) not in self._rejected]
+        needs = {c: self._n_seen - len(self._costs[c]) for c in accepted}
+        candidates = sorted(select_candidates(needs, remaining, self.options.each_test))
+        if not candidates:
+            return
+        self._iteration += 1
+        race = Race(
+            candidates,
+            earlier={c: self._costs[c] for c in candidates},
+            instances=self._generator("instances").permutation(self._n_seen).tolist(),
+            next_instance=self._n_seen,
+            rules=self.options.rules(first_test=self._n_seen, elitist_limit=0),
+            survivors=1,
+            budget=remaining,
+            limit=remaining,
+        )
+        yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
+
+    def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
+        """Run a race to its end and let its best be the elites."""
+        self._race = race
+        while batch := race.ask():
+            costs = yield batch
+            race.tell(costs)
+            self._used += len(batch)
+            self._n_seen = max(self._n_seen, batch[0].instance + 1)
+            for experiment, cost in zip(batch, costs, strict=True):
+                self._costs[experiment.configuration][experiment.instance] = cost
+        self._rejected |= {self.space.key(self.configurations[number]) for number in race.rejected}
+        different: dict[tuple[Value | None, ...], int] = {}
+        for number in race.ranked():
+            different.setdefault(self.space.key(self.configurations[number]), number)
+        self.elites = [self.statistics(number) for number in list(different.values())[: self._survivors]]
+        self._race = None
+        self.iterations.append(
+            IterationSummary(
+                iteration=self._iteration,
+                postselection=postselection,
+                budget=budget,
+                used=race.used,
+                n_configurations=len(race.configurations),
+                n_new=n_new,
+                n_instances=race.n_instances,
+                n_alive=len(race.alive),
+                elites=tuple(self.elites),
+                soft_restart=soft_restart,
+                stop_reason=race.stop_reason or "",
+                concordance=race.concordance(),
+            )
+        )
+
+    def _add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
+        """Number new configurations."""
+        first = len(self.configurations)
+        for configuration, parent in children:
+            self.configurations.append(configuration)
+            self.parents.append(parent)
+            self._costs.append({})
+        return list(range(first, len(self.configurations)))
+
+    def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
+        found: dict[tuple[Value | None, ...], Configuration] = {}
+        for number, given in enumerate(initial, start=1):
+            configuration = dict(given)
+            try:
+                self.space.check(configuration)
+            except RaceError as error:
+                raise RaceError(f"initial configuration {number}: {error}") from None
+            if self.space.key(configuration) in found:
+                raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
+            found[self.space.key(configuration)] = configuration
+        return list(found.values())
+
+    def _elite_configurations(self) -> dict[int, Configuration]:
+        return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}
+
+    def _is_excluded(self, configuration: Configuration) -> bool:
+        return self.space.is_forbidden(configuration) or (
+            bool(self._rejected) and self.space.key(configuration) in self._rejected
+        )
+
+    def _generator(self, purpose: str) -> np.random.Generator:
+        return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")
+
+
+def _whole(name: str, value: int, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise RaceError(f"{name}: expected a whole number, {least} or more, found {value!r}")
+    return int(value)

@@ -1,0 +1,243 @@
+"""The statistical tests that eliminate configurations from a race, and how configurations are ranked.
+
+As in irace (race.R) and with R's numbers, ties included: with more than two configurations Friedman's test
+and Conover's post-hoc comparison with the best (Conover 1999, Practical Nonparametric Statistics, pp.
+369-371), with two Wilcoxon's signed-rank test, or instead of both the paired t-test against the best, with
+Bonferroni's or Holm's correction or none.
+
+Costs are minimised. A table of costs has shape (instances, configurations). Of scipy only `scipy.special` is
+used, which is quick to import.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtr, stdtr, stdtrit
+
+TestName = Literal["friedman", "t-test", "t-test-holm", "t-test-bonferroni"]
+Floats = NDArray[np.float64]
+
+_EXACT_BELOW = 50
+"""Differences from which R approximates the distribution of Wilcoxon's statistic."""
+_SAME_MEANS = 1.5e-8
+"""Relative difference up to which R's all.equal takes two means for one."""
+_ROUNDING = 1e-12
+"""Relative difference up to which two means are a tie, whatever the order of summation."""
+_NO_VARIANCE = 10 * float(np.finfo(float).eps)
+
+
+class Verdict(NamedTuple):
+    """What a test says of the configurations of a table of costs.
+
+    survivors: which configurations survive, shape (configurations,).
+    ranks: what the configurations are ranked by, smaller is better, shape (configurations,).
+    best: column of the best, the first of equals.
+    p_value: NaN where nothing could be compared, 0 where no test was needed.
+    """
+
+    survivors: NDArray[np.bool_]
+    ranks: Floats
+    best: int
+    p_value: float
+
+
+class Concordance(NamedTuple):
+    """How far the instances agree on the configurations (irace's table columns rho, KenW, Qvar)."""
+
+    spearman: float
+    kendall: float
+    variance: float
+
+
+def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
+    """Test a table of at least two instances and two configurations."""
+    return _TESTS[test](costs, 1.0 - confidence)
+
+
+def ranking(costs: Floats, test: TestName) -> Floats:
+    """What a test ranks the columns by: sums of ranks, or ranks of the means (without rows, their order)."""
+    if test == "friedman":
+        ranks: Floats = mid_ranks(costs)[0].sum(axis=0)
+        return ranks
+    if not len(costs):
+        return np.arange(1.0, costs.shape[1] + 1)
+    return _row_ranks(_means(costs))
+
+
+def overall_ranks(costs: Floats, test: TestName) -> Floats:
+    """Ranks of configurations that have not seen the same instances; NaN where there is no result.
+
+    More results rank before fewer. Configurations of as many results are compared on the instances that all
+    of them have seen (irace's overall_ranks).
+    """
+    present = ~np.isnan(costs)
+    counts = present.sum(axis=0)
+    ranks = np.zeros(costs.shape[1])
+    offset = 0.0
+    for count in np.unique(counts)[::-1]:
+        group = np.flatnonzero(counts == count)
+        common = present[:, group].all(axis=1)
+        ranks[group] = offset + (ranking(costs[np.ix_(common, group)], test) if len(group) > 1 else 1)
+        offset = ranks[group].max()
+    return ranks
+
+
+def concordance(costs: Floats) -> Concordance:
+    """Spearman's rho, Kendall's W, and the mean variance of the columns of standardised rows."""
+    n, k = costs.shape
+    if n < 2 or k < 2:
+        return Concordance(math.nan, math.nan, math.nan)
+    ranks, ties = mid_ranks(costs)
+    spread = 12 * ((ranks.sum(axis=0) - n * (k + 1) / 2) ** 2).sum()
+    span = n * n * (k**3 - k) - n * ties
+    kendall = float(spread / span) if span > 0 else 1.0
+    deviations = costs.std(axis=1, ddof=1, keepdims=True)
+    scores = (costs - costs.mean(axis=1, keepdims=True)) / np.where(deviations == 0, 1.0, deviations)
+    return Concordance((n * kendall - 1) / (n - 1), kendall, float(scores.var(axis=0, ddof=1).mean()))
+
+
+def mid_ranks(costs: Floats) -> tuple[Floats, float]:
+    """Ranks from 1 within each row, equals sharing their mean; the sum of g^3 - g over groups of g equals."""
+    n, k = costs.shape
+    order = costs.argsort(axis=1, kind="stable")
+    in_order = np.take_along_axis(costs, order, axis=1)
+    differs = in_order[:, 1:] != in_order[:, :-1]
+    if differs.all():
+        ranks = np.empty((n, k))
+        np.put_along_axis(ranks, order, np.arange(1.0, k + 1)[np.newaxis], axis=1)
+        return ranks, 0.0
+    places = np.broadcast_to(np.arange(k), (n, k))
+    edge = np.ones((n, 1), dtype=bool)
+    first = np.maximum.accumulate(np.where(np.hstack((edge, differs)), places, 0), axis=1)
+    last = np.minimum.accumulate(np.where(np.hstack((differs, edge)), places, k)[:, ::-1], axis=1)[:, ::-1]
+    ranks = np.empty((n, k))
+    np.put_along_axis(ranks, order, (first + last) / 2 + 1, axis=1)
+    size = (last - first + 1).astype(float)
+    return ranks, float((size * size - 1).sum())  # each of g members adds g^2 - 1
+
+
+def _row_ranks(values: Floats) -> Floats:
+    ranks: Floats = mid_ranks(values[np.newaxis])[0][0]
+    return ranks
+
+
+def _friedman(costs: Floats, alpha: float) -> Verdict:
+    n, k = costs.shape
+    if k == 2:
+        return _wilcoxon(costs, alpha)
+    ranks, ties = mid_ranks(costs)
+    sums = ranks.sum(axis=0)
+    best = int(sums.argmin())
+    span = n * k * (k + 1) - ties / (k - 1)
+    if span <= 0:  # all costs of each instance are equal
+        return Verdict(np.ones(k, dtype=bool), sums, best, math.nan)
+    statistic = 12 * ((sums - n * (k + 1) / 2) ** 2).sum() / span
+    p_value = float(chdtrc(k - 1, statistic))
+    if not p_value < alpha:
+        return Verdict(np.ones(k, dtype=bool), sums, best, p_value)
+    freedom = (n - 1) * (k - 1)
+    within = max(n * (ranks * ranks).sum() - (sums * sums).sum(), 0.0)
+    critical = stdtrit(freedom, 1 - alpha / 2) * math.sqrt(2 * within / freedom)
+    return Verdict(sums - sums[best] <= critical, sums, best, p_value)
+
+
+def _wilcoxon(costs: Floats, alpha: float) -> Verdict:
+    differences = costs[:, 0] - costs[:, 1]
+    if (differences <= 0).all():  # no test where one is nowhere worse; the first, if they are equal
+        return _duel(0, 0.0, dropped=True)
+    if (differences >= 0).all():
+        return _duel(1, 0.0, dropped=True)
+    differences = differences[differences != 0]
+    n = len(differences)
+    ranks, ties = mid_ranks(np.abs(differences)[np.newaxis])
+    statistic = float(ranks[0][differences > 0].sum())
+    if n < _EXACT_BELOW and n == len(costs) and ties == 0:
+        p_value = _exact_p_value(n, int(statistic))
+    else:
+        centred = statistic - n * (n + 1) / 4
+        sigma = math.sqrt(n * (n + 1) * (2 * n + 1) / 24 - ties / 48)
+        z = (centred - math.copysign(0.5, centred) * (centred != 0)) / sigma
+        p_value = min(1.0, 2 * float(ndtr(-abs(z))))
+    pairs = np.add.outer(differences, differences)[np.tril_indices(n)]
+    return _duel(0 if np.median(pairs) <= 0 else 1, p_value, dropped=p_value < alpha)
+
+
+def _duel(winner: int, p_value: float, *, dropped: bool) -> Verdict:
+    survivors = np.ones(2, dtype=bool)
+    survivors[1 - winner] = not dropped
+    ranks = np.array([1.0, 2.0]) if winner == 0 else np.array([2.0, 1.0])
+    return Verdict(survivors, ranks, winner, p_value)
+
+
+def _exact_p_value(n: int, statistic: int) -> float:
+    """Two-sided, of a sum of signed ranks without ties."""
+    probabilities = _signed_rank_probabilities(n)
+    low, high = probabilities[: statistic + 1].sum(), probabilities[statistic:].sum()
+    return min(1.0, 2 * float(min(low, high)))
+
+
+@cache
+def _signed_rank_probabilities(n: int) -> Floats:
+    """Of each sum of a random subset of the ranks 1 .. n."""
+    probabilities = np.zeros(n * (n + 1) // 2 + 1)
+    probabilities[0] = 1.0
+    for rank in range(1, n + 1):
+        without = probabilities / 2
+        probabilities = without.copy()
+        probabilities[rank:] += without[:-rank]
+    return probabilities
+
+
+def _t_test(costs: Floats, alpha: float, *, adjust: Callable[[Floats], Floats]) -> Verdict:
+    n, k = costs.shape
+    means = _means(costs)
+    best = int(means.argmin())
+    gaps = means - means[best]
+    if abs(means[best]) > _SAME_MEANS:
+        gaps = gaps / abs(means[best])
+    variances = costs.var(axis=0, ddof=1)
+    differences = costs[:, [best]] - costs
+    comparable = (np.minimum(variances, variances[best]) >= _NO_VARIANCE) & (differences > 0).any(axis=0)
+    errors = differences.std(axis=0, ddof=1) / math.sqrt(n)
+    p_values = np.zeros(k)
+    tested = comparable & (errors > 0)
+    p_values[tested] = 2 * stdtr(n - 1, -np.abs(differences.mean(axis=0)[tested] / errors[tested]))
+    p_values[gaps <= _SAME_MEANS] = 1.0
+    p_values = adjust(p_values)
+    return Verdict(p_values >= alpha, _row_ranks(means), best, float(p_values.min()))
+
+
+def _means(costs: Floats) -> Floats:
+    """Means of the columns, those made equal that differ by rounding alone."""
+    means: Floats = costs.mean(axis=0)
+    order = means.argsort(kind="stable")
+    in_order = means[order]
+    tied = np.abs(np.diff(in_order)) <= _ROUNDING * np.maximum(np.abs(in_order[1:]), np.abs(in_order[:-1]))
+    if tied.any():
+        starts = np.maximum.accumulate(np.where(np.append(False, tied), 0, np.arange(len(means))))
+        means[order] = in_order[starts]
+    return means
+
+
+def _bonferroni(p_values: Floats) -> Floats:
+    return np.minimum(1.0, len(p_values) * p_values)
+
+
+def _holm(p_values: Floats) -> Floats:
+    order = p_values.argsort(kind="stable")
+    factors = np.arange(len(p_values), 0, -1)
+    adjusted = np.empty_like(p_values)
+    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(factors * p_values[order]))
+    return adjusted
+
+
+_TESTS: dict[TestName, Callable[[Floats, float], Verdict]] = {
+    "friedman": _friedman,
+    "t-test": partial(_t_test, adjust=lambda p_values: p_values),
+    "t-test-holm": partial(_t_test, adjust=_holm),
+    "t-test-bonferroni": partial(_t_test, adjust=_bonferroni),
+}

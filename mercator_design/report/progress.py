@@ -1,0 +1,74 @@
+"""Progress on stderr while long work runs; silent where stderr is not a terminal."""
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mercator_design.missions.mission import Mission
+from mercator_design.race import IteratedRace
+
+
+class _Display:
+    """A bar that counts experiments, with their rate and the time left."""
+
+    def __init__(self, what: str, total: int) -> None:
+        console = Console(stderr=True)
+        self._started = time.monotonic()
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._progress.add_task(what, total=total, rate="")
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    @property
+    def seconds(self) -> float:
+        """Time since the start."""
+        return time.monotonic() - self._started
+
+    def show(self, done: int, description: str | None = None) -> None:
+        """Set the count, and the text before the bar."""
+        rate = f"{done / max(self.seconds, 1e-3):.0f}/s"
+        self._progress.update(self._task, completed=done, rate=rate, description=description)
+
+
+class RaceDisplay(_Display):
+    """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
+
+    def __init__(self, mission: Mission, budget: int) -> None:
+        super().__init__(mission.name, budget)
+        self._mission = mission
+
+    def update(self, race: IteratedRace) -> None:
+        """Show where a race is."""
+        now = race.progress
+        best = ""
+        if now.best is not None:
+            spread = f" ± {now.best.sd:.3g}" if now.best.n_results > 1 else ""
+            best = f", best {self._mission.cost(now.best.mean):.4g}{spread} (n={now.best.n_results})"
+        text = f"{self._mission.name}: iteration {now.iteration}/{now.iterations}, {now.alive} alive{best}"
+        self.show(now.used, text)
+
+
+class EvaluationDisplay(_Display):
+    """Progress of an evaluation."""
+
+    def __init__(self, mission: Mission, runs: int) -> None:
+        super().__init__(f"{mission.name}: evaluating", runs)

@@ -1,0 +1,207 @@
+"""What an annotation of a dataclass field asks of a YAML file, and how to say it to a user.
+
+The rules stand in `Annotated[type, rule]`. This file knows annotations only; loading.py applies them.
+"""
+
+import dataclasses
+import functools
+import inspect
+import math
+import re
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Protocol, TypeAlias, Union
+
+Kind: TypeAlias = Any
+"""An annotation as typing gives it: a type, a union, Annotated, Literal, tuple[...], Mapping[...]."""
+
+Specification: TypeAlias = dict[str, tuple[Kind, Any]]
+"""Name -> (annotation, default or dataclasses.MISSING)."""
+
+
+class FieldError(ValueError):
+    """What a dataclass's `__post_init__` raises; `field` is the path from there, as `zones[1].name`."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(f"{field}: {message}")
+        self.field, self.message = field, message
+
+
+class Rule(Protocol):
+    """A restriction beyond the type."""
+
+    def allows(self, value: Any) -> bool: ...  # noqa: ANN401 - of the type it is annotated with
+    def says(self, noun: str) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Bounds of a number, inclusive unless said otherwise."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    exclusive_low: bool = False
+
+    def allows(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.exclusive_low and value == self.low)
+
+    def says(self, noun: str) -> str:
+        above = f"> {self.low:g}" if self.exclusive_low else f">= {self.low:g}"
+        bounds = [above] * (self.low > -math.inf) + [f"<= {self.high:g}"] * (self.high < math.inf)
+        return f"{noun} {' and '.join(bounds)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """Bounds of the number of items."""
+
+    low: int = 0
+    high: float = math.inf
+
+    def allows(self, value: typing.Sized) -> bool:
+        return self.low <= len(value) <= self.high
+
+    def says(self, noun: str) -> str:
+        bounds = [f"at least {self.low}"] * (self.low > 0) + [f"at most {self.high:g}"] * (self.high < math.inf)
+        return f"{noun} of {' and '.join(bounds)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """A regular expression for a whole text, and its meaning in words."""
+
+    regex: str
+    meaning: str
+
+    def allows(self, value: str) -> bool:
+        return re.fullmatch(self.regex, value) is not None
+
+    def says(self, noun: str) -> str:
+        return f"{noun}: {self.meaning}"
+
+
+@dataclass(frozen=True, slots=True)
+class FilePath:
+    """A path, relative to the folder of the file that names it; it becomes absolute."""
+
+    def allows(self, value: str) -> bool:
+        return value != "" and "\0" not in value
+
+    def says(self, noun: str) -> str:
+        return f"{noun}: a path"
+
+
+@dataclass(frozen=True, slots=True)
+class KeywordsOf:
+    """On a field of type Mapping: it holds the keyword-only arguments of the function that field `key` names.
+
+    In the file they stand beside `key`, and are read by the annotations of `functions[name]`.
+    """
+
+    functions: Mapping[str, Callable[..., Any]]
+    key: str
+
+
+Positive = Annotated[float, Range(0.0, exclusive_low=True)]
+NonNegative = Annotated[float, Range(0.0)]
+Name = Annotated[str, Pattern(r"\w[\w .+-]{0,99}", "letters, digits, spaces and . _ + -, at most 100")]
+
+
+def origin_of(kind: Kind) -> Kind:
+    """What stands before the brackets of an annotation, if it has brackets."""
+    return typing.get_origin(kind)
+
+
+def unwrapped(kind: Kind) -> tuple[Kind, list[Rule]]:
+    """An annotation without Annotated, and its rules."""
+    if origin_of(kind) is not Annotated:
+        return kind, []
+    base, *extras = typing.get_args(kind)
+    return base, [extra for extra in extras if hasattr(extra, "allows")]
+
+
+def is_union(base: Kind) -> bool:
+    return origin_of(base) in {Union, types.UnionType}
+
+
+@functools.cache
+def fields_of(kind: Kind) -> Specification:
+    """The fields of a dataclass that its constructor takes."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return {field.name: (hints[field.name], field.default) for field in dataclasses.fields(kind) if field.init}
+
+
+@functools.cache
+def parameters_of(function: Callable[..., Any]) -> Specification:
+    """The keyword-only parameters of a function."""
+    hints = typing.get_type_hints(function, include_extras=True)
+    keywords = [p for p in inspect.signature(function).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    return {p.name: (hints[p.name], dataclasses.MISSING if p.default is p.empty else p.default) for p in keywords}
+
+
+@functools.cache
+def keywords_of(kind: Kind) -> tuple[str, KeywordsOf] | None:
+    """The field of a dataclass that holds keyword arguments, if one does."""
+    for name, (annotation, _) in fields_of(kind).items():
+        for extra in getattr(annotation, "__metadata__", ()):
+            if isinstance(extra, KeywordsOf):
+                return name, extra
+    return None
+
+
+def form(kind: Kind) -> type:
+    """What a value of this kind is in YAML: dict, list or str (any scalar)."""
+    base, _ = unwrapped(kind)
+    if dataclasses.is_dataclass(base) or origin_of(base) is Mapping:
+        return dict
+    return list if origin_of(base) is tuple else str
+
+
+def tags(kinds: list[Kind]) -> tuple[str, dict[str, Kind]]:
+    """The key that tells dataclasses apart (a one-word Literal in each), and its word for each."""
+    for key in fields_of(kinds[0]):
+        found = [words(fields_of(kind)[key][0]) for kind in kinds if key in fields_of(kind)]
+        if len(found) == len(kinds) and all(len(each) == 1 for each in found):
+            return key, {each[0]: kind for each, kind in zip(found, kinds, strict=True)}
+    raise TypeError(f"nothing tells {kinds} apart")
+
+
+def words(kind: Kind) -> list[str]:
+    """The words of the Literals in an annotation."""
+    base, _ = unwrapped(kind)
+    if is_union(base):
+        return [word for alternative in typing.get_args(base) for word in words(alternative)]
+    return [str(word) for word in typing.get_args(base)] if origin_of(base) is Literal else []
+
+
+def one_of(names: list[str]) -> str:
+    return f"one of {', '.join(names)}" if len(names) > 1 else names[0]
+
+
+_NOUNS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text",
+    types.NoneType: "null",
+}
+
+
+def describe(kind: Kind) -> str:
+    """An annotation in a user's words."""
+    base, rules = unwrapped(kind)
+    origin, arguments = origin_of(base), typing.get_args(base)
+    if is_union(base):
+        text = " or ".join(dict.fromkeys(describe(alternative) for alternative in arguments))
+    elif origin is tuple:
+        several = arguments[-1] is Ellipsis
+        text = "a list" if several else f"[{', '.join(describe(argument) for argument in arguments)}]"
+    elif origin is Literal:
+        text = one_of(words(base))
+    else:
+        text = _NOUNS.get(base, "a mapping of keys")
+    for rule in rules:
+        text = rule.says(text)
+    return text

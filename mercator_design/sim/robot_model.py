@@ -1,0 +1,135 @@
+"""The robot model: a robot's body, drive, sensors and noise in simulation, from a YAML file.
+
+Shipped models lie in scenarios/robots/. A model also carries the constants of the reference model, so that a design
+and its assessment may differ in either (pseudo-reality) without a line of code.
+"""
+
+import math
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Literal
+
+from mercator_design.errors import MissionError
+from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.loading import NonNegative, Positive, Range, read
+from mercator_design.missions.mission import scenarios_folder
+
+Count = Annotated[int, Range(low=1, high=1000)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gaussian:
+    """Normally distributed noise."""
+
+    distribution: Literal["gaussian"] = "gaussian"
+    mean: float = 0.0
+    sd: NonNegative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uniform:
+    """Noise uniform within `half_width` of its mean."""
+
+    distribution: Literal["uniform"] = "uniform"
+    mean: float = 0.0
+    half_width: NonNegative
+
+
+Noise = Gaussian | Uniform | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """A box around the robot's centre."""
+
+    length: Positive  # [m] along the heading
+    width: Positive  # [m]
+    mass: Positive  # [kg]
+    friction: NonNegative = 0.7
+    elasticity: NonNegative = 0.0
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia of the box [kg m2]."""
+        return self.mass * (self.length**2 + self.width**2) / 12.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """Two treads, with a limited force to reach the commanded velocity."""
+
+    tread_distance: Positive  # [m]
+    maximum_speed: Positive  # [m/s] of a tread
+    force: Positive  # [N]
+    torque: Positive  # [N m]
+    noise: Noise = None  # as a fraction of a tread's speed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proximity:
+    """A ring of distance sensors; their range and its meaning are in the reference model."""
+
+    ring_radius: NonNegative  # [m] where the rays start
+    angles: tuple[float, ...]  # [rad] in the order of the device's numbering
+    noise: Noise = None  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """A colour sensor that looks at the floor."""
+
+    position: tuple[float, float]  # [m] from the centre: forwards, to the left
+    noise: Noise = None  # a channel of 0 to 255
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Physics:
+    """How finely the motion is computed."""
+
+    sub_steps: Count = 10  # in a control cycle
+    solver_iterations: Count = 10
+    collision_slop: NonNegative = 0.001  # [m] overlap that is not pushed apart
+    wall_friction: NonNegative = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotModel:
+    """A robot in simulation."""
+
+    schema: Literal[1] = 1
+    name: str  # by default the file's
+    description: str = ""
+    body: Body
+    drive: Drive
+    proximity: Proximity
+    ground: Ground
+    provides: tuple[str, ...] = ()  # sensors beyond the common ones, by the name that modules need them by
+    reference_model: ReferenceModel = ReferenceModel()
+    physics: Physics = Physics()
+
+    @property
+    def corner(self) -> float:
+        """Distance from the centre to a corner of the body [m]."""
+        return 0.5 * math.hypot(self.body.length, self.body.width)
+
+
+def shipped_robot_models() -> dict[str, Path]:
+    """The robot models of scenarios/robots/, by name."""
+    return {file.stem: file for file in sorted((scenarios_folder() / "robots").glob("*.yaml"))}
+
+
+def load_robot_model(name: str) -> RobotModel:
+    """A robot model by the name of a shipped one, or by path.
+
+    Raises:
+        MissionError: if there is none, or it is not valid.
+    """
+    shipped = shipped_robot_models()
+    path = Path(name)
+    if name in shipped and not path.is_file():
+        path = shipped[name]
+    elif not path.exists():
+        near = get_close_matches(name[:100], shipped, n=1) or list(shipped)
+        raise MissionError(f"robot model {name[:100]!r}: no such file; shipped are: {', '.join(near)}")
+    return read(path, RobotModel, error=MissionError, defaults={"name": path.stem})

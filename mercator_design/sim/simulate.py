@@ -1,0 +1,136 @@
+"""One experiment: a PFSM on a mission from a seed, to a score and a trace."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mercator_design.errors import FsmError, SimulationError
+from mercator_design.fsm.pfsm import Pfsm, Program, State
+from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.jit import compiled, is_cached, jit_wanted
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.trace import Trace
+from mercator_design.sim import kernel
+from mercator_design.sim.chipmunk import new_bridge
+from mercator_design.sim.kernel import History, new_history
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.world import Instance, World, program_arrays
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of an experiment."""
+
+    score: float  # in the mission's own sense
+    trace: Trace
+    history: History  # with readings, draws and wheels if all was recorded
+
+
+class Simulator:
+    """Runs experiments of one mission with one robot model; may be used by several threads at once."""
+
+    def __init__(self, mission: Mission, robot_model: RobotModel | None = None) -> None:
+        self.mission = mission
+        self.robot_model = robot_model or load_robot_model(mission.robot_model)
+        self._world = World(mission, self.robot_model)
+
+    def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
+        """Run one experiment.
+
+        Args:
+            pfsm: The control software of every robot.
+            seed: The instance: floor, starting poses, and all draws follow from it.
+            record: Whether to keep what the robots perceived, drew and did.
+            referee: Whether to step through pymunk's public functions from Python instead of in one compiled call;
+                the outcome is the same to the last bit. Plain Python (NUMBA_DISABLE_JIT=1) always does.
+
+        Raises:
+            FsmError: if the PFSM needs a sensor that the robot lacks.
+            MissionError: if the robots do not fit.
+        """
+        self.check(pfsm)
+        instance = self._world.instance(seed)
+        history = new_history(self.mission.cycles, self.mission.robots, everything=record)
+        self._run(instance, pfsm, history, referee=referee)
+        trace = Trace(
+            poses=history.poses,
+            states=history.states,
+            floor=instance.scene.floor,
+            zone_rows=instance.zone_rows,
+            control_period=self.mission.control_period,
+        )
+        if not np.isfinite(trace.poses[-1]).all():
+            raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
+        return Outcome(score=self.mission.objective(trace), trace=trace, history=history)
+
+    def rehearse(self, announce: Callable[[str], None]) -> None:
+        """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
+
+        Args:
+            announce: Called with a sentence if there is something to compile.
+        """
+        instance = self.try_placement()
+        if not is_cached(kernel.experiment):
+            announce("Compiling the simulator, once on this machine ...")
+        self._run(instance, Pfsm((State("stop"),)), new_history(1, self.mission.robots, everything=False))
+
+    def try_placement(self) -> Instance:
+        """An instance, to show that the robots fit."""
+        return self._world.instance(1)
+
+    def _run(self, instance: Instance, pfsm: Pfsm, history: History, *, referee: bool = False) -> None:
+        run = _referee if referee or not jit_wanted() else _compiled
+        run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
+
+    def check(self, pfsm: Pfsm) -> None:
+        """Make sure that the robot has what a PFSM needs.
+
+        Raises:
+            FsmError: naming the behaviour and the sensor.
+        """
+        for i, state in enumerate(pfsm.states):
+            for need in sorted(state.module.needs - set(self.robot_model.provides)):
+                raise FsmError(
+                    f"state {i}: {state.behaviour} needs {need}, which robot {self.robot_model.name} does not perceive"
+                )
+
+
+def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
+    """The whole experiment in one compiled call."""
+    bridge = new_bridge(instance.space, instance.robots)
+    compiled(kernel.experiment)(bridge, instance.scene, model, program, instance.swarm, history)
+
+
+def _referee(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
+    """The loop of `kernel.experiment`, with the space in the hands of pymunk's public functions."""
+    space, scene, swarm = instance.space, instance.scene, instance.swarm
+    note_poses, begin_motion = compiled(kernel.note_poses), compiled(kernel.begin_motion)
+    sense_and_control = compiled(kernel.sense_and_control)
+    with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
+        note_poses(swarm, history, 0)
+        for cycle in range(len(history.states)):
+            begin_motion(scene, swarm)
+            for i, robot in enumerate(instance.robots):
+                if robot.body.space and not swarm.close[i]:
+                    space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
+            for i in np.flatnonzero(swarm.close).tolist():
+                robot = instance.robots[i]
+                if not robot.body.space:
+                    robot.body.position = tuple(swarm.poses[i, :2].tolist())
+                    robot.body.angle = float(swarm.poses[i, 2])
+                    robot.body.velocity = tuple(swarm.velocities[i, :2].tolist())
+                    robot.body.angular_velocity = float(swarm.velocities[i, 2])
+                    space.add(robot.body, robot.shape)
+                    space.add(robot.pivot, robot.gear)
+                robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
+                robot.goal.angular_velocity = float(swarm.targets[i, 2])
+            if swarm.close.any():
+                for _ in range(scene.sub_steps):
+                    space.step(scene.time_step)
+                for i in np.flatnonzero(swarm.close).tolist():
+                    body = instance.robots[i].body
+                    swarm.poses[i, :3] = *body.position, body.angle
+                    swarm.velocities[i] = *body.velocity, body.angular_velocity
+            note_poses(swarm, history, cycle + 1)
+            sense_and_control(scene, model, program, swarm, history, cycle)

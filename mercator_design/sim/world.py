@@ -1,0 +1,187 @@
+"""From a mission and a robot model to what the kernels run on: arrays, and a pymunk space for each instance."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from mercator_design.errors import MissionError
+from mercator_design.fsm.pfsm import Pfsm, Program
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.mission import Mission
+from mercator_design.seeds import generator, stream_keys
+from mercator_design.sim.chipmunk import Robot, new_robot
+from mercator_design.sim.kernel import Swarm, new_swarm
+from mercator_design.sim.robot_model import Gaussian, Noise, RobotModel, Uniform
+from mercator_design.sim.scene import Scene
+from mercator_design.sim.sensors import GAUSSIAN, NO_NOISE, UNIFORM
+
+Floats = NDArray[np.float64]
+
+WALL_THICKNESS = 0.1
+"""[m] of the outer walls, outwards of their inner faces: more than a robot could ever be pushed in a sub-step."""
+
+_TRIALS = 1000  # poses tried for one robot, as in the original
+_RESTARTS = 10  # of the whole placement, when a robot finds no place among those already there
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A starting situation: a space with all robots at their places, and the streams of their draws."""
+
+    space: pymunk.Space  # the arena; robots enter it when they come close to something
+    robots: list[Robot]
+    scene: Scene
+    swarm: Swarm
+    zone_rows: dict[str, tuple[int, ...]]
+
+
+class World:
+    """A mission with a robot model, from which instances are made.
+
+    Raises:
+        MissionError: if the robots do not fit.
+    """
+
+    def __init__(self, mission: Mission, robot_model: RobotModel) -> None:
+        self.mission = mission
+        self.robot_model = robot_model
+        arena = mission.arena
+        self._vertices: Floats = arena.corners()
+        self._boxes = np.array(
+            [
+                [*box.center, math.cos(box.angle), math.sin(box.angle), 0.5 * box.size[0], 0.5 * box.size[1]]
+                for box in arena.obstacles
+            ]
+        ).reshape(-1, 6)
+        needed = mission.robots * robot_model.body.length * robot_model.body.width
+        if needed > arena.area:
+            raise MissionError(
+                f"{mission.name}: {mission.robots} robots need {needed:.2f} m2; the arena has {arena.area:.2f} m2"
+            )
+
+    def instance(self, seed: int) -> Instance:
+        """The starting situation of a seed."""
+        model = self.robot_model
+        floor = self.mission.floor.realise(generator(seed, "floor"))
+        space = self._empty_space()
+        robots = self._place(space, generator(seed, "placement"), seed)
+        n = self.mission.robots
+        swarm = new_swarm(
+            poses=np.array([(*robot.body.position, robot.body.angle) for robot in robots]),
+            control_keys=stream_keys(seed, "control", n),
+            noise_keys=stream_keys(seed, "noise", n),
+            sensors=len(model.proximity.angles),
+        )
+        return Instance(space, robots, self._scene(floor), swarm, self.mission.floor.zone_rows())
+
+    def _scene(self, floor: FloorTable) -> Scene:
+        model = self.robot_model
+        starts = self._vertices
+        along = np.roll(starts, -1, axis=0) - starts
+        normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+        angles = np.array(model.proximity.angles)
+        return Scene(
+            walls=np.ascontiguousarray(np.hstack([starts, along, normals])),
+            boxes=self._boxes,
+            floor=floor,
+            half_length=0.5 * model.body.length,
+            half_width=0.5 * model.body.width,
+            corner=model.corner,
+            tread_distance=model.drive.tread_distance,
+            maximum_speed=model.drive.maximum_speed,
+            mass=model.body.mass,
+            inertia=model.body.inertia,
+            force=model.drive.force,
+            torque=model.drive.torque,
+            ring=model.proximity.ring_radius,
+            directions_x=np.cos(angles),
+            directions_y=np.sin(angles),
+            ground_x=model.ground.position[0],
+            ground_y=model.ground.position[1],
+            proximity_noise=_noise_row(model.proximity.noise),
+            ground_noise=_noise_row(model.ground.noise),
+            wheel_noise=_noise_row(model.drive.noise),
+            sub_steps=model.physics.sub_steps,
+            time_step=self.mission.control_period / model.physics.sub_steps,
+        )
+
+    def _empty_space(self) -> pymunk.Space:
+        """The arena without robots."""
+        physics = self.robot_model.physics
+        space = pymunk.Space()
+        space.iterations = physics.solver_iterations
+        space.collision_slop = physics.collision_slop
+        for start, end in zip(self._vertices, np.roll(self._vertices, -1, axis=0), strict=True):
+            outwards = np.array([end[1] - start[1], start[0] - end[0]])
+            outwards *= WALL_THICKNESS / np.linalg.norm(outwards)
+            self._add_wall(space, [start, end, end + outwards, start + outwards])
+        for x, y, c, s, half_length, half_width in self._boxes:
+            corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
+            offsets = [(half_length * a, half_width * b) for a, b in corners]
+            self._add_wall(space, [(x + c * u - s * v, y + s * u + c * v) for u, v in offsets])
+        return space
+
+    def _add_wall(self, space: pymunk.Space, corners: list[NDArray[np.float64]] | list[tuple[float, float]]) -> None:
+        shape = pymunk.Poly(space.static_body, [(float(x), float(y)) for x, y in corners])
+        shape.friction = self.robot_model.physics.wall_friction
+        space.add(shape)
+
+    def _place(self, space: pymunk.Space, random: np.random.Generator, seed: int) -> list[Robot]:
+        """All robots at random places where they touch neither a wall nor each other."""
+        most = 0
+        for _ in range(_RESTARTS):
+            robots: list[Robot] = []
+            while len(robots) < self.mission.robots and (robot := self._place_one(space, random, len(robots))):
+                space.add(robot.body, robot.shape)
+                robots.append(robot)
+            for robot in robots:
+                space.remove(robot.shape, robot.body)
+            if len(robots) == self.mission.robots:
+                return robots
+            most = max(most, len(robots))
+        body = self.robot_model.body
+        raise MissionError(
+            f"{self.mission.name}: the robots do not fit: at seed {seed}, {most} of {self.mission.robots} found a "
+            f"free place of {body.length:g} x {body.width:g} m within the placement; use fewer robots, or a larger "
+            "arena or placement"
+        )
+
+    def _place_one(self, space: pymunk.Space, random: np.random.Generator, number: int) -> Robot | None:
+        body, drive = self.robot_model.body, self.robot_model.drive
+        robot = new_robot(
+            size=(body.length, body.width),
+            mass=body.mass,
+            inertia=body.inertia,
+            force=drive.force,
+            torque=drive.torque,
+        )
+        robot.shape.friction = body.friction
+        robot.shape.elasticity = body.elasticity
+        for _ in range(_TRIALS):
+            x, y, heading = self.mission.placement.candidate(random, number)
+            robot.body.position = (x, y)
+            robot.body.angle = heading
+            if self.mission.arena.contains(np.array([[x, y]]))[0] and not space.shape_query(robot.shape):
+                return robot
+        return None
+
+
+def _noise_row(noise: Noise) -> Floats:
+    if isinstance(noise, Gaussian):
+        return np.array([GAUSSIAN, noise.mean, noise.sd])
+    if isinstance(noise, Uniform):
+        return np.array([UNIFORM, noise.mean, noise.half_width])
+    return np.array([NO_NOISE, 0.0, 0.0])
+
+
+def program_arrays(pfsm: Pfsm) -> Program:
+    """The tables of a PFSM as arrays, for compiled code."""
+    kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
+    arrays = [
+        np.array(table, dtype=kinds.get(name, np.int64))
+        for name, table in zip(Program._fields, pfsm.program(), strict=True)
+    ]
+    return Program(*arrays)

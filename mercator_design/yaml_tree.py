@@ -1,0 +1,214 @@
+"""From a YAML text to a tree of nodes that know their line; here is decided which texts are refused unseen.
+
+Files come from students, colleagues and strangers, so nothing in one may hang, exhaust or run anything: only
+regular files of at most 256 KiB, plain data (no anchors, aliases, tags or second document), text keys without
+duplicates, and 32 levels of nesting. The tree is built from the parser's events, so a bomb is refused at the
+first event that shows it.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+LARGEST_FILE = 256 * 1024
+DEEPEST = 32
+
+_Event: TypeAlias = Any  # yaml's event classes share no typed fields
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class Fault(Exception):  # noqa: N818 - never leaves the two modules; becomes the error class the caller names
+    """What is wrong with a text, as a message that names the place."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Node:
+    """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys."""
+
+    content: "str | list[Node] | dict[str, Node]"
+    where: str
+    folder: Path
+    plain: bool = True
+
+    @property
+    def found(self) -> str:
+        """What it is, for an error message."""
+        if isinstance(self.content, dict):
+            return "a mapping of keys"
+        if isinstance(self.content, list):
+            return f"a list of {len(self.content)}"
+        return json.dumps(excerpt(self.content), ensure_ascii=False) if self.content or not self.plain else "nothing"
+
+    def child(self, step: str | int) -> "Node | None":
+        """The node at a key or an index, if there is one."""
+        if isinstance(self.content, dict) and isinstance(step, str):
+            return self.content.get(step)
+        if isinstance(self.content, list) and isinstance(step, int) and step < len(self.content):
+            return self.content[step]
+        return None
+
+    def nearest(self, way: "list[str | int]") -> "Node":
+        """The last node that exists on a way from here."""
+        node = self
+        for step in way:
+            child = node.child(step)
+            if child is None:
+                break
+            node = child
+        return node
+
+
+def excerpt(text: str) -> str:
+    """A text short and printable enough for an error message."""
+    shown = text if len(text) <= 60 else text[:57] + "..."
+    return "".join(c if c.isprintable() else "?" for c in shown)
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular, small, UTF-8 file.
+
+    Raises:
+        Fault: with the path and what is wrong with the file.
+    """
+    try:
+        if path.is_dir():
+            raise Fault(f"{path}: expected a file, found a folder")
+        if not path.exists():
+            raise Fault(f"{path}: no such file")
+        if not path.is_file():  # opening a pipe would wait, reading a device might never end
+            raise Fault(f"{path}: expected a regular file, found a device or pipe")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise Fault(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > LARGEST_FILE:
+        raise Fault(f"{path}: expected at most {LARGEST_FILE // 1024} KiB of YAML, found a larger file")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
+
+
+def compose(text: str, label: str, folder: Path) -> Node:
+    """The tree of the one document in a text.
+
+    Raises:
+        Fault: with label and line.
+    """
+    return _Composer(text, label, folder, lines=True).document()
+
+
+class _Composer:
+    """Nodes from the parser's events."""
+
+    def __init__(self, text: str, label: str, folder: Path, *, lines: bool) -> None:
+        self.label, self.folder, self.lines = label, folder, lines
+        self.events: Iterator[_Event] = self._events(text)
+
+    def _events(self, text: str) -> Iterator[_Event]:
+        if len(text) > LARGEST_FILE:
+            raise Fault(f"{self.label}: expected at most {LARGEST_FILE // 1024} KiB of YAML")
+        try:
+            yield from yaml.parse(text, Loader=_Loader)
+        except yaml.MarkedYAMLError as error:
+            raise Fault(f"{self._place(error.problem_mark)}: not valid YAML: {error.problem}") from None
+        except (yaml.YAMLError, UnicodeError) as error:
+            reason = getattr(error, "reason", "unreadable characters")
+            raise Fault(f"{self.label}: not valid YAML: {reason}") from None
+
+    def _place(self, mark: yaml.Mark | None) -> str:
+        return f"{self.label}:{mark.line + 1}" if self.lines and mark else self.label
+
+    def _node_fault(self, event: _Event, message: str) -> Fault:
+        return Fault(f"{self._place(event.start_mark)}: {message}")
+
+    def document(self) -> Node:
+        next(self.events)
+        if isinstance(next(self.events), yaml.StreamEndEvent):
+            raise Fault(f"{self.label}: expected keys and values, found an empty text")
+        root = self._node(next(self.events), 0)
+        next(self.events)
+        event = next(self.events)
+        if not isinstance(event, yaml.StreamEndEvent):
+            raise self._node_fault(event, "expected one document, found a second")
+        return root
+
+    def _node(self, event: _Event, depth: int) -> Node:
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
+            raise self._node_fault(event, "anchors and aliases (&, *) are not understood; write the value out")
+        if event.tag is not None:
+            raise self._node_fault(event, f"tags are not understood, found {excerpt(event.tag)}")
+        if depth > DEEPEST:
+            raise self._node_fault(event, f"nested more than {DEEPEST} levels deep")
+        plain = not isinstance(event, yaml.ScalarEvent) or not event.style  # None or "", by parser
+        content = self._content(event, depth)
+        return Node(content=content, where=self._place(event.start_mark), folder=self.folder, plain=plain)
+
+    def _content(self, event: _Event, depth: int) -> "str | list[Node] | dict[str, Node]":
+        if isinstance(event, yaml.ScalarEvent):
+            return str(event.value)
+        if isinstance(event, yaml.SequenceStartEvent):
+            items: list[Node] = []
+            while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+                items.append(self._node(event, depth + 1))
+            return items
+        mapping: dict[str, Node] = {}
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            key = self._node(event, depth + 1)
+            if not isinstance(key.content, str):
+                raise Fault(f"{key.where}: expected text as a key, found {key.found}")
+            if key.content in mapping:
+                raise Fault(f"{key.where}: duplicate key '{excerpt(key.content)}'")
+            mapping[key.content] = self._node(next(self.events), depth + 1)
+            mapping[key.content].where = key.where
+        return mapping
+
+
+def steps(path: str) -> list[str | int]:
+    """The keys and indices of a path: `zones[1].name` -> zones, 1, name; empty if it is none."""
+    if not re.fullmatch(r"[^.\[\]]+(\[[0-9]{1,9}\])*(\.[^.\[\]]+(\[[0-9]{1,9}\])*)*", path):
+        return []
+    return [int(index) if index else key for index, key in re.findall(r"\[([0-9]+)\]|([^.\[\]]+)", path)]
+
+
+def override(tree: Node, assignment: str) -> None:
+    """Put a value given on the command line (`--set path=value`) into a tree; that is its place in errors.
+
+    Raises:
+        Fault: if it is not of that form, or goes through something that is not there.
+    """
+    label, folder = f"--set {excerpt(assignment)}", Path.cwd()
+    path, equals, text = assignment.partition("=")
+    way = steps(path.strip())
+    if not equals or not way:
+        raise Fault(f"{label}: expected path=value, as in robots=20 or floor.zones[0].radius=0.3")
+    if text.strip():
+        value = _Composer(text, label, folder, lines=False).document()
+    else:
+        value = Node(content="", where=label, folder=folder)
+    node = tree
+    for step in way[:-1]:
+        child = node.child(step)
+        if child is None:
+            child = Node(content={}, where=label, folder=folder)
+            _put(node, step, child, label)
+        node = child
+    _put(node, way[-1], value, label)
+
+
+def _put(node: Node, step: str | int, value: Node, label: str) -> None:
+    content = node.content
+    if isinstance(content, dict) and isinstance(step, str):
+        content[step] = value
+        return
+    if isinstance(content, list) and isinstance(step, int) and step < len(content):
+        content[step] = value
+        return
+    wanted = f"a list with an item [{step}]" if isinstance(step, int) else f"a mapping for the key '{step}'"
+    raise Fault(f"{label}: expected {wanted}, found {node.found} ({node.where})")

@@ -1,0 +1,156 @@
+"""Compiled and plain kernels are the same function: equal to the last bit over their whole domains."""
+
+import ast
+import inspect
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mercator_design.fsm.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
+from mercator_design.fsm.conditions import CONDITIONS, colour_label, gray_level, logistic, probability
+from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
+from mercator_design.fsm.perception import perceive, proximity_weight
+from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.jit import compiled
+from mercator_design.sim.world import program_arrays
+from tests.fsm.strategies import pfsms, values
+
+CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
+READINGS = st.builds(
+    Readings,
+    proximity_x=st.floats(-1, 1),
+    proximity_y=st.floats(-1, 1),
+    neighbours=st.integers(0, 1000).map(float),
+    neighbours_x=st.floats(-1000, 1000),
+    neighbours_y=st.floats(-1000, 1000),
+    ground_red=CHANNEL,
+    ground_green=CHANNEL,
+    ground_blue=CHANNEL,
+    light_x=st.floats(-1, 1),
+    light_y=st.floats(-1, 1),
+)
+DRAW = st.floats(0, 1, exclude_max=True)
+# The simulated original's numbers (argos3-rvr, demiurge-rvr-dao), as far from the defaults as published variants get.
+ORIGINAL = ReferenceModel(
+    proximity_near_weight=0.0,
+    proximity_offset=0.0,
+    proximity_scale=1.0,
+    neighbour_scale=100.0,
+    strength_step=1.0,
+    repulsion_power=2.0,
+    black_highest=0.1,
+    gray_lowest=0.1,
+    gray_highest=160.0,
+    white_lowest=220.0,
+    hue_period=1e9,
+)
+MODELS = st.sampled_from([ReferenceModel(), ORIGINAL, ReferenceModel(neighbour_obstacle_range=0.55)])
+
+
+@pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda m: m.name)
+@settings(max_examples=200)
+@given(data=st.data())
+def test_behaviours(module, data):
+    position = BEHAVIOURS.index(module)
+    parameters = (*data.draw(values(module)), 0.0, 0.0)[:2]
+    model, readings, u = data.draw(MODELS), data.draw(READINGS), data.draw(DRAW)
+    memory = [0.0, 1.0, data.draw(st.integers(0, 100).map(float)), data.draw(st.sampled_from([-1.0, 1.0]))]
+    plain_memory = list(memory)
+    compiled_memory = np.array(memory)
+    plain = behave(position, model, readings, parameters, plain_memory, u)
+    fast = compiled(behave)(position, model, readings, tuple(map(float, parameters)), compiled_memory, u)
+    assert tuple(fast) == tuple(plain)
+    assert compiled_memory.tolist() == plain_memory
+    assert all(-1.0 <= wheel <= 1.0 for wheel in plain)
+
+
+@pytest.mark.parametrize("module", CONDITIONS, ids=lambda m: m.name)
+@settings(max_examples=200)
+@given(data=st.data())
+def test_conditions_are_probabilities(module, data):
+    position = CONDITIONS.index(module)
+    parameters = (*data.draw(values(module)), 0.0, 0.0)[:2]
+    model, readings = data.draw(MODELS), data.draw(READINGS)
+    plain = probability(position, model, readings, parameters)
+    assert compiled(probability)(position, model, readings, tuple(map(float, parameters))) == plain
+    assert 0.0 <= plain <= 1.0
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_perception(data):
+    model = data.draw(MODELS)
+    distance = st.one_of(st.just(math.inf), st.floats(0, 2), st.floats(0.05, 0.4))
+    proximity = data.draw(st.lists(distance, min_size=8, max_size=8))
+    angles = np.linspace(-3, 3, 8)
+    row = st.tuples(st.floats(0.001, 0.75), st.floats(-1, 1), st.floats(-1, 1))
+    neighbours = data.draw(st.lists(row, min_size=1, max_size=5))
+    n = data.draw(st.integers(0, len(neighbours)))
+    rows = [
+        proximity,
+        np.cos(angles).tolist(),
+        np.sin(angles).tolist(),
+        *map(list, zip(*neighbours, strict=True)),
+    ]
+    ground, light = [1.0, 2.0, 3.0], [0.5, -0.5]
+    plain = perceive(model, *rows, n, ground, light)
+    fast = compiled(perceive)(model, *map(np.array, rows), n, np.array(ground), np.array(light))
+    assert tuple(fast) == tuple(plain)
+    assert math.hypot(plain.proximity_x, plain.proximity_y) <= 1.0 + 1e-12
+
+
+@settings(max_examples=100)
+@given(
+    pfsms(),
+    st.lists(st.tuples(READINGS, st.lists(DRAW, min_size=DRAWS, max_size=DRAWS)), max_size=12),
+    MODELS,
+)
+def test_control_cycles(pfsm, cycles, model):
+    controller = Controller(pfsm, model)
+    program, memory = program_arrays(pfsm), np.zeros(MEMORY)
+    for readings, draws in cycles:
+        fast = compiled(control_cycle)(model, program, readings, memory, np.array(draws))
+        assert tuple(fast) == tuple(controller.step(readings, draws))
+        assert int(memory[0]) == controller.state
+
+
+def test_proximity_laws():
+    paper = ReferenceModel()
+    assert proximity_weight(paper, 0.04) == 1.0
+    assert proximity_weight(paper, 0.05) == pytest.approx(1.0)
+    assert proximity_weight(paper, 0.4) == pytest.approx(0.0)
+    assert proximity_weight(paper, 0.401) == proximity_weight(paper, math.inf) == 0.0
+    assert proximity_weight(ORIGINAL, 0.04) == 0.0  # vanishes
+    assert proximity_weight(ORIGINAL, 0.4) == 2.5
+
+
+KERNELS = [
+    *(module.function for module in (*BEHAVIOURS, *CONDITIONS)),
+    control_cycle,
+    perceive,
+    proximity_weight,
+    wheels_from_vector,
+    strength,
+    gray_level,
+    logistic,
+    colour_label,
+]
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda k: k.__name__)
+def test_kernels_keep_to_the_subset(kernel):
+    """Only what means the same in Python and compiled: no exceptions, no containers made, nothing but `math`."""
+    allowed = (
+        ast.Module, ast.FunctionDef, ast.arguments, ast.arg, ast.Expr, ast.Constant, ast.Return, ast.Assign,
+        ast.AugAssign, ast.If, ast.IfExp, ast.While, ast.For, ast.Continue, ast.Break, ast.Compare, ast.BoolOp,
+        ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.expr_context,
+        ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.Starred,
+    )  # fmt: skip
+    tree = ast.parse(inspect.getsource(kernel))
+    for node in ast.walk(tree.body[0].body and ast.Module(tree.body[0].body, [])):
+        assert isinstance(node, allowed), ast.dump(node)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "math":
+            assert node.attr in {"sqrt", "exp", "floor", "pi"}, node.attr

@@ -1,0 +1,331 @@
+"""Mission files: the shipped ones, what must fit together, and how a name finds its file."""
+
+import dataclasses
+import pickle
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image as Pillow
+
+from mercator_design import seeds
+from mercator_design.errors import MissionError
+from mercator_design.loading import FieldError, dump
+from mercator_design.missions import mission as mission_module
+from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
+from mercator_design.missions.floor import COLOURS, Disc, Floor, HalfPlane, Rectangle, Tiles
+from mercator_design.missions.mission import (
+    Mission,
+    Objective,
+    load_mission,
+    parse_mission,
+    scenarios_folder,
+    shipped_missions,
+)
+from mercator_design.missions.placement import DiscPlacement, FixedPlacement, RectanglePlacement
+from mercator_design.missions.trace import Trace
+
+SHIPPED = shipped_missions()
+TEXT = SHIPPED["aggregation"].read_text()
+
+
+def instance(mission, seed=1, robots=None):
+    """A trace of robots that jump about at random."""
+    robots = robots or mission.robots
+    rng = seeds.generator(seed, "test")
+    return Trace(
+        poses=rng.uniform(-1.2, 1.2, (mission.cycles + 1, robots, 3)),
+        states=np.zeros((mission.cycles, robots), dtype=np.int8),
+        floor=mission.floor.realise(rng),
+        zone_rows=mission.floor.zone_rows(),
+        control_period=mission.control_period,
+    )
+
+
+def test_the_missions_of_the_paper_are_shipped():
+    assert {"aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"} <= set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+class TestShipped:
+    def test_it_says_what_it_is(self, name):
+        mission = load_mission(name)
+        assert mission.name == name
+        assert mission.description
+        assert mission.source
+        assert SHIPPED[name].read_text().startswith("# ")
+
+    def test_its_resolved_text_is_the_same_mission(self, name):
+        mission = load_mission(name)
+        assert parse_mission(dump(mission)) == mission
+
+    def test_a_trace_gets_a_finite_score(self, name):
+        mission = load_mission(name)
+        assert np.isfinite(mission.objective(instance(mission)))
+
+    def test_robots_can_start(self, name):
+        mission = load_mission(name)
+        rng = seeds.generator(1, "placement")
+        poses = np.array([mission.placement.candidate(rng, robot) for robot in range(mission.robots)])
+        assert np.isfinite(poses).all()
+
+    def test_it_travels_to_workers(self, name):
+        mission = load_mission(name)
+        assert pickle.loads(pickle.dumps(mission)) == mission  # noqa: S301 - our own
+
+
+class TestSettingsOfTheOriginals:
+    """As in the ARGoS missions for Mercator (argos3-rvr, experiments-loop-functions)."""
+
+    @pytest.mark.parametrize(
+        "name", ["aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"]
+    )
+    def test_three_robots_for_two_minutes_in_the_dodecagon(self, name):
+        mission = load_mission(name)
+        assert (mission.robots, mission.cycles, mission.control_period) == (3, 1200, 0.1)
+        assert mission.arena == Arena(walls=RegularPolygon(sides=12, apothem=1.226))
+        assert mission.placement == DiscPlacement(radius=1.2)
+
+    def test_scores_of_hand_drawn_traces(self):
+        """Everybody at the origin, or at a place that counts, all the time."""
+
+        def score(name, *place):
+            mission = load_mission(name)
+            trace = instance(mission)
+            poses = np.tile([*place, 0.0], (*trace.poses.shape[:2], 1))
+            return mission.objective(dataclasses.replace(trace, poses=poses))
+
+        assert score("aggregation", 0.0, 0.5) == 3.0
+        assert score("aggregation", 0.0, 0.501) == 0.0
+        assert score("aac", 0.0, 0.6) == 3600.0
+        assert score("aac", 0.0, -0.6) == 0.0
+        assert score("grid_exploration", 9.0, 9.0) == 719_400.0
+        assert score("foraging", 0.0, 0.0) == 0.0
+
+    def test_a_colour_counts_where_it_lies(self):
+        mission = load_mission("color_aggregation")
+        trace = instance(mission)
+        assert len(trace.floor.zones) == 12
+        best = [row[1:3] for row in trace.floor.zones if tuple(row[6:]) == COLOURS["yellow"]]
+        assert len(best) == 4
+        poses = np.zeros_like(trace.poses)
+        poses[-1, :, :2] = best[:3]
+        assert mission.objective(dataclasses.replace(trace, poses=poses)) == 6.0
+
+    def test_foraging_trips(self):
+        mission = load_mission("foraging", ["duration=0.4"])
+        trace = instance(mission)
+        poses = np.zeros_like(trace.poses)
+        poses[:, 0, :2] = [[0, 0], [-0.6, 0], [0, -0.6], [0.75, 0.25], [0.1, -1]]
+        poses[:, 1, :2] = [[0, 0], [-0.4, 0], [0, -0.6], [0.75, 0.26], [0.1, -1]]
+        assert mission.objective(dataclasses.replace(trace, poses=poses)) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("radius: 0.5", "raduis: 0.5", "m:25: floor.zones[0].raduis: unknown key; did you mean 'radius'?"),
+        ("schema: 1", "schema: 2", 'm:4: schema: expected 1, found "2"'),
+        ("schema: 1", "", "schema: missing key; expected 1"),
+        ("robots: 3", "robots: 0", "robots: expected a whole number >= 1 and <= 1000"),
+        ("robots: 3", "robots: 1001", "robots: expected a whole number >= 1 and <= 1000"),
+        (
+            "duration: 120",
+            "duration: 120.05",
+            "m:10: duration: expected a whole number of control periods (0",
+        ),
+        ("duration: 120", "duration: 0.04", "duration: expected a whole number of control periods"),
+        ("duration: 120", "duration: 0", "duration: expected a number > 0"),
+        ("control_period: 0.1", "control_period: 0", "control_period: expected a number >= 0.001"),
+        ("[spot]", "[spto]", "m:35: objective.zones[0]: no zone is called 'spto'; did you mean 'spot'?"),
+        ("[spot]", "[]", "objective.zones: expected a list of at least 1"),
+        ("name: spot ", "name: here ", "no zone is called 'spot'; known: here"),
+        ("when: end", "when: ned", "objective.when: expected one of end, always"),
+        ("when: end", "wen: end", "objective.wen: unknown key; did you mean 'when'?"),
+        ("maximise", "maximize", "maximise, minimise, found \"maximize\"; did you mean 'maximise'?"),
+        ("robots_in_zone", "robots_in_zones", "did you mean 'robots_in_zone'?"),
+        ("  radius: 1.2", "  center: [5, 0]\n  radius: 1.2", "m:31: duplicate key 'center'"),
+        ("  radius: 1.2", "  radius: -1.2", "placement.radius: expected a number > 0"),
+        ("color: black", "color: blak", "floor.zones[0].color: expected one of black, white, gray"),
+        ("sides: 12", "sides: 2", "arena.walls.sides: expected a whole number >= 3 and <= 360"),
+        ("apothem: 1.226", "apothem: 1e9", "arena.walls.apothem: expected a number > 0 and <= 1000"),
+    ],
+)
+def test_a_mistake_in_a_mission(old, new, message):
+    assert old in TEXT
+    with pytest.raises(MissionError, match=re.escape(message)):
+        parse_mission(TEXT.replace(old, new, 1), name="m")
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("robbots=20", "--set robbots=20: robbots: unknown key; did you mean 'robots'?"),
+        (
+            "placement.center=[5, 0]",
+            "--set placement.center=[5, 0]: placement.center: lies outside the walls",
+        ),
+        ("placement={shape: poses, poses: [[0, 0, 0]]}", "placement.poses: expected a pose for each of 3"),
+        ("placement={shape: poses, poses: [[0,0,0], [2,0,0], [1,0,0]]}", "placement.poses[1]: lies outside"),
+        ("arena.walls={shape: polygon, vertices: [[0,0],[1,1],[1,0],[0,1]]}", "walls.vertices[2]: the wall"),
+        ("arena.walls={shape: polygon, vertices: [[0,0],[1,1]]}", "walls.vertices: expected a list of at"),
+        ("floor.image={path: nowhere.png, size: [1, 1]}", "floor.image.path: no such file"),
+        (
+            "duration=86400",
+            "duration: expected at most 50000000 cycles of robots, found 1000 robots x 864000",
+        ),
+        ("floor.zones=[]", "objective.zones[0]: no zone is called 'spot'; known: none"),
+        ("objective={name: color_value, direction: maximise, values: {}}", "objective.values: expected a"),
+        ("objective={name: color_value, direction: maximise, values: {rde: 1}}", "did you mean 'red'?"),
+        ("objective={name: cell_age, direction: minimise, side: 1, cells: 0}", "objective.cells: expected a"),
+        ("name=../../etc", "name: expected text: letters, digits"),
+        ("name='a\u202eb'", "name: expected text: letters, digits"),
+    ],
+)
+def test_a_mistake_on_the_command_line(override, message):
+    first = ["robots=1000"] if "duration" in override else []
+    with pytest.raises(MissionError, match=re.escape(message)):
+        load_mission("aggregation", [*first, override])
+
+
+def test_overrides():
+    mission = load_mission("aggregation", ["robots=20", "floor.zones[0].radius=0.3", "objective.when=always"])
+    assert mission.robots == 20
+    assert mission.floor.zones[0].radius == 0.3
+    assert mission.objective.parameters == {"zones": ("spot",), "when": "always"}
+
+
+def test_direction():
+    maximise, minimise = load_mission("aggregation"), load_mission("grid_exploration")
+    assert (maximise.cost(2.0), minimise.cost(2.0)) == (-2.0, 2.0)
+    assert maximise.better(2.0, 1.0)
+    assert not maximise.better(2.0, 2.0)
+    assert minimise.better(1.0, 2.0)
+
+
+class TestFinding:
+    def test_a_path(self, tmp_path, monkeypatch):
+        (tmp_path / "my mission (1).yaml").write_text(TEXT)
+        mission = load_mission(tmp_path / "my mission (1).yaml")
+        assert mission.name == "my mission _1_"
+        assert parse_mission(dump(mission)) == mission
+        monkeypatch.chdir(tmp_path)
+        assert load_mission("my mission (1).yaml") == mission
+        (tmp_path / "plain").write_text(TEXT)
+        assert load_mission("plain").name == "plain"
+
+    def test_a_folder_of_the_same_name_does_not_hide_a_shipped_mission(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "aggregation").mkdir()
+        assert load_mission("aggregation").name == "aggregation"
+
+    @pytest.mark.parametrize(
+        ("name", "message"),
+        [
+            ("agregation", "agregation: no such mission; did you mean 'aggregation'?"),
+            ("zzz", "zzz: no such mission; shipped are: aac, "),
+            ("", "no such mission; shipped are"),
+            ("x" * 3_000, "no such mission"),
+            ("zzz.yaml", "zzz.yaml: no such file"),
+            ("./aggregation", "aggregation: no such file"),
+            ("..", "no such mission"),
+        ],
+    )
+    def test_a_name_that_leads_nowhere(self, name, message):
+        with pytest.raises(MissionError, match=re.escape(message)):
+            load_mission(name)
+
+    def test_the_folder_in_an_installed_package_comes_first(self, tmp_path, monkeypatch):
+        assert scenarios_folder().name == "scenarios"
+        monkeypatch.setattr(mission_module, "_PACKAGE", tmp_path / "package")
+        assert scenarios_folder() == tmp_path / "scenarios"
+        (tmp_path / "package" / "scenarios").mkdir(parents=True)
+        (tmp_path / "package" / "scenarios" / "only.yaml").write_text(TEXT)
+        assert load_mission("only").name == "only"
+
+    def test_a_picture_is_sought_beside_the_mission_and_kept(self, tmp_path):
+        Pillow.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "floor.png")
+        (tmp_path / "m.yaml").write_text(
+            TEXT.replace("floor:", "floor:\n  image: {path: floor.png, size: [2, 2]}")
+        )
+        mission = load_mission(tmp_path / "m.yaml")
+        assert mission.floor.image.path == str(tmp_path / "floor.png")
+        assert parse_mission(dump(mission), folder=tmp_path.parent) == mission
+        (tmp_path / "floor.png").unlink()
+        there = pickle.loads(pickle.dumps(mission))  # noqa: S301 - our own
+        assert there.floor.realise(seeds.generator(1, "floor")).image[0, 0].tolist() == [9, 8, 7]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("robot_in_zone", {}),
+        ("cell_age", {"side": 1.0}),
+        ("cell_age", {"side": 1.0, "cells": 2, "zones": ()}),
+    ],
+)
+def test_an_objective_made_in_python_is_checked_too(name, parameters):
+    with pytest.raises(FieldError):
+        Objective(name=name, direction="maximise", parameters=parameters)
+
+
+_point = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
+_size = st.floats(0.01, 5)
+_color = st.sampled_from(sorted(COLOURS)) | st.tuples(*[st.integers(0, 255)] * 3)
+_walls = st.builds(
+    RegularPolygon, sides=st.integers(3, 360), apothem=st.floats(1, 9), rotation=st.floats(-9, 9)
+)
+_zones = st.lists(
+    st.builds(Disc, center=_point, radius=_size, color=_color)
+    | st.builds(Rectangle, center=_point, size=st.tuples(_size, _size), angle=st.floats(-9, 9), color=_color)
+    | st.builds(HalfPlane, point=_point, normal=st.tuples(_size, st.floats(-1, 1)), color=_color)
+    | st.just(
+        Tiles(centers=((1.0, 0.0), (0.5, 2e-17)), size=0.3, colors={"red": 1, "blue": 1}, name="tiles")
+    ),
+    max_size=3,
+    unique_by=lambda zone: zone.name or id(zone),
+)
+_heading = st.just("uniform") | st.floats(-9, 9)
+_missions = st.builds(
+    Mission,
+    schema=st.just(1),
+    name=st.from_regex(r"[\w][\w .+-]{0,9}", fullmatch=True),
+    description=st.sampled_from(["", "two\nlines\n", "a: b # c", "no"]),
+    robots=st.integers(1, 3),
+    robot_model=st.sampled_from(["mercator", "./robots/mine.yaml"]),
+    duration=st.sampled_from([0.5, 120.0, 7.5]),
+    control_period=st.sampled_from([0.1, 0.5, 0.05]),
+    arena=st.builds(
+        Arena,
+        walls=_walls | st.just(Polygon(vertices=((-1.0, -1.0), (1.0, -1.0), (0.0, 2.5)))),
+        obstacles=st.lists(st.builds(Box, center=_point, size=st.tuples(_size, _size)), max_size=2).map(
+            tuple
+        ),
+    ),
+    floor=st.builds(Floor, background=_color, zones=_zones.map(tuple)),
+    lights=st.lists(st.builds(Light, position=st.tuples(*[_size] * 3), intensity=_size), max_size=2).map(
+        tuple
+    ),
+    placement=st.builds(DiscPlacement, radius=st.floats(0.1, 2), heading=_heading)
+    | st.builds(RectanglePlacement, size=st.tuples(_size, _size), heading=_heading)
+    | st.just(FixedPlacement(poses=((0.0, 0.0, 1e-9), (0.5, 0.0, 3.0), (-0.5, 0.0, 3.0)))),
+    objective=st.builds(
+        Objective,
+        name=st.just("color_value"),
+        direction=st.sampled_from(["maximise", "minimise"]),
+        parameters=st.fixed_dictionaries(
+            {
+                "values": st.dictionaries(st.sampled_from(sorted(COLOURS)), st.floats(-9, 9), min_size=1),
+                "when": st.sampled_from(["end", "always"]),
+            }
+        ),
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(_missions)
+def test_any_mission_is_read_back_as_it_was_written(mission):
+    assert parse_mission(dump(mission), name="other") == mission

@@ -1,0 +1,94 @@
+"""Where robots start. The statistical tests use a fixed seed; the chance of failing by luck is stated."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mercator_design import seeds
+from mercator_design.loading import FieldError
+from mercator_design.missions.arena import Arena, RegularPolygon
+from mercator_design.missions.placement import (
+    DiscPlacement,
+    FixedPlacement,
+    RectanglePlacement,
+    outside,
+)
+
+RNG = seeds.generator(1, "test")
+N = 20_000
+FIVE_SIGMA = 5.5  # two-sided chance 4e-8 for a mean of N draws
+
+
+def drawn(placement):
+    rng = seeds.generator(7, "placement")
+    return np.array([placement.candidate(rng, 0) for _ in range(N)])
+
+
+def assert_uniform(values, low, high):
+    """Mean and mean square of uniform draws, each within 5.5 standard errors."""
+    u = (values - low) / (high - low)
+    assert u.min() >= 0.0
+    assert u.max() <= 1.0
+    assert abs(u.mean() - 1 / 2) < FIVE_SIGMA * math.sqrt(1 / 12 / N)
+    assert abs((u**2).mean() - 1 / 3) < FIVE_SIGMA * math.sqrt(4 / 45 / N)
+
+
+@pytest.mark.parametrize("inner", [0.0, 0.7])
+def test_a_disc_or_ring_is_filled_evenly(inner):
+    placement = DiscPlacement(center=(0.5, -1.0), radius=1.2, inner_radius=inner)
+    poses = drawn(placement)
+    x, y = poses[:, 0] - 0.5, poses[:, 1] + 1.0
+    assert_uniform(x**2 + y**2, inner**2, 1.2**2)
+    assert_uniform(np.arctan2(y, x) % (2 * math.pi), 0.0, 2 * math.pi)
+    assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
+    assert placement.area == pytest.approx(math.pi * (1.44 - inner**2))
+
+
+def test_a_rectangle_is_filled_evenly():
+    placement = RectanglePlacement(center=(1.0, 2.0), size=(0.4, 3.0))
+    poses = drawn(placement)
+    assert_uniform(poses[:, 0], 0.8, 1.2)
+    assert_uniform(poses[:, 1], 0.5, 3.5)
+    assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
+    assert placement.area == pytest.approx(1.2)
+
+
+def test_a_fixed_heading_moves_no_robot():
+    free = DiscPlacement(radius=1.0)
+    fixed = DiscPlacement(radius=1.0, heading=0.25)
+    for seed in range(5):
+        x, y, _ = free.candidate(seeds.generator(seed, "placement"), 0)
+        assert fixed.candidate(seeds.generator(seed, "placement"), 0) == (x, y, 0.25)
+
+
+def test_fixed_poses_belong_to_robots_by_number():
+    placement = FixedPlacement(poses=((0.0, 1.0, 2.0), (3.0, 4.0, 5.0)))
+    assert [placement.candidate(RNG, robot) for robot in (1, 0, 1)] == [
+        (3.0, 4.0, 5.0),
+        (0.0, 1.0, 2.0),
+        (3.0, 4.0, 5.0),
+    ]
+    assert placement.area == math.inf
+
+
+def test_a_ring_needs_width():
+    with pytest.raises(FieldError, match="inner_radius: expected less than the radius 1"):
+        DiscPlacement(radius=1.0, inner_radius=1.0)
+
+
+@pytest.mark.parametrize(
+    ("placement", "field"),
+    [
+        (DiscPlacement(radius=1.2), None),
+        (DiscPlacement(radius=0.1, center=(1.2, 1.2)), "center"),
+        (DiscPlacement(radius=0.2, center=(1.05, 0.0)), None),
+        (DiscPlacement(radius=3.0, inner_radius=1.5), "center"),
+        (RectanglePlacement(size=(9.0, 0.1)), None),
+        (RectanglePlacement(size=(1.0, 1.0), center=(2.0, 0.0)), "center"),
+        (FixedPlacement(poses=((0.0, 0.0, 0.0), (0.9, 0.0, 0.0))), None),
+        (FixedPlacement(poses=((0.0, 0.0, 0.0), (1.1, 0.0, 0.0))), "poses[1]"),
+    ],
+)
+def test_a_placement_beyond_the_walls(placement, field):
+    assert outside(placement, Arena(walls=RegularPolygon(sides=4, apothem=1.0))) == field

@@ -1,0 +1,117 @@
+import re
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race import Space, categorical, integer, ordered, real
+
+TEXT = """
+# an example with all that the format has
+algorithm  "--"            c      (as, "mm as", 'eas')     # values may be quoted
+level      "--level "      o      (0, 1, 2)
+alpha      "--alpha="      r      (0.00, 5.00)
+ants       "--ants "       i,log  (5, 100)
+rate       '--rate '       r,log  ("0.01", 1)
+best       ""              i      (1, "min(ants, 10)")     | algorithm %in% c("eas", "mm as") & level != 0
+half       "--half "       r      (0.5, (ants + 1) * 0.5)  | is.na(best) | best > 3
+
+[forbidden]
+alpha == 0 & level == 2
+(ants > 50) && (algorithm == "as")
+[global]
+digits = 3
+"""
+
+
+def test_the_whole_format_is_read():
+    space = Space.from_text(TEXT)
+    assert space.parameters == (
+        categorical("algorithm", ["as", "mm as", "eas"], switch="--"),
+        ordered("level", [0, 1, 2], switch="--level "),
+        real("alpha", 0.0, 5.0, switch="--alpha=", digits=3),
+        integer("ants", 5, 100, log=True, switch="--ants "),
+        real("rate", 0.01, 1, log=True, switch="--rate ", digits=3),
+        integer("best", 1, "min(ants, 10)", condition='algorithm %in% c("eas", "mm as") & level != 0'),
+        real("half", 0.5, "(ants + 1) * 0.5", switch="--half ", condition="is.na(best) | best > 3", digits=3),
+    )
+    assert [f.text for f in space.forbidden] == [
+        "alpha == 0 & level == 2",
+        '(ants > 50) && (algorithm == "as")',
+    ]
+    assert space.is_forbidden({"algorithm": "as", "ants": 60})
+
+
+def test_digits_are_four_unless_said_and_sections_may_come_in_any_order():
+    assert Space.from_text('a "" r (0,1)')["a"].digits == 4
+    space = Space.from_text('a "" r (0,1)\n[global]\ndigits=2\n[forbidden]\na > 0.5\n')
+    assert space["a"].digits == 2
+    assert space.is_forbidden({"a": 0.6})
+
+
+def test_a_parameter_may_depend_on_one_that_comes_later():
+    space = Space.from_text('a "-a " i (1, "b") | b > 2\nb "-b " i (1,9)')
+    assert list(space.build(lambda p, bounds: p.quantile(0.9, bounds))) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "p.txt: expected at least one parameter, found none"),
+        ("# nothing", "p.txt: expected at least one parameter, found none"),
+        (
+            '\na! "" c (x)',
+            'p.txt:2, column 2: expected a switch in quotes such as "--name ", found \'! "" c (x)\'',
+        ),
+        ('"--a" c (x)', "p.txt:1, column 1: expected the name of a parameter, found '\"--a\" c (x)'"),
+        ("a --a c (x)", 'p.txt:1, column 3: expected a switch in quotes such as "--name "'),
+        (
+            'a "-a"',
+            "p.txt:1, column 7: expected a type: c, o, i, r, i,log or r,log, found the end of the line",
+        ),
+        ('a "-a" x (1,2)', "p.txt:1, column 8: expected a type: c, o, i, r, i,log or r,log, found 'x (1,2)'"),
+        ('a "-a" i, log (1,2)', "p.txt:1, column 8: expected a type"),
+        ('a "-a" i 1,2', "p.txt:1, column 10: expected a domain in parentheses, found '1,2'"),
+        ('a "-a" i (1,2', "p.txt:1, column 10: expected the closing ) of the domain, found '(1,2'"),
+        ('a "-a" c (x, "y)', 'p.txt:1, column 10: expected the closing " of the domain'),
+        ('a "-a" c (x,,y)', "p.txt:1, column 13: expected a value, found ',y)'"),
+        ('a "-a" i (1)', "p.txt:1, column 11: expected two bounds, found 1"),
+        ('a "-a" i (1,2,3)', "p.txt:1, column 11: expected two bounds, found 3"),
+        ('a "-a" i (1,2) b > 1', "p.txt:1, column 16: expected '|' and a condition, or the end of the line"),
+        ('a "-a" i (1,2) |', "p.txt:1, column 17: expected a value, a parameter or '(', found the end"),
+        (
+            'a "-a" i (1,2) | b =< 1',
+            "p.txt:1, column 20: expected a number, a name, text or an operator, found '='",
+        ),
+        ('a "-a" i (1, "b >")', "p.txt:1, column 17: expected arithmetic, found '>'"),
+        ('a "-a" i (one, 2)', "p.txt: parameter 'a': expected names of parameters, found 'one'"),
+        ('a "-a" i (2, 1)', "p.txt:1: parameter 'a', domain (2, 1): expected lower < upper"),
+        (
+            'a "-a" r (0, 0.00001)',
+            "p.txt:1: parameter 'a', domain (0, 0.00001): expected bounds of at most 4 digits",
+        ),
+        ('a "-a" c,log (1, 2)', "p.txt:1: parameter 'a': only integer and real parameters may be log"),
+        ('a "-a" c (1, 1)', "p.txt:1: parameter 'a': expected different values, found '1' twice"),
+        (
+            'a "" c (x)\nb "" c (x)\na "" c (y)',
+            "p.txt:3, column 1: expected a new name, as line 1 has this one",
+        ),
+        ('a "" i (1,2) | b > 1', "p.txt: parameter 'a': expected names of parameters, found 'b'"),
+        ('a "" c (x)\n[forbiden]', "p.txt:2, column 1: expected [forbidden] or [global], found [forbiden]"),
+        (
+            'a "" c (x)\n[global]\ndigit = 2',
+            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digit = 2'",
+        ),
+        (
+            'a "" c (x)\n[global]\ndigits = 16',
+            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digits = 16'",
+        ),
+        ('a "" c (x)\n[forbidden]\na == ', "p.txt:3, column 5: expected a value, a parameter or '('"),
+        (
+            'a "" c (x)\n[forbidden]\nb == 1',
+            "p.txt: forbidden b == 1: expected names of parameters, found 'b'",
+        ),
+    ],
+)
+def test_a_wrong_text_is_refused_with_its_place(text, message):
+    with pytest.raises(RaceError, match=re.escape(message)):
+        Space.from_text(text, "p.txt")

@@ -1,0 +1,224 @@
+"""Sampling against irace's. All draws are seeded, so no test fails by luck."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from mercator_design.errors import RaceError
+from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race.model import SamplingModel, elite_weights
+from mercator_design.race.sampling import similar, sobol_sample, truncated_normal
+from tests.race.reference import configuration, load
+from tests.race.spaces import machines_text, reference_space
+
+TRACES = load("race_vectors")["model"]["traces"]
+
+
+def nothing(_):
+    return False
+
+
+def test_weights_of_elites_are_iraces():
+    cases = load("race_vectors")["elite_weights"]
+    assert len(cases) == 15
+    for case in cases:
+        assert elite_weights(case["n"]) == pytest.approx(case["weights"])
+
+
+@pytest.mark.parametrize("trace", TRACES, ids=lambda trace: trace["id"])
+def test_models_are_iraces(trace):
+    """Initialise, updates and soft restarts in a row: all distributions after each step."""
+    space = reference_space()
+    model = SamplingModel(space, elitist=trace["elitist"])
+    for step in trace["steps"]:
+        if step["step"] == "soft_restart":
+            model.restart(step["restart_ids"], step["nb_new_configurations"])
+        else:
+            elites = {row[".ID."]: configuration(row) for row in step["elites"]}
+            if step["step"] == "initialise":
+                model.initialise(elites)
+            else:
+                model.update(
+                    elites,
+                    {row[".ID."]: row.get(".PARENT.") for row in step["elites"]},
+                    n_new=step["nb_new_configurations"],
+                    iteration=step["iteration"],
+                    iterations=step["nb_iterations"],
+                )
+        for name, expected in step["model"].items():
+            assert {str(elite) for elite in model.elites} == expected.keys()
+            for elite, entry in expected.items():
+                assert_same(model.elites[int(elite)], space, name, entry)
+
+
+def assert_same(elite, space, name, entry):
+    parameter = space[name]
+    if parameter.kind == "categorical":
+        assert elite.weights[name] == pytest.approx(entry, rel=1e-12)
+        return
+    column = space.variable.index(parameter)
+    low, high = parameter.bounds({})
+    spread, centre = elite.spreads[column], elite.centres[column]
+    assert (spread if parameter.log else spread * (high - low)) == pytest.approx(entry[0], rel=1e-12)
+    if entry[1] is None:
+        assert math.isnan(centre)
+    else:
+        value = parameter.values[entry[1] - 1] if parameter.values else entry[1]
+        assert centre == pytest.approx(parameter.position(value, (low, high)), rel=1e-12)
+
+
+def test_similar_configurations_are_iraces():
+    cases = load("race_vectors")["similar"]
+    assert len(cases) == 30
+    for case in cases:
+        rows = {row[".ID."]: configuration(row) for row in case["configurations"]}
+        assert similar(reference_space(), rows, case["threshold"]) == case["similar_ids"]
+
+
+def test_similar_configurations_have_the_same_inactive_parameters():
+    space = Space([categorical("a", [1, 2]), real("x", 0, 1, condition="a == 1"), integer("n", 0, 9)])
+    rows = {
+        0: {"a": "2", "n": 3},
+        1: {"a": "2", "n": 3},
+        2: {"a": "2", "n": 4},
+        3: {"a": "1", "n": 3, "x": 0.5},
+    }
+    assert similar(space, rows, 1e-4) == [0, 1]
+
+
+@pytest.mark.parametrize("case", load("race_vectors")["truncated_normal"], ids=lambda case: f"{case['mean']:.2f}")
+def test_truncated_normal_has_its_moments(case):
+    low, width = case["low"], case["high"] - case["low"]
+    uniforms = (np.arange(200_000) + 0.5) / 200_000
+    mean, sd = (case["mean"] - low) / width, case["sd"] / width
+    values = low + width * truncated_normal(uniforms, mean, sd)
+    assert values.mean() == pytest.approx(case["exact_mean"], abs=1e-4 * width)
+    assert values.std() == pytest.approx(case["sample_sd"], abs=5 * case["sample_sd"] / math.sqrt(case["n"]))
+    assert np.quantile(values, [0.1, 0.5, 0.9]) == pytest.approx(case["q10_q50_q90"], abs=0.02 * width)
+
+
+def frequencies(parameter, value, spread):
+    """Of each value of an integer or ordered parameter, as sampled around one value."""
+    space = Space([parameter])
+    model = SamplingModel(space)
+    model.initialise({0: {parameter.name: value}})
+    model.elites[0].spreads[0] = spread
+    drawn = model.sample(20_000, [0], np.random.default_rng(7), nothing)
+    found = [parameter.values.index(c["x"]) + 1 if parameter.values else c["x"] for c, _ in drawn]
+    return np.bincount(found, minlength=11)[1:] / len(found)
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_integers_are_as_frequent_as_iraces(log):
+    cases = load("race_vectors")["sampled_frequencies"]["intlog_1_10" if log else "int_1_10"]
+    for case in cases:
+        sd, mean = case["model"]
+        found = frequencies(integer("x", 1, 10, log=log), mean, sd if log else sd / 9)
+        assert found == pytest.approx(np.array(case["freq"]), abs=0.015)
+
+
+def test_ordered_values_are_drawn_as_integers():
+    """Unlike irace, which never draws the last one."""
+    found = frequencies(ordered("x", [1, 2, 5, 10, 20]), "20", 1 / 4)[:5]
+    edges = ndtr(np.arange(1, 7) - 5.5)
+    assert found == pytest.approx(np.diff(edges) / (edges[-1] - edges[0]), abs=0.015)
+    assert found.argmax() == 4
+
+
+def test_values_stay_around_the_parent_and_rounding_is_kept():
+    space = Space([real("x", -5, 5, digits=2), real("y", 0.001, 10, log=True), categorical("c", ["a", "b"])])
+    model = SamplingModel(space)
+    model.initialise({3: {"x": 4.99, "y": 0.001, "c": "a"}})
+    for iteration in (2, 3, 4):
+        elites = {3: {"x": 4.99, "y": 0.001, "c": "a"}}
+        model.update(elites, {}, n_new=50, iteration=iteration, iterations=4)
+    children = [c for c, parent in model.sample(500, [3], np.random.default_rng(1), nothing) if parent == 3]
+    assert len(children) == 500
+    assert np.mean([c["x"] for c in children]) > 4.5
+    assert all(c["x"] == round(c["x"], 2) for c in children)
+    assert np.mean([c["y"] < 0.05 for c in children]) > 0.9
+    assert 0.8 < np.mean([c["c"] == "a" for c in children]) < 1.0  # never certain
+
+
+def test_parents_are_drawn_by_rank():
+    model = SamplingModel(Space([real("x", 0, 1)]))
+    model.initialise({5: {"x": 0.1}, 2: {"x": 0.5}, 9: {"x": 0.9}})
+    parents = [parent for _, parent in model.sample(6000, [9, 5, 2], np.random.default_rng(3), nothing)]
+    assert [parents.count(p) / 6000 for p in (9, 5, 2)] == pytest.approx([1 / 2, 1 / 3, 1 / 6], abs=0.03)
+
+
+@pytest.fixture(scope="module")
+def machines():
+    return Space.from_text(machines_text())
+
+
+def test_all_sampled_machines_are_valid(machines):
+    """From the Sobol sequence and through four generations of the model, with soft restarts."""
+    generator = np.random.default_rng(5)
+    configurations = sobol_sample(machines, 200, generator, nothing)
+    assert len({machines.key(c) for c in configurations}) == 200
+    model = SamplingModel(machines)
+    ranked = list(range(9))
+    model.initialise(dict(enumerate(configurations[:9])))
+    for iteration in (2, 3, 4, 5):
+        children = model.sample(100, ranked, generator, nothing)
+        assert all(parent in ranked for _, parent in children)
+        elites = dict(enumerate((c for c, _ in children[:9]), start=len(configurations)))
+        parents = {number: children[k][1] for k, number in enumerate(elites)}
+        configurations += [c for c, _ in children]
+        model.update(elites, parents, n_new=100, iteration=iteration, iterations=9)
+        model.restart(list(elites)[:2], 100)
+        ranked = list(elites)
+    for c in configurations:
+        machines.check(c)
+        for state in range(int(c["NumStates"]), 4):
+            assert f"S{state}" not in c
+    assert {c["NumStates"] for c in configurations[:200]} == {1, 2, 3, 4}
+    targets = {c["N0x0"] for c in configurations if c["NumStates"] == 4}
+    assert targets == {0, 1, 2}
+
+
+def test_a_dependent_value_scales_with_its_bounds():
+    space = Space([integer("n", 10, 1000), integer("m", 0, "n")])
+    model = SamplingModel(space)
+    model.initialise({0: {"n": 100, "m": 90}})
+    model.elites[0].spreads[:] = [0.5, 0.01]
+    drawn = [c for c, _ in model.sample(300, [0], np.random.default_rng(2), nothing)]
+    assert [c["m"] / c["n"] for c in drawn] == pytest.approx([0.9] * 300, abs=0.1)
+
+
+def test_the_first_sample_is_even_and_different():
+    space = Space([real("x", 0, 1), categorical("c", ["a", "b", "c", "d"])])
+    sample = sobol_sample(space, 64, np.random.default_rng(1), nothing)
+    assert [sum(c["c"] == value for c in sample) for value in "abcd"] == [16] * 4
+    assert np.histogram([c["x"] for c in sample], bins=16, range=(0, 1))[0].tolist() == [4] * 16
+
+
+def test_a_small_space_gives_fewer_first_configurations():
+    space = Space([categorical("a", [1, 2]), categorical("b", [1, 2, 3])])
+    sample = sobol_sample(space, 50, np.random.default_rng(1), nothing)
+    assert len({space.key(c) for c in sample}) == len(sample) == 6
+
+
+def test_what_is_excluded_is_not_sampled():
+    space = Space([integer("n", 1, 100), categorical("c", [1, 2])], forbidden=["n > 50"])
+    generator = np.random.default_rng(1)
+    sample = sobol_sample(space, 20, generator, space.is_forbidden)
+    model = SamplingModel(space)
+    model.initialise({0: {"n": 50, "c": "1"}})
+    drawn = [c for c, _ in model.sample(200, [0], generator, space.is_forbidden)]
+    assert max(c["n"] for c in sample + drawn) <= 50
+    assert 10 < len(sample) <= 20  # half of a first sample is excluded, of a second, larger one too
+    assert len(drawn) == 200
+
+
+def test_an_error_when_nothing_is_allowed():
+    space = Space([integer("n", 1, 100)], forbidden=["n > 0"])
+    with pytest.raises(RaceError, match="all that were sampled are forbidden"):
+        sobol_sample(space, 20, np.random.default_rng(1), space.is_forbidden)
+    model = SamplingModel(space)
+    model.initialise({0: {"n": 50}})
+    with pytest.raises(RaceError, match="expected 5 allowed configurations within 100 rounds, found 0"):
+        model.sample(5, [0], np.random.default_rng(1), space.is_forbidden)

@@ -1,0 +1,61 @@
+"""Behaviours do their job in the arena.
+
+Each comparison is a paired one over 40 seeds, of means more than ten standard errors apart; at six the chance of
+failing by luck would be below 1e-8.
+"""
+
+import numpy as np
+import pytest
+
+from mercator_design.fsm import parse
+from tests.sim.worlds import simulator
+
+SEEDS = range(40)
+LARGE = {"robots": 8, "duration": 60, "apothem": 2.5}
+
+
+def final_distances(fsm, **world):
+    """For each seed the mean distance between robots at start and end."""
+    ready = simulator(**world)
+    found = []
+    for seed in SEEDS:
+        poses = ready.run(parse(fsm), seed).trace.poses
+        found.append([_mean_distance(poses[0]), _mean_distance(poses[-1])])
+    return np.array(found).T
+
+
+def _mean_distance(poses):
+    x, y = poses[:, 0], poses[:, 1]
+    distance = np.hypot(x[:, None] - x, y[:, None] - y)
+    return distance.sum() / (len(x) * (len(x) - 1))
+
+
+def standard_errors(differences):
+    return differences.mean() / (differences.std(ddof=1) / np.sqrt(len(differences)))
+
+
+def test_exploration_covers():
+    """One robot visits most cells of 0.5 m that its centre can reach; a robot that goes straight on does not."""
+    ready = simulator(duration=240, apothem=1.226)
+
+    def cells(fsm, seed):
+        trace = ready.run(parse(fsm), seed).trace
+        return len(np.unique(np.floor(trace.positions.reshape(-1, 2) / 0.5), axis=0))
+
+    explored = np.array([cells("--nstates 1 --s0 0 --rwm0 20", seed) for seed in SEEDS])
+    attracted = np.array([cells("--nstates 1 --s0 1", seed) for seed in SEEDS])
+    assert standard_errors(explored - attracted) > 10
+    assert explored.mean() > 12
+
+
+@pytest.mark.parametrize("alpha", [2, 5])
+def test_attraction_gathers(alpha):
+    _, end = final_distances(f"--nstates 1 --s0 2 --att0 {alpha}", placement="{shape: disc, radius: 0.9}", **LARGE)
+    _, explored = final_distances("--nstates 1 --s0 0 --rwm0 20", placement="{shape: disc, radius: 0.9}", **LARGE)
+    assert standard_errors(explored - end) > 10
+
+
+@pytest.mark.parametrize("alpha", [2, 5])
+def test_repulsion_spreads(alpha):
+    start, end = final_distances(f"--nstates 1 --s0 3 --rep0 {alpha}", placement="{shape: disc, radius: 0.9}", **LARGE)
+    assert standard_errors(end - start) > 10

@@ -1,0 +1,95 @@
+"""The engine: one compiled call, its referee, plain Python; determinism; parity of each kernel's outcome."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from mercator_design.fsm import Controller, Readings, parse
+from mercator_design.missions.mission import load_mission
+from mercator_design.sim.simulate import Simulator
+
+FOUR_STATES = (
+    "--nstates 4 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 3 --p0x1 2 --w0x1 5 --s1 1 "
+    "--n1 1 --n1x0 0 --c1x0 5 --p1x0 0.05 --s2 2 --att2 4 --n2 2 --n2x0 0 --c2x0 5 --p2x0 0.1 --n2x1 2 --c2x1 4 "
+    "--p2x1 1 --w2x1 3 --s3 3 --rep3 5 --n3 1 --n3x0 1 --c3x0 1 --p3x0 0.1"
+)
+CROWDED = ("robots=10", "duration=30")
+
+
+def digest(outcome):
+    return outcome.score, hashlib.sha256(outcome.trace.poses.tobytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return Simulator(load_mission("aggregation", CROWDED))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_compiled_engine_and_referee_agree_to_the_last_bit(simulator, seed):
+    pfsm = parse(FOUR_STATES)
+    compiled = simulator.run(pfsm, seed, record=True)
+    referee = simulator.run(pfsm, seed, record=True, referee=True)
+    assert digest(compiled) == digest(referee)
+    for name in compiled.history._fields:
+        assert np.array_equal(getattr(compiled.history, name), getattr(referee.history, name)), name
+
+
+def test_recording_changes_nothing(simulator):
+    pfsm = parse(FOUR_STATES)
+    assert digest(simulator.run(pfsm, 5)) == digest(simulator.run(pfsm, 5, record=True))
+
+
+def test_seeds_give_different_experiments(simulator):
+    pfsm = parse(FOUR_STATES)
+    assert len({digest(simulator.run(pfsm, seed)) for seed in range(8)}) == 8
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_same_outcome_in_any_number_of_threads(simulator, threads):
+    pfsm = parse(FOUR_STATES)
+    alone = [digest(simulator.run(pfsm, seed)) for seed in range(8)]
+    with ThreadPoolExecutor(threads) as pool:
+        assert list(pool.map(lambda seed: digest(simulator.run(pfsm, seed)), range(8))) == alone
+
+
+SCRIPT = f"""
+import hashlib
+from mercator_design.fsm import parse
+from mercator_design.missions.mission import load_mission
+from mercator_design.sim.simulate import Simulator
+o = Simulator(load_mission("aggregation", {{overrides!r}})).run(parse("{FOUR_STATES}"), 3)
+print(o.score, hashlib.sha256(o.trace.poses.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain Python"])
+def test_same_outcome_in_a_fresh_process(plain):
+    overrides = ("robots=5", "duration=8")
+    here = digest(Simulator(load_mission("aggregation", overrides)).run(parse(FOUR_STATES), 3))
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1" if plain else "0"}
+    command = [sys.executable, "-c", SCRIPT.format(overrides=overrides)]
+    output = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert output.split() == [str(here[0]), here[1]]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_replay(simulator, seed):
+    """The robot's plain controller, fed with recorded readings and draws, decides as the simulation did."""
+    pfsm = parse(FOUR_STATES)
+    history = simulator.run(pfsm, seed, record=True).history
+    cycles, robots, _ = history.readings.shape
+    assert len(np.unique(history.states)) == 4
+    for robot in range(robots):
+        controller = Controller(pfsm, simulator.robot_model.reference_model)
+        for cycle in range(cycles):
+            wheels = controller.step(
+                Readings(*history.readings[cycle, robot].tolist()), history.draws[cycle, robot].tolist()
+            )
+            assert tuple(wheels) == tuple(history.wheels[cycle, robot])
+            assert controller.state == history.states[cycle, robot]

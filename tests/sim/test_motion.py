@@ -1,0 +1,117 @@
+"""How robots move: the original's law where nothing touches, and what contacts may do."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from mercator_design.fsm import parse
+from mercator_design.sim.robot_model import Drive, Gaussian, load_robot_model
+from tests.sim.worlds import at, simulator
+
+MERCATOR = load_robot_model("mercator")
+BLIND = dataclasses.replace(MERCATOR, reference_model=MERCATOR.reference_model._replace(obstacle_threshold=2.0))
+EXPLORE = parse("--nstates 1 --s0 0 --rwm0 20")
+WANDER = parse(
+    "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 5 --p0x0 0.1 "
+    "--s1 3 --rep1 5 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.1"
+)
+
+
+def law(start, commands, sub_steps=10, period=0.1):
+    """Contact-free motion as measured from ARGoS: position first, then velocity within 0.75 m/s2 and 55 rad/s2."""
+    x, y, heading = start
+    vx = vy = turn = 0.0
+    dt = period / sub_steps
+    inertia = 2.0 * (0.286**2 + 0.286**2) / 12
+    poses = [(x, y, heading)]
+    for left, right in commands:
+        speed = (left + right) / 2
+        goal = speed * math.cos(heading), speed * math.sin(heading), (right - left) / 0.147
+        for _ in range(sub_steps):
+            x, y, heading = x + vx * dt, y + vy * dt, heading + turn * dt
+            dx, dy = goal[0] - vx, goal[1] - vy
+            size, most = math.hypot(dx, dy), 1.5 / 2.0 * dt
+            scale = min(1.0, most / size) if size else 1.0
+            vx, vy = vx + dx * scale, vy + dy * scale
+            most = 1.5 / inertia * dt
+            turn += max(-most, min(most, goal[2] - turn))
+        poses.append((x, y, heading))
+    return np.array(poses)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contact_free_motion_follows_the_law(seed):
+    """A robot that explores for a minute, and turns before it touches a wall."""
+    world = simulator(duration=60, apothem=1.5, placement=at((0, 0, 0.1)))
+    outcome = world.run(EXPLORE, seed, record=True)
+    wheels = 0.3 * outcome.history.wheels[:, 0]
+    assert (wheels[:, 0] < 0).sum() > 50  # it did turn
+    # A command moves the robot one cycle later; nothing moves in the first.
+    expected = law(outcome.trace.poses[0, 0], np.vstack([[0, 0], wheels[:-1]]))
+    assert np.abs(outcome.trace.poses[:, 0] - expected).max() < 1e-9
+
+
+def test_from_rest_to_full_speed():
+    """Mean speeds of the first cycles [m/s], as measured from ARGoS beta48 with argos3-rvr."""
+    poses = simulator(duration=1, apothem=5, placement=at((0, 0, 0))).run(EXPLORE, 1).trace.poses[:, 0, 0]
+    assert np.diff(poses)[:7] / 0.1 == pytest.approx([0, 0.03375, 0.10875, 0.18375, 0.25875, 0.3, 0.3], abs=1e-9)
+
+
+def test_stop_stops():
+    outcome = simulator(robots=5, duration=20).run(parse("--nstates 1 --s0 1"), 4)
+    assert np.array_equal(outcome.trace.poses, np.repeat(outcome.trace.poses[:1], 201, axis=0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_crowded_robots_stay_inside_and_apart(seed):
+    """Ten robots that push blindly for 30 s.
+
+    Contacts act once bodies overlap, so the deepest overlap is what the fastest corner covers in a sub-step of 0.01 s:
+    driving at 0.3 m/s and spinning at 4.08 rad/s, 0.202 m from the centre, that is 11 mm; twice between two robots.
+    """
+    sides, apothem = 12, 1.226
+    trace = simulator(robots=10, duration=30, sides=sides, apothem=apothem, robot_model=BLIND).run(WANDER, seed).trace
+    half = 0.143
+    offsets = half * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    x, y, heading = np.moveaxis(trace.poses, -1, 0)
+    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    corners_x = x[..., None] + c * offsets[:, 0] - s * offsets[:, 1]
+    corners_y = y[..., None] + s * offsets[:, 0] + c * offsets[:, 1]
+    normals = 2 * math.pi * np.arange(sides) / sides
+    beyond = np.max([corners_x * math.cos(a) + corners_y * math.sin(a) for a in normals], axis=0) - apothem
+    assert beyond.max() < 0.011
+    assert (beyond > 0.003).mean() < 0.01
+    assert beyond.max() > -0.02  # they did push
+    # Corners of one robot within the body of another.
+    for i in range(10):
+        dx, dy = corners_x - x[:, i, None, None], corners_y - y[:, i, None, None]
+        ci, si = c[:, i, None], s[:, i, None]
+        depth = half - np.maximum(np.abs(ci * dx + si * dy), np.abs(ci * dy - si * dx))
+        depth[:, i] = -1
+        assert depth.max() < 0.022
+        assert (depth > 0.003).mean() < 0.01
+
+
+@pytest.mark.parametrize("angle", [0.2, 0.15, 0.05])
+def test_pushing_a_wall_keeps_the_heading_and_slides_against_friction(angle):
+    """Robot against wall rubs with 0.7 * 0.1; measured in ARGoS: 0.039 m/s at 0.199 rad, and held fast below 0.07."""
+    world = simulator(duration=9, sides=4, apothem=1.0, robot_model=BLIND, placement=at((0.6, 0, angle)))
+    poses = world.run(EXPLORE, 1).trace.poses[:, 0]
+    heading = poses[90, 2]
+    assert heading == pytest.approx(angle, abs=0.03)
+    assert poses[50, 2] == pytest.approx(heading, abs=1e-6)
+    slide = max(0.0, 0.3 * math.sin(heading) - 0.07 * 0.3 * math.cos(heading))
+    assert (poses[90, 1] - poses[50, 1]) / 4 == pytest.approx(slide, abs=5e-4)
+
+
+def test_wheel_noise_is_proportional_to_speed():
+    drive = Drive(tread_distance=0.147, maximum_speed=0.3, force=1e6, torque=1e6, noise=Gaussian(sd=0.1))
+    model = dataclasses.replace(MERCATOR, drive=drive)
+    poses = simulator(duration=500, apothem=900, robot_model=model, placement=at((0, 0, 0))).run(EXPLORE, 1).trace.poses
+    steps = np.linalg.norm(np.diff(poses[5:, 0, :2], axis=0), axis=1) / 0.1
+    # Mean of two treads: sd 0.3 * 0.1 / sqrt(2). 5000 steps; six standard errors.
+    sd = 0.03 / math.sqrt(2)
+    assert steps.mean() == pytest.approx(0.3, abs=6 * sd / math.sqrt(len(steps)) + 2e-3)
+    assert steps.std() == pytest.approx(sd, rel=0.08)

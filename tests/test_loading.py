@@ -1,0 +1,467 @@
+"""YAML to dataclass and back: what is accepted, what each error says, and that no file can do harm."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mercator_design import yaml_tree
+from mercator_design.errors import MissionError
+from mercator_design.loading import (
+    FieldError,
+    FilePath,
+    KeywordsOf,
+    Length,
+    Name,
+    Positive,
+    Range,
+    dump,
+    parse,
+    read,
+)
+from mercator_design.yaml_tree import LARGEST_FILE, steps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Round:
+    shape: Literal["round"] = "round"
+    radius: Positive
+    name: Name | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Square:
+    shape: Literal["square"] = "square"
+    size: tuple[float, float]
+    turn: float | Literal["free"] = "free"
+
+    def __post_init__(self):
+        if self.size[0] < self.size[1]:
+            raise FieldError("size[1]", "expected no more than the first")
+
+
+def grow(start: float, *, rate: Annotated[float, Range(0, 1)], steps: int = 3) -> float:
+    return start * (1 + rate) ** steps
+
+
+def shrink(start: float, *, factors: Annotated[tuple[float, ...], Length(1)]) -> float:
+    return start * math.prod(factors)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Law:
+    name: str
+    sign: Literal["plus", "minus"] = "plus"
+    arguments: Annotated[Mapping[str, Any], KeywordsOf({"grow": grow, "shrink": shrink}, "name")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    version: Literal[1] = 1
+    count: Annotated[int, Range(1, 1000)] = 1
+    weight: float = 0.0
+    heavy: bool = False
+    label: str = ""
+    note: str | None = None
+    zones: tuple[Round | Square, ...] = ()
+    color: Literal["red", "on"] | tuple[int, int, int] = "red"
+    values: Mapping[str, float] | None = None
+    law: Law | None = None
+    file: Annotated[str, FilePath()] | None = None
+
+
+def thing(text, *overrides, **options):
+    return parse(text, Thing, error=MissionError, label="a.yaml", overrides=overrides, **options)
+
+
+def complaint(text, *overrides):
+    with pytest.raises(MissionError) as caught:
+        thing(text, *overrides)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "value"),
+    [
+        ("weight: 1e3", "weight", 1000.0),
+        ("weight: 3", "weight", 3.0),
+        ("weight: -.5", "weight", -0.5),
+        ("count: 010", "count", 10),
+        ("label: 1e3", "label", "1e3"),
+        ("label: no", "label", "no"),
+        ("label: 'null'", "label", "null"),
+        ("label: ''", "label", ""),
+        ("note: null", "note", None),
+        ("note: ~", "note", None),
+        ("note:", "note", None),
+        ("note: 'null'", "note", "null"),
+        ("heavy: true", "heavy", True),
+        ("color: on", "color", "on"),
+        ("color: [1, 2, 3]", "color", (1, 2, 3)),
+        ("values: {on: 1, 1: 2}", "values", {"on": 1.0, "1": 2.0}),
+        ("zones: [{shape: round, radius: 2}]", "zones", (Round(radius=2.0),)),
+        ("zones: [{shape: square, size: [2, 1], turn: 1}]", "zones", (Square(size=(2.0, 1.0), turn=1.0),)),
+        ("law: {name: grow, rate: 1}", "law", Law(name="grow", arguments={"rate": 1.0, "steps": 3})),
+        ("law: {factors: [1], name: shrink}", "law", Law(name="shrink", arguments={"factors": (1.0,)})),
+        ("{weight: 2}", "weight", 2.0),
+        ("\ufeffweight: 2", "weight", 2.0),
+        ("%YAML 1.1\n---\nweight: 2\n...\n", "weight", 2.0),
+    ],
+)
+def test_a_value_is_read_as_what_is_expected(text, field, value):
+    found = getattr(thing(text), field)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("wieght: 1", "a.yaml:1: wieght: unknown key; did you mean 'weight'?"),
+        (
+            "\n\nzzz: 1",
+            "a.yaml:3: zzz: unknown key; known: version, count, weight, heavy, label, note, zones, ",
+        ),
+        ("weight: abc", 'a.yaml:1: weight: expected a number, found "abc"'),
+        ("weight: '1'", 'weight: expected a number, found "1"'),
+        ("weight: .inf", "expected a number"),
+        ("weight: .nan", "expected a number"),
+        ("weight: nan", "expected a number"),
+        ("weight: 1e999", "expected a number"),
+        ("weight: 1_000", "expected a number"),
+        ("weight: \u0661", "expected a number"),
+        ("weight:", "weight: expected a number, found nothing"),
+        ("weight: true", "expected a number"),
+        ("weight: [1]", "expected a number, found a list of 1"),
+        ("weight: {a: 1}", "expected a number, found a mapping of keys"),
+        ("count: 1.5", "expected a whole number >= 1 and <= 1000, found"),
+        ("count: true", "expected a whole number"),
+        ("count: 0", 'count: expected a whole number >= 1 and <= 1000, found "0"'),
+        ("count: " + "9" * 5000, "expected a whole number"),
+        ("heavy: yes", 'heavy: expected true or false, found "yes"'),
+        ("heavy: 1", "expected true or false"),
+        ("label: [a]", "label: expected text, found a list of 1"),
+        ("label:", "label: expected text, found nothing"),
+        ("version: 2", 'version: expected 1, found "2"'),
+        ("color: rde", "color: expected one of red, on, found \"rde\"; did you mean 'red'?"),
+        ("color: {}", "expected one of red, on or [a whole number, a whole number, a whole number], f"),
+        ("color: [1, 2]", "found a list of 2"),
+        ("color: [1, 2, x]", "color[2]: expected a whole number"),
+        ("zones: [{radius: 1}]", "zones[0].shape: missing key; expected one of round, square"),
+        ("zones: [{shape: ruond}]", "round, square, found \"ruond\"; did you mean 'round'"),
+        ("zones: [{shape: [a]}]", "zones[0].shape: expected one of round, square, found a list of 1"),
+        ("zones: {}", "zones: expected a list, found a mapping of keys"),
+        (
+            "zones:\n- shape: round\n  radius: 1\n- shape: round\n  raduis: 1",
+            "a.yaml:5: zones[1].raduis: unknown",
+        ),
+        ("zones:\n- shape: round", "a.yaml:2: zones[0].radius: missing key; expected a number > 0"),
+        (
+            "zones:\n- shape: round\n  radius: 0",
+            'a.yaml:3: zones[0].radius: expected a number > 0, found "0"',
+        ),
+        ("zones:\n- shape: round\n  radius: 1\n  name: a/b", "name: expected text: letters, digits"),
+        ("zones:\n- shape: square\n  turn: fre\n", "zones[0].turn: expected a number or free, found"),
+        (
+            "zones:\n- shape: square\n  size:\n    - 1\n    - 2",
+            "a.yaml:5: zones[0].size[1]: expected no more than",
+        ),
+        ("law: {name: grwo}", "law.name: expected one of grow, shrink, found \"grwo\"; did you mean 'grow'?"),
+        ("law: {rate: 1}", "law.name: missing key; expected one of grow, shrink"),
+        ("law: {name: grow}", "law.rate: missing key; expected a number >= 0 and <= 1"),
+        ("law: {name: grow, rate: 2}", "law.rate: expected a number >= 0 and <= 1"),
+        (
+            "law: {name: grow, rate: 1, factors: [1]}",
+            "law.factors: unknown key; known: name, sign, rate, steps",
+        ),
+        ("law: {name: shrink, factors: []}", "law.factors: expected a list of at least 1, found a list of 0"),
+        ("law: {name: grow, arguments: {}}", "law.arguments: unknown key"),
+        ("values: {a: x}", "values.a: expected a number"),
+        ("values: [1]", "found a list of 1"),
+        ("file: ''", "file: expected text: a path or null"),
+        ('file: "a\\0b"', "file: expected text: a path or null"),
+        ("weight: 1\nweight: 2", "a.yaml:2: duplicate key 'weight'"),
+        ("zones:\n- {a: 1, a: 2}", "a.yaml:2: duplicate key 'a'"),
+        ("note: &a x\nlabel: *a", "a.yaml:1: anchors and aliases"),
+        ("note: *a", "a.yaml:1: anchors and aliases"),
+        ("note: !!python/object/apply:os.system [ls]", "a.yaml:1: tags are not understood"),
+        ("note: !x y", "tags are not understood"),
+        ("!!map {weight: 1}", "tags are not understood"),
+        ("[a]: 1", "a.yaml:1: expected text as a key, found a list of 1"),
+        ("? {a: 1}\n: 2", "expected text as a key, found a mapping of keys"),
+        ("<<: {weight: 1}", "<<: unknown key"),
+        ("weight: 1\n---\nweight: 2", "a.yaml:2: expected one document, found a second"),
+        ("", "a.yaml: expected keys and values, found an empty text"),
+        ("# only a comment", "found an empty text"),
+        ("---", "expected a mapping of keys, found nothing"),
+        ("- 1", "a.yaml:1: expected a mapping of keys, found a list of 1"),
+        ("abc", 'a.yaml:1: expected a mapping of keys, found "abc"'),
+        ("weight: [1", "not valid YAML"),
+        ("a: 1\n b: 2", "a.yaml:2: not valid YAML"),
+        ("weight: 1\0", "a.yaml: not valid YAML"),
+        ("weight: \x07", "a.yaml: not valid YAML"),
+        ("weight: @", "a.yaml:1: not valid YAML"),
+        ('label: "\\ud800"', "not valid YAML"),
+        ("label: \ud800", "not valid YAML"),
+        ("weight: \u202e", 'expected a number, found "?"'),
+    ],
+)
+def test_an_error_says_where_what_was_expected_and_what_was_found(text, message):
+    assert message in complaint(text)
+
+
+def test_the_first_mistake_of_the_file_is_reported():
+    assert "a.yaml:1: version" in complaint("version: 2\nnews: 1")
+
+
+@pytest.mark.parametrize(
+    "text", ["wieght: 1", "weight: &a 1", "weight: @", "weight: 1\0", "a: 1\n---\nb: 1", "", "note: '~'"]
+)
+def test_the_parser_written_in_python_serves_as_well(text, monkeypatch):
+    def outcome():
+        try:
+            return thing(text)
+        except MissionError as error:
+            return str(error).partition("not valid YAML")[:2]
+
+    with_c = outcome()
+    monkeypatch.setattr(yaml_tree, "_Loader", yaml.SafeLoader)
+    assert outcome() == with_c
+
+
+class TestOverrides:
+    TEXT = "count: 3\nzones:\n- {shape: round, radius: 1}\n"
+
+    def test_replace_add_and_empty(self):
+        assert thing(self.TEXT, "count=20").count == 20
+        assert thing(self.TEXT, "count=20", "count=30").count == 30
+        assert thing(self.TEXT, "zones[0].radius = 0.3").zones == (Round(radius=0.3),)
+        assert thing(self.TEXT, "zones=[]").zones == ()
+        assert thing(self.TEXT, "zones[0]={shape: square, size: [2, 1]}").zones == (Square(size=(2.0, 1.0)),)
+        assert thing(self.TEXT, "note=").note is None
+        assert thing(self.TEXT, "note=a=b").note == "a=b"
+        assert thing(self.TEXT, "law.name=grow", "law.rate=0.5").law.arguments == {"rate": 0.5, "steps": 3}
+        assert thing(self.TEXT, "values.green=1").values == {"green": 1.0}
+
+    @pytest.mark.parametrize(
+        ("assignment", "message"),
+        [
+            ("cuont=20", "--set cuont=20: cuont: unknown key; did you mean 'count'?"),
+            ("count=x", '--set count=x: count: expected a whole number >= 1 and <= 1000, found "x"'),
+            ("zones[0].raduis=1", "--set zones[0].raduis=1: zones[0].raduis: unknown key; did"),
+            ("zones[1].radius=1", "expected a list with an item [1], found a list of 1 (a.yaml:2)"),
+            ("zones.radius=1", "expected a mapping for the key 'radius', found a list of 1"),
+            ("count.x=1", "expected a mapping for the key 'x', found \"3\" (a.yaml:1)"),
+            ("count[0]=1", "expected a list with an item [0]"),
+            ("law.rate=1", "--set law.rate=1: law.name: missing key"),
+            ("count", "--set count: expected path=value"),
+            ("=1", "expected path=value"),
+            ("a..b=1", "expected path=value"),
+            ("zones[-1]=1", "expected path=value"),
+            ("zones[99999999999999999999]=1", "expected path=value"),
+            ("zones[x]=1", "expected path=value"),
+            ("note=&a x", "--set note=&a x: anchors"),
+            ("note=[1", "--set note=[1: not valid YAML"),
+            ("note=" + "[" * 10_000, "nested more than 32 levels deep"),
+        ],
+    )
+    def test_a_mistake_is_told_by_the_words_of_the_command_line(self, assignment, message):
+        assert message in complaint(self.TEXT, assignment)
+
+    def test_into_what_is_no_mapping(self):
+        assert "expected a mapping for the key 'a'" in complaint("- 1", "a=1")
+
+
+@given(st.lists(st.one_of(st.integers(0, 10**8), st.from_regex(r"[a-z_]{1,5}", fullmatch=True)), max_size=6))
+def test_steps_of_a_path(way):
+    way = ["top", *way]
+    path = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in way)[1:]
+    assert steps(path) == way
+
+
+def test_defaults_stand_in_for_absent_keys_only():
+    assert thing("weight: 1", defaults={"label": "x"}).label == "x"
+    assert thing("label: y", defaults={"label": "x"}).label == "y"
+
+
+def test_paths_start_from_the_file_and_on_the_command_line_from_the_current_folder(tmp_path, monkeypatch):
+    (tmp_path / "sub").mkdir()
+    file = tmp_path / "sub" / "a.yaml"
+    file.write_text("file: b.png")
+    monkeypatch.chdir(tmp_path)
+    assert read(file, Thing, error=MissionError).file == str(tmp_path / "sub" / "b.png")
+    assert read("sub/a.yaml", Thing, error=MissionError).file == str(tmp_path / "sub" / "b.png")
+    assert read(file, Thing, error=MissionError, overrides=["file=b.png"]).file == str(tmp_path / "b.png")
+
+
+_text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\ufffe\uffff"), max_size=30)
+_float = st.floats(allow_nan=False, allow_infinity=False)
+_name = st.from_regex(r"[a-z0-9_][a-z0-9 .+-]{0,5}", fullmatch=True)
+_things = st.builds(
+    Thing,
+    count=st.integers(1, 1000),
+    weight=_float,
+    heavy=st.booleans(),
+    label=_text,
+    note=st.none() | _text | st.sampled_from(["null", "~", "on", "1e3", " x ", "a: b", "# c", "a\nb\n"]),
+    zones=st.lists(
+        st.builds(Round, radius=st.floats(0, 1e300, exclude_min=True), name=st.none() | _name)
+        | st.builds(Square, size=st.tuples(st.floats(5, 9), st.floats(0, 5)), turn=_float | st.just("free")),
+        max_size=3,
+    ).map(tuple),
+    color=st.sampled_from(["red", "on"]) | st.tuples(*[st.integers(0, 255)] * 3),
+    values=st.none() | st.dictionaries(_text, _float, max_size=3),
+    law=st.none()
+    | st.builds(
+        Law,
+        name=st.just("grow"),
+        sign=st.sampled_from(["plus", "minus"]),
+        arguments=st.fixed_dictionaries({"rate": st.floats(0, 1), "steps": st.integers(-5, 5)}),
+    ),
+    file=st.none() | st.just("/a b/ü.png"),
+)
+
+
+@given(_things)
+def test_what_is_written_is_read_back(value):
+    assert thing(dump(value)) == value
+
+
+def test_writing_is_made_for_people():
+    value = Thing(
+        label="two\nlines\n",
+        zones=(Square(size=(2.0, 0.1)),),
+        law=Law(name="grow", arguments={"rate": 1e-7, "steps": 3}),
+    )
+    assert dump(value) == (
+        "version: 1\ncount: 1\nweight: 0.0\nheavy: false\nlabel: |\n  two\n  lines\nnote: null\n"
+        "zones:\n- shape: square\n  size: [2.0, 0.1]\n  turn: free\ncolor: red\nvalues: null\n"
+        "law:\n  name: grow\n  sign: plus\n  rate: 1.0e-07\n  steps: 3\nfile: null\n"
+    )
+
+
+ATTACKS = {
+    "deep_list": (b"[" * 100_000, "nested more than 32 levels deep"),
+    "deep_mapping": (b"{a: " * 50_000, "nested more than 32 levels deep"),
+    "deep_keys": (b"? " * 100_000, "nested more than 32 levels deep"),
+    "deep_dashes": (b"- " * 100_000, "nested more than 32 levels deep"),
+    "deep_indents": (b"".join(b" " * n + b"a:\n" for n in range(600)), "nested more than 32 levels deep"),
+    "commas": (b"{" + b"," * 200_000, "not valid YAML"),
+    "questions": (b"{" + b"?," * 100_000, "duplicate key ''"),
+    "quotes": (b'"' * 200_000, "a.yaml"),
+    "colons": (b"a:" * 100_000, "a.yaml"),
+    "colons_apart": (b"a: " * 80_000, "not valid YAML"),
+    "stars": (b"*" * 200_000, "not valid YAML"),
+    "anchors": (b"&" * 200_000, "not valid YAML"),
+    "long_key": (b"? " + b"k" * 200_000 + b"\n: 1", "unknown key"),
+    "long_line": (b"weight: " + b"1" * 200_000, "expected a number"),
+    "many_keys": (b"".join(b"k%d: 1\n" % n for n in range(20_000)), "unknown key"),
+    "many_items": (b"zones: [" + b"1," * 120_000 + b"]", "zones[0]: expected a mapping of keys"),
+    "laughs": (b"".join(b"%c: &%c [*%c, *%c]\n" % (n, n, n - 1, n - 1) for n in range(98, 122)), "anchors"),
+    "binary": (bytes(range(256)) * 100, "expected UTF-8 text, found the byte 0x80"),
+    "utf16": ("weight: 1".encode("utf-16"), "expected UTF-8 text, found the byte 0xff"),
+    "nul": (b"\0" * 1000, "not valid YAML"),
+    "large": (b"a" * (LARGEST_FILE + 1), "expected at most 256 KiB of YAML, found a larger file"),
+}
+
+_RUNNER = """
+import json, resource, sys, time
+resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000))
+from mercator_design.errors import MissionError
+from mercator_design.loading import read
+sys.path.insert(0, sys.argv[1])
+from test_loading import Thing
+outcomes = {}
+for path in sys.argv[2:]:
+    start = time.process_time()
+    try:
+        read(path, Thing, error=MissionError)
+    except MissionError as error:
+        outcomes[path] = [str(error), time.process_time() - start]
+print(json.dumps(outcomes))
+"""
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    """Path -> [message, seconds] of every attack, read in a process that may use 300 MB."""
+    folder = tmp_path_factory.mktemp("attacks")
+    paths = {name: folder / name / "a.yaml" for name in ATTACKS}
+    for name, path in paths.items():
+        path.parent.mkdir()
+        path.write_bytes(ATTACKS[name][0])
+    os.mkfifo(folder / "pipe")
+    (folder / "to_zero").symlink_to("/dev/zero")
+    (folder / "loop").symlink_to(folder / "loop")
+    with (folder / "huge").open("wb") as file:
+        file.truncate(10**12)  # sparse
+    others = ["/dev/zero", folder / "pipe", folder / "to_zero", folder / "loop", folder / "huge", folder]
+    command = [sys.executable, "-c", _RUNNER, Path(__file__).parent, *paths.values(), *others]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        command, capture_output=True, timeout=60, check=True, env=environment
+    )
+    found = json.loads(done.stdout)
+    assert list(found) == [str(path) for path in command[4:]], "one was accepted"
+    return {Path(path).parent.name if path.endswith("a.yaml") else path: got for path, got in found.items()}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
+    message, seconds = outcomes[name]
+    assert ATTACKS[name][1] in message
+    assert len(message) < 500
+    assert seconds < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("/dev/zero", "expected a regular file"),
+        ("pipe", "expected a regular file"),
+        ("to_zero", "expected a regular file"),
+        ("loop", "no such file"),
+        ("huge", "found a larger file"),
+    ],
+)
+def test_only_regular_small_files_are_opened(name, expected, outcomes):
+    [(message, seconds)] = [got for path, got in outcomes.items() if path.endswith(name)]
+    assert expected in message
+    assert seconds < 1.0
+
+
+@pytest.mark.parametrize("path", ["missing.yaml", "nul\0.yaml", "x" * 5000, "x/" * 5000, ""])
+def test_a_file_that_is_not_there(path, tmp_path):
+    with pytest.raises(MissionError, match=r"no such file|cannot be read|found a folder"):
+        read(tmp_path / path, Thing, error=MissionError)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_an_unreadable_file(tmp_path):
+    file = tmp_path / "a.yaml"
+    file.write_text("weight: 1")
+    file.chmod(0)
+    with pytest.raises(MissionError, match="cannot be read: Permission denied"):
+        read(file, Thing, error=MissionError)
+
+
+def test_an_error_of_the_disk_is_reported(tmp_path, monkeypatch):
+    file = tmp_path / "a.yaml"
+    file.write_text("weight: 1")
+
+    def broken(*_args):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(Path, "open", broken)
+    with pytest.raises(MissionError, match=r"a\.yaml: cannot be read: Input/output error"):
+        read(file, Thing, error=MissionError)

@@ -132,11 +132,14 @@ def race(
     loaded = load_mission(mission, overrides)
     jobs = jobs or available_jobs()
     simulator = Simulator(loaded)
-    running = new_race(budget=budget, seed=seed, flavour=flavour)
+    running = new_race(simulator, budget=budget, seed=seed, flavour=flavour)
     simulator.rehearse(announce=_tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
-    folder = RunFolder(output or _free_folder(loaded.name), loaded, budget=budget, seed=seed, request=request)
-    with RaceDisplay(loaded, budget) as display:
+    path = output or _free_folder(loaded.name)
+    with (
+        RunFolder(path, loaded, budget=budget, seed=seed, request=request) as folder,
+        RaceDisplay(loaded, budget) as display,
+    ):
 
         def watch(finished: "Sequence[Finished]") -> None:
             folder.note(finished)
@@ -145,10 +148,10 @@ def race(
         try:
             result = design(simulator, running, jobs=jobs, flavour=flavour, watch=watch)
         except KeyboardInterrupt:
-            _tell(f"{folder.path}: the experiments so far are in journal.jsonl")
+            _tell(f"{path}: the experiments so far are in journal.jsonl")
             raise
-    folder.finish(result, seconds=round(display.seconds, 3))
-    click.echo(race_summary(result, loaded, seconds=display.seconds, jobs=jobs, folder=folder.path), nl=False)
+        folder.finish(result, seconds=round(display.seconds, 3))
+    click.echo(race_summary(result, loaded, seconds=display.seconds, jobs=jobs, folder=path), nl=False)
 
 
 @cli.command()

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.race import Experiment, IteratedRace, Space
 from mercator_design.race.executors import ThreadExecutor
@@ -45,12 +47,15 @@ class Design:
     finished: tuple[Finished, ...]
 
 
-def new_race(*, budget: int, seed: int, flavour: str = "watermelon") -> IteratedRace:
+def new_race(simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon") -> IteratedRace:
     """A race over all PFSMs of a flavour, ready to run.
 
     Raises:
+        FsmError: if the robot lacks a sensor that a module of the flavour needs.
         RaceError: if the budget is too small.
     """
+    for module in numbered(BEHAVIOURS, flavour).values():
+        simulator.check_needs(f"{flavour}'s {module.name}", module.needs)
     return IteratedRace(Space.from_text(parameters_text(flavour), "grammar"), budget=budget, seed=seed)
 
 

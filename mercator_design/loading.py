@@ -2,8 +2,8 @@
 
 The schema is the dataclass: its annotations say what is expected where, and a scalar is read as what is
 expected (`1e3` is a number where a number is wanted, `no` is text where text is wanted), never guessed from
-its looks. Understood are float (finite), int, bool, str, Literal, tuple, Mapping[str, X], dataclasses, unions
-(of dataclasses: told apart by a field that is a one-word Literal), and the rules of schema.py in Annotated.
+its looks. Understood are float (finite), int, bool, str, Literal, tuple, Mapping[str, X], dataclasses, NamedTuples,
+unions (of dataclasses: told apart by a field that is a one-word Literal), and the rules of schema.py in Annotated.
 Which texts are refused before anything is built is decided in yaml_tree.py.
 """
 
@@ -127,7 +127,7 @@ def _builder(base: Kind) -> Callable[[Node, Kind, str], Any]:
         return _tuple
     if schema.origin_of(base) is Mapping:
         return _mapping
-    return _dataclass if dataclasses.is_dataclass(base) else _scalar
+    return _record if schema.is_record(base) else _scalar
 
 
 def _scalar(node: Node, base: Kind, _: str) -> Any:  # noqa: ANN401 - what `base` says
@@ -179,7 +179,7 @@ def _mapping(node: Node, base: Kind, path: str) -> Any:  # noqa: ANN401
 def _union(node: Node, base: Kind, path: str) -> Any:  # noqa: ANN401
     """The alternative of the node's form: the dataclass its tag names, or the first kind to fit."""
     kinds = [kind for kind in typing.get_args(base) if schema.form(kind) is type(node.content)]
-    if len(kinds) > 1 and all(dataclasses.is_dataclass(kind) for kind in kinds):
+    if len(kinds) > 1 and all(schema.is_record(kind) for kind in kinds):
         key, tagged = schema.tags(kinds)
         return _build(node, tagged[_word(node, key, tagged, path)], path)
     if len(kinds) == 1:
@@ -192,7 +192,7 @@ def _union(node: Node, base: Kind, path: str) -> Any:  # noqa: ANN401
     return _WRONG
 
 
-def _dataclass(node: Node, kind: Kind, path: str) -> Any:  # noqa: ANN401
+def _record(node: Node, kind: Kind, path: str) -> Any:  # noqa: ANN401
     if not isinstance(node.content, dict):
         return _WRONG
     specification = schema.fields_of(kind)
@@ -259,7 +259,7 @@ def dump(value: object) -> str:
 
 
 def _plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
-    if dataclasses.is_dataclass(value):
+    if schema.is_record(value):
         kind: Kind = type(value)
         keywords = schema.keywords_of(kind)
         fields = {name: _plain(getattr(value, name)) for name in schema.fields_of(kind)}

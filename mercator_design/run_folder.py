@@ -16,7 +16,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from statistics import mean, stdev
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from mercator_design import __version__
 from mercator_design.design import Design, Finished
@@ -32,7 +33,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 
 
 class RunFolder:
-    """Writes the folder of one race.
+    """Writes the folder of one race; a context manager that closes the journal.
 
     Raises:
         RaceError: if the folder has files in it already, or cannot be written.
@@ -65,6 +66,14 @@ class RunFolder:
         except OSError as error:
             raise RaceError(f"{path}: cannot write results there: {error.strerror or error}") from None
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._journal.close()
+
     def note(self, finished: Sequence[Finished]) -> None:
         """Append experiments to the journal."""
         for experiment in finished:
@@ -74,7 +83,6 @@ class RunFolder:
 
     def finish(self, design: Design, **figures: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
         """Write what the race came to."""
-        self._journal.close()
         self._provenance |= {"finished": datetime.now(UTC).isoformat(timespec="seconds"), **figures}
         self._write_provenance()
         write_text(self.path / "results.csv", _results(design))

@@ -126,11 +126,19 @@ def is_union(base: Kind) -> bool:
     return origin_of(base) in {Union, types.UnionType}
 
 
+def is_record(kind: Kind) -> bool:
+    """Whether a mapping of keys is read as this: a dataclass or NamedTuple."""
+    return dataclasses.is_dataclass(kind) or hasattr(kind, "_field_defaults")
+
+
 @functools.cache
 def fields_of(kind: Kind) -> Specification:
-    """The fields of a dataclass that its constructor takes."""
+    """The fields of a dataclass, but those it fills in itself, or of a NamedTuple."""
     hints = typing.get_type_hints(kind, include_extras=True)
-    return {field.name: (hints[field.name], field.default) for field in dataclasses.fields(kind) if field.init}
+    if dataclasses.is_dataclass(kind):
+        return {field.name: (hints[field.name], field.default) for field in dataclasses.fields(kind) if field.init}
+    defaults = kind._field_defaults
+    return {name: (hints[name], defaults.get(name, dataclasses.MISSING)) for name in kind._fields}
 
 
 @functools.cache
@@ -154,7 +162,7 @@ def keywords_of(kind: Kind) -> tuple[str, KeywordsOf] | None:
 def form(kind: Kind) -> type:
     """What a value of this kind is in YAML: dict, list or str (any scalar)."""
     base, _ = unwrapped(kind)
-    if dataclasses.is_dataclass(base) or origin_of(base) is Mapping:
+    if is_record(base) or origin_of(base) is Mapping:
         return dict
     return list if origin_of(base) is tuple else str
 

@@ -6,6 +6,8 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 import math
 from typing import NamedTuple
 
+from mercator_design.schema import NonNegative, Positive
+
 
 class Readings(NamedTuple):
     """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived."""
@@ -37,40 +39,40 @@ class ReferenceModel(NamedTuple):
     """
 
     # Proximity: a distance d in [near, range] weighs max(0, (1/d - offset) * scale); nearer weighs near_weight.
-    proximity_near: float = 0.05
-    proximity_range: float = 0.4
-    proximity_near_weight: float = 1.0
-    proximity_offset: float = 2.5  # [1/m] 1 / range: the weight is 0 at the range ...
-    proximity_scale: float = 1.0 / 17.5  # [m] 1 / (1/near - 1/range): ... and 1 at `near`
+    proximity_near: Positive = 0.05
+    proximity_range: NonNegative = 0.4
+    proximity_near_weight: NonNegative = 1.0
+    proximity_offset: NonNegative = 2.5  # [1/m] 1 / range: the weight is 0 at the range ...
+    proximity_scale: Positive = 1.0 / 17.5  # [m] 1 / (1/near - 1/range): ... and 1 at `near`
 
     # Neighbours: one at distance d weighs 1 / (offset + scale * d); counted when d < range.
-    neighbour_range: float = 0.75
-    neighbour_offset: float = 1.0
-    neighbour_scale: float = 1.0  # [1/m] 100 where a variant means centimetres
+    neighbour_range: Positive = 0.75
+    neighbour_offset: Positive = 1.0
+    neighbour_scale: NonNegative = 1.0  # [1/m] 100 where a variant means centimetres
     # One within obstacle_range also weighs on the proximity vector, at its distance less obstacle_radius. 0: never,
     # because the proximity sensors see robots too.
-    neighbour_obstacle_range: float = 0.0
-    neighbour_obstacle_radius: float = 0.275
+    neighbour_obstacle_range: NonNegative = 0.0
+    neighbour_obstacle_radius: NonNegative = 0.275
 
     # Behaviours.
-    obstacle_threshold: float = 0.1  # proximity from which exploration turns
-    attraction_gain: float = 1.2  # k_w of the paper's eq. 18
-    attraction_obstacle_gain: float = 5.0  # k_o of the same
-    repulsion_gain: float = 1.0
-    repulsion_obstacle_gain: float = 5.0
-    light_gain: float = 1.0
-    light_obstacle_gain: float = 5.0
-    weakest_pull: float = 0.1  # a shorter vector counts as none: straight on
-    strength_step: float = 0.0  # alpha is rounded down to a multiple of this; 0: real
-    repulsion_power: float = 1.0  # the power with which alpha enters repulsion
+    obstacle_threshold: NonNegative = 0.1  # proximity from which exploration turns
+    attraction_gain: NonNegative = 1.2  # k_w of the paper's eq. 18
+    attraction_obstacle_gain: NonNegative = 5.0  # k_o of the same
+    repulsion_gain: NonNegative = 1.0
+    repulsion_obstacle_gain: NonNegative = 5.0
+    light_gain: NonNegative = 1.0
+    light_obstacle_gain: NonNegative = 5.0
+    weakest_pull: NonNegative = 0.1  # a shorter vector counts as none: straight on
+    strength_step: NonNegative = 0.0  # alpha is rounded down to a multiple of this; 0: real
+    repulsion_power: Positive = 1.0  # the power with which alpha enters repulsion
 
     # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
-    black_highest: float = 0.05 * 255
-    gray_lowest: float = 0.3 * 255
-    gray_highest: float = 0.7 * 255
-    white_lowest: float = 0.78 * 255
+    black_highest: NonNegative = 0.05 * 255
+    gray_lowest: NonNegative = 0.3 * 255
+    gray_highest: NonNegative = 0.7 * 255
+    white_lowest: NonNegative = 0.78 * 255
 
     # Colours: a label is recognised within these of its hue and of full saturation.
-    hue_tolerance: float = math.radians(15.0)
-    hue_period: float = 2.0 * math.pi  # a huge period makes the difference of hues linear instead of circular
-    saturation_tolerance: float = 0.2
+    hue_tolerance: NonNegative = math.radians(15.0)
+    hue_period: Positive = 2.0 * math.pi  # a huge period makes the difference of hues linear instead of circular
+    saturation_tolerance: NonNegative = 0.2

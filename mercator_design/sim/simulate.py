@@ -90,10 +90,16 @@ class Simulator:
             FsmError: naming the behaviour and the sensor.
         """
         for i, state in enumerate(pfsm.states):
-            for need in sorted(state.module.needs - set(self.robot_model.provides)):
-                raise FsmError(
-                    f"state {i}: {state.behaviour} needs {need}, which robot {self.robot_model.name} does not perceive"
-                )
+            self.check_needs(f"state {i}: {state.behaviour}", state.module.needs)
+
+    def check_needs(self, who: str, needs: frozenset[str]) -> None:
+        """Make sure that the robot has the sensors that someone needs.
+
+        Raises:
+            FsmError: naming the one and the other.
+        """
+        for need in sorted(needs.difference(self.robot_model.provides)):
+            raise FsmError(f"{who} needs {need}, which robot {self.robot_model.name} does not perceive")
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

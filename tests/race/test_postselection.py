@@ -9,6 +9,10 @@ def test_complete_candidates_share_the_budget_on_new_instances():
     assert select_candidates({4: 0, 1: 0, 7: 3, 2: 0}, 2, 1) == [4, 1]
 
 
+def test_all_complete_candidates_count_however_many():
+    assert select_candidates(dict.fromkeys(range(30), 0), 20, 1) == list(range(20))
+
+
 def test_as_many_as_can_run_on_a_new_instance_otherwise():
     assert select_candidates({4: 0, 1: 2, 7: 9}, 4, 1) == [4, 1]
     assert select_candidates({4: 0, 1: 2, 7: 9}, 14, 1) == [4, 1, 7]

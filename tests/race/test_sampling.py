@@ -189,6 +189,15 @@ def test_a_dependent_value_scales_with_its_bounds():
     assert [c["m"] / c["n"] for c in drawn] == pytest.approx([0.9] * 300, abs=0.1)
 
 
+def test_a_dependent_domain_of_one_value_gives_it():
+    space = Space([integer("n", 0, 3), real("m", 0, "n")])
+    model = SamplingModel(space)
+    model.initialise({0: {"n": 0, "m": 0.0}})
+    drawn = [c for c, _ in model.sample(100, [0], np.random.default_rng(2), nothing)]
+    assert {c["m"] for c in drawn if c["n"] == 0} == {0.0}
+    assert all(0 < c["m"] < c["n"] for c in drawn if c["n"] > 0)
+
+
 def test_the_first_sample_is_even_and_different():
     space = Space([real("x", 0, 1), categorical("c", ["a", "b", "c", "d"])])
     sample = sobol_sample(space, 64, np.random.default_rng(1), nothing)

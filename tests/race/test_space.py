@@ -124,6 +124,13 @@ def test_a_dependent_domain_may_be_one_value_but_not_empty():
         integer("m", 0, "1 / (n - 1)").bounds({"n": 1})
 
 
+def test_a_parameter_whose_bounds_are_missing_is_inactive():
+    space = Space([categorical("a", [1, 2]), integer("b", 1, 9, condition="a == 1"), integer("c", 0, "b")])
+    space.check({"a": "2"})
+    with pytest.raises(RaceError, match="'c': expected no value as it is inactive"):
+        space.check({"a": "2", "c": 0})
+
+
 def test_constant_expressions_are_bounds_like_numbers():
     parameter = integer("m", "2*3", "max(7, 10)")
     assert (parameter.low, parameter.high, parameter.is_dependent) == (6, 10, False)

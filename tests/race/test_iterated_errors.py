@@ -1,0 +1,110 @@
+"""What an iterated race refuses."""
+
+import math
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race import IteratedRace, RaceOptions, Space, categorical
+from tests.race.mixed import MIXED, run
+from tests.race.spaces import machines_text
+
+
+def test_a_space_with_one_allowed_configuration_is_refused():
+    race = IteratedRace(Space([categorical("a", [1, 2])], forbidden=["a == 2"]), budget=60, seed=1)
+    with pytest.raises(RaceError, match="expected several different configurations to be allowed, found one"):
+        race.ask()
+
+
+@pytest.mark.parametrize(
+    ("initial", "message"),
+    [
+        ([{"x": 9.0}], "initial configuration 1: parameter 'x': expected real within"),
+        (
+            [{"x": 1.0, "n": 3, "size": "1", "rule": "slow"}] * 2,
+            "initial configuration 2: expected a new one",
+        ),
+    ],
+)
+def test_a_wrong_initial_configuration_is_refused(initial, message):
+    with pytest.raises(RaceError, match=message):
+        IteratedRace(MIXED, budget=400, seed=1, initial=initial)
+
+
+def test_it_is_an_error_if_all_are_rejected():
+    race = IteratedRace(MIXED, budget=400, seed=1)
+    batch = race.ask()
+    with pytest.raises(RaceError, match="all were rejected"):
+        race.tell([math.inf] * len(batch))
+
+
+def test_a_cost_that_is_not_a_number_changes_nothing():
+    race = IteratedRace(MIXED, budget=400, seed=1)
+    batch = race.ask()
+    with pytest.raises(RaceError, match="cost of configuration 3 on instance 0: expected a number, found nan"):
+        race.tell([1.0] * 3 + [math.nan] * (len(batch) - 3))
+    with pytest.raises(RaceError, match=f"expected {len(batch)}, one for each experiment asked for, found 2"):
+        race.tell([1.0, 2.0])
+    assert race.ask() == batch
+    run(race)
+    plain = IteratedRace(MIXED, budget=400, seed=1)
+    run(plain)
+    assert race.elites == plain.elites
+
+
+def test_costs_without_experiments_are_refused():
+    race = IteratedRace(MIXED, budget=400, seed=1)
+    with pytest.raises(RaceError, match="found none asked for"):
+        race.tell([1.0])
+    with pytest.raises(RaceError, match="best is asked for"):
+        _ = race.best
+
+
+@pytest.mark.parametrize("budget", [0, -5, 12.5, 500.0, math.nan, "500", True, None])
+def test_a_budget_is_a_whole_number(budget):
+    with pytest.raises(RaceError, match="budget: expected a whole number, 1 or more, found"):
+        IteratedRace(MIXED, budget=budget, seed=1)
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, None])
+def test_a_seed_is_a_whole_number(seed):
+    with pytest.raises(RaceError, match="seed: expected a whole number, 0 or more, found"):
+        IteratedRace(MIXED, budget=400, seed=seed)
+
+
+def test_a_space_without_choice_is_refused():
+    with pytest.raises(RaceError, match="expected at least one parameter with more than one value"):
+        IteratedRace(Space([categorical("a", [1])]), budget=400, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"test": "F-test"}, "race option test: expected friedman or t-test .* found F-test"),
+        ({"confidence": 1.0}, "confidence: expected between 0 and 1, found 1.0"),
+        ({"confidence": math.nan}, "confidence"),
+        ({"first_test": 1}, "first_test: expected 2 or more and a multiple of each_test"),
+        (
+            {"first_test": 5, "each_test": 2},
+            "first_test: expected 2 or more and a multiple of each_test .2., found 5",
+        ),
+        ({"each_test": 0}, "each_test: expected 1 or more"),
+        (
+            {"first_test": 6, "each_test": 2},
+            "elitist_new_instances: expected 0 or a multiple of each_test .2., found 1",
+        ),
+        ({"elitist_limit": -1}, "elitist_limit: expected 0 or more"),
+        ({"iterations": 0}, "iterations: expected 1 or more"),
+        ({"survivors": 0}, "survivors: expected 1 or more"),
+        ({"mu": 0}, "mu: expected 1 or more"),
+        ({"soft_restart_threshold": -1.0}, "soft_restart_threshold: expected 0 or more"),
+    ],
+)
+def test_an_option_out_of_range_is_refused(options, message):
+    with pytest.raises(RaceError, match=message):
+        RaceOptions(**options)
+
+
+def test_a_budget_below_one_iteration_is_refused():
+    with pytest.raises(RaceError, match=r"expected at least 60 experiments .* found 59"):
+        IteratedRace(Space.from_text(machines_text()), budget=59, seed=1)

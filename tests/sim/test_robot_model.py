@@ -1,0 +1,61 @@
+import pytest
+
+from mercator_design.errors import MissionError
+from mercator_design.fsm import ReferenceModel
+from mercator_design.loading import dump, parse
+from mercator_design.sim.robot_model import RobotModel, load_robot_model, shipped_robot_models
+
+MERCATOR = shipped_robot_models()["mercator"].read_text()
+
+
+@pytest.mark.parametrize("name", shipped_robot_models())
+def test_shipped_models_are_valid_and_survive_a_round_trip(name):
+    model = load_robot_model(name)
+    assert model.name == name
+    assert len(model.proximity.angles) == 8
+    assert parse(dump(model), RobotModel, error=MissionError) == model
+
+
+def test_geometry_of_mercator():
+    """As in the ARGoS plugin argos3-rvr (rvr_entity.cpp, dynamics2d_rvr_model.cpp)."""
+    model = load_robot_model("mercator")
+    assert (model.body.length, model.body.width, model.body.mass) == (0.286, 0.286, 2.0)
+    assert model.body.inertia == pytest.approx(0.027265, abs=1e-6)
+    assert (model.drive.tread_distance, model.drive.maximum_speed) == (0.147, 0.3)
+    assert (model.drive.force, model.drive.torque) == (1.5, 1.5)
+    assert model.ground.noise is not None
+    assert model.reference_model == ReferenceModel()
+
+
+def test_constants_of_the_reference_model_are_data(tmp_path):
+    file = tmp_path / "other.yaml"
+    text = MERCATOR.replace("name: mercator\n", "")
+    file.write_text(text + "\nreference_model: {neighbour_range: 0.5, strength_step: 1}\n")
+    model = load_robot_model(str(file))
+    assert model.name == "other"
+    assert model.reference_model == ReferenceModel(neighbour_range=0.5, strength_step=1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("reference_model: {neighbor_range: 0.5}", r"reference_model.neighbor_range.*did you mean 'neighbour_range'"),
+        ("reference_model: {neighbour_range: wide}", "expected a number"),
+        ("reference_model: {proximity_near: 0}", "proximity_near"),
+        ("physics: {sub_steps: 0}", "sub_steps"),
+        ("wheels: 4", "unknown key"),
+    ],
+)
+def test_mistakes_are_named(tmp_path, change, words):
+    file = tmp_path / "model.yaml"
+    file.write_text(MERCATOR + "\n" + change + "\n")
+    with pytest.raises(MissionError, match=words) as error:
+        load_robot_model(str(file))
+    assert "model.yaml:" in str(error.value)
+
+
+def test_unknown_model():
+    with pytest.raises(MissionError, match="mercator"):
+        load_robot_model("mercater")
+    with pytest.raises(MissionError, match="no such file"):
+        load_robot_model("/nowhere/at/all.yaml")

@@ -1,0 +1,292 @@
+"""The command line: what a user types, sees and finds afterwards."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from mercator_design.cli import main
+from mercator_design.fsm import parse, read_fsm
+from mercator_design.missions.mission import load_mission, shipped_missions
+
+# Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
+QUICK = ["--set", "robots=2", "--set", "duration=3"]
+W1 = "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1"
+
+
+@pytest.fixture
+def mdesign(monkeypatch, capsys):
+    """Run a command line; gives exit code, stdout, stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["mdesign", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return stop.value.code or 0, out, err
+
+    return run
+
+
+@pytest.fixture
+def fsm(tmp_path):
+    file = tmp_path / "w1.txt"
+    file.write_text(f"# mission: aggregation\n{W1}\n")
+    return file
+
+
+class TestRace:
+    def test_from_mission_to_winner(self, mdesign, tmp_path):
+        folder = tmp_path / "results"
+        code, out, err = mdesign("race", "aggregation", "--budget", 400, "--seed", 7, "-j", 2, "-o", folder, *QUICK)
+        assert (code, err.replace("Compiling the simulator, once on this machine ...\n", "")) == (0, "")
+        assert sorted(file.name for file in folder.iterdir()) == [
+            "fsm.txt", "journal.jsonl", "mission.yaml", "provenance.json", "results.csv",
+        ]  # fmt: skip
+        file = read_fsm(folder / "fsm.txt")
+        assert (file.header["mission"], file.header["budget"], file.header["seed"]) == ("aggregation", "400", "7")
+        mission = load_mission(folder / "mission.yaml")
+        assert (mission.robots, mission.duration, mission.name) == (2, 3.0, "aggregation")
+        journal = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]
+        assert [line["experiment"] for line in journal] == list(range(len(journal)))
+        assert 300 < len(journal) <= 400
+        provenance = json.loads((folder / "provenance.json").read_text())
+        assert provenance["request"]["set"] == ["robots=2", "duration=3"]
+        assert (provenance["budget"], provenance["seed"]) == (400, 7)
+        table = list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
+        assert parse(table[0]["fsm"]) == file.pfsm
+        assert table[0]["elite_rank"] == "1"
+        assert sum(int(row["experiments"]) for row in table) == len(journal)
+        own = [line["score"] for line in journal if line["configuration"] == int(table[0]["configuration"])]
+        assert float(table[0]["mean"]) == pytest.approx(sum(own) / len(own))
+        assert (folder / "fsm.txt").read_text().splitlines()[-1] in out.splitlines()
+        assert f"{len(journal)} of 400 experiments" in out
+
+    def test_same_result_with_any_number_of_jobs(self, mdesign, tmp_path):
+        contents = []
+        for jobs in (1, 3):
+            folder = tmp_path / str(jobs)
+            assert mdesign("race", "foraging", "--budget", 300, "-j", jobs, "-o", folder, *QUICK)[0] == 0
+            contents.append([(folder / name).read_bytes() for name in ("fsm.txt", "journal.jsonl", "results.csv")])
+        assert contents[0] == contents[1]
+
+    def test_another_seed_is_another_race(self, mdesign, tmp_path):
+        for seed in (1, 2):
+            mdesign("race", "foraging", "--budget", 300, "--seed", seed, "-o", tmp_path / str(seed), *QUICK)
+        assert (tmp_path / "1" / "journal.jsonl").read_text() != (tmp_path / "2" / "journal.jsonl").read_text()
+
+    def test_chocolate_without_light_is_refused_by_name(self, mdesign, tmp_path):
+        code, out, err = mdesign(
+            "race", "aac", "--budget", 300, "--flavour", "chocolate", "-o", tmp_path / "r", *QUICK
+        )
+        assert (code, out) == (3, "")
+        assert "phototaxis" in err
+        assert "light direction" in err
+
+    def test_a_small_budget_works_and_says_what_was_lowered(self, mdesign, tmp_path):
+        code, out, _ = mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "r", *QUICK)
+        assert code == 0
+        assert "iterations" in next(line for line in out.splitlines() if line.startswith("Note"))
+
+    def test_too_small_a_budget_names_one_that_would_do(self, mdesign, tmp_path):
+        code, _, err = mdesign("race", "aggregation", "--budget", 10, "-o", tmp_path / "r", *QUICK)
+        assert code == 1
+        enough = int(re.search(r"at least (\d+)", err)[1])
+        assert not (tmp_path / "r").exists()
+        assert mdesign("race", "aggregation", "--budget", enough, "-o", tmp_path / "r", *QUICK)[0] == 0
+        assert mdesign("race", "aggregation", "--budget", enough - 1, "-o", tmp_path / "q", *QUICK)[0] == 1
+
+    def test_robots_that_do_not_fit(self, mdesign, tmp_path):
+        for robots in (45, 200):
+            start = time.monotonic()
+            code, _, err = mdesign(
+                "race", "aggregation", "--budget", 2000, "--set", f"robots={robots}", "-o", tmp_path / "r"
+            )
+            assert code == 3
+            assert "fit" in err or "need" in err
+            assert time.monotonic() - start < 2
+        assert not (tmp_path / "r").exists()
+
+    def test_results_are_never_mixed(self, mdesign, tmp_path):
+        (tmp_path / "precious.txt").write_text("mine")
+        code, _, err = mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path, *QUICK)
+        assert code == 1
+        assert "empty" in err
+        assert [file.name for file in tmp_path.iterdir()] == ["precious.txt"]
+
+    def test_default_folder(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        for number in (1, 2):
+            assert mdesign("race", "foraging", "--budget", 200, *QUICK)[0] == 0
+            assert (tmp_path / "runs" / f"foraging-{number}" / "fsm.txt").exists()
+
+    @pytest.mark.parametrize(
+        ("arguments", "code", "words"),
+        [
+            (["race", "agregation", "--budget", "200"], 3, "did you mean 'aggregation'"),
+            (["race", "aggregation", "--budget", "200", "--set", "robbots=3"], 3, "did you mean 'robots'"),
+            (["race", "aggregation", "--budget", "0"], 2, "budget"),
+            (["race", "aggregation", "--budget", "many"], 2, "budget"),
+            (["race", "aggregation"], 2, "budget"),
+            (["race", "aggregation", "--budget", "200", "-j", "0"], 2, "jobs"),
+            (["rice"], 2, "rice"),
+        ],
+    )
+    def test_mistakes(self, mdesign, tmp_path, monkeypatch, arguments, code, words):
+        monkeypatch.chdir(tmp_path)
+        found, out, err = mdesign(*arguments)
+        assert (found, out) == (code, "")
+        assert words in err
+        assert list(tmp_path.iterdir()) == []
+
+    def test_an_interrupt_keeps_the_journal(self, tmp_path):
+        folder = tmp_path / "r"
+        command = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
+        command += ["race", "aggregation", "--budget", "100000", "-o", str(folder)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            journal = folder / "journal.jsonl"
+            deadline = time.monotonic() + 60
+            while not (journal.exists() and journal.stat().st_size) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=30)
+        assert (process.returncode, out) == (130, "")
+        assert "Traceback" not in err
+        assert "journal.jsonl" in err
+        assert len([json.loads(line) for line in journal.read_text().splitlines()]) > 0
+        assert not (folder / "fsm.txt").exists()
+
+
+class TestEvaluate:
+    def test_json(self, mdesign, fsm):
+        code, out, _ = mdesign("evaluate", fsm, "-n", 30, "--seed", 3, "--json", *QUICK)
+        found = json.loads(out)
+        assert code == 0
+        assert len(found["scores"]) == len(set(found["seeds"])) == found["runs"] == 30
+        mean = sum(found["scores"]) / 30
+        assert found["mean"] == pytest.approx(mean)
+        sd = (sum((score - mean) ** 2 for score in found["scores"]) / 29) ** 0.5
+        assert found["standard_deviation"] == pytest.approx(sd)
+        low, high = found["confidence_interval"]
+        assert (high - low) / 2 == pytest.approx(2.04523 * sd / 30**0.5, rel=1e-5)  # t table, 29 degrees of freedom
+        assert found["quartiles"] == sorted(found["quartiles"])
+        assert found["direction"] == "maximise"
+
+    def test_same_scores_with_any_number_of_jobs_and_a_longer_series_begins_alike(self, mdesign, fsm):
+        scores = [
+            json.loads(mdesign("evaluate", fsm, "-n", n, "-j", jobs, "--json", *QUICK)[1])["scores"]
+            for n, jobs in ((25, 1), (25, 4), (40, 2))
+        ]
+        assert scores[0] == scores[1] == scores[2][:25]
+
+    def test_one_run_has_no_spread(self, mdesign, fsm):
+        found = json.loads(mdesign("evaluate", fsm, "-n", 1, "--json", *QUICK)[1])
+        assert found["standard_deviation"] is None
+        assert found["confidence_interval"] is None
+        assert mdesign("evaluate", fsm, "-n", 1, *QUICK)[0] == 0
+
+    def test_mission_of_the_folder_comes_before_the_header(self, mdesign, tmp_path):
+        folder = tmp_path / "r"
+        mdesign("race", "aggregation", "--budget", 200, "-o", folder, "--set", "robots=1", "--set", "duration=2")
+        found = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 20, "--json")[1])
+        assert max(found["scores"]) <= 1  # of one robot, as raced
+
+    def test_mission_given(self, mdesign, fsm):
+        found = json.loads(
+            mdesign("evaluate", fsm, "--mission", "grid_exploration", "-n", 2, "--json", "--set", "duration=3")[1]
+        )
+        assert (found["mission"], found["direction"]) == ("grid_exploration", "minimise")
+
+    def test_no_mission(self, mdesign, tmp_path):
+        (tmp_path / "bare.txt").write_text(W1)
+        code, _, err = mdesign("evaluate", tmp_path / "bare.txt")
+        assert code == 2
+        assert "--mission" in err
+
+    def test_mission_of_the_header_is_gone(self, mdesign, tmp_path):
+        (tmp_path / "old.txt").write_text(f"# mission: my_old_mission\n{W1}\n")
+        code, _, err = mdesign("evaluate", tmp_path / "old.txt")
+        assert code == 3
+        assert "my_old_mission" in err
+        assert "--mission" in err
+
+    def test_a_robot_without_light_direction(self, mdesign, tmp_path):
+        (tmp_path / "choco.txt").write_text("# flavour: chocolate\n--nstates 1 --s0 2\n")
+        code, _, err = mdesign("evaluate", tmp_path / "choco.txt", "--mission", "aac", *QUICK)
+        assert code == 3
+        assert "phototaxis needs light direction" in err
+
+    def test_lenient(self, mdesign, tmp_path):
+        (tmp_path / "loose.txt").write_text("--nstates 1 --s0 0 --rwm0 20.7")
+        options = ["--mission", "aggregation", "-n", 2, *QUICK]
+        assert mdesign("evaluate", tmp_path / "loose.txt", *options)[0] == 3
+        code, _, err = mdesign("evaluate", tmp_path / "loose.txt", "--lenient", *options)
+        assert code == 0
+        assert "20.7 was read as 20" in err
+
+
+class TestValidate:
+    def test_each_file_has_its_line(self, mdesign, tmp_path, fsm):
+        (tmp_path / "bad.yaml").write_text("schema: 1\nrobots: -3\n")
+        (tmp_path / "bad.txt").write_text("--nstates 1 --s0 9")
+        code, out, err = mdesign("validate", "aggregation", fsm, tmp_path / "bad.yaml", tmp_path / "bad.txt")
+        assert code == 3
+        assert "valid mission" in out.splitlines()[0]
+        assert "valid watermelon FSM, 2 states, 1 transitions" in out.splitlines()[1]
+        assert "bad.yaml:2: robots" in err
+        assert "bad.txt:1: --s0" in err
+
+    def test_all_shipped_missions_are_valid(self, mdesign):
+        assert mdesign("validate", *shipped_missions())[0] == 0
+
+    def test_robots_must_find_places(self, mdesign, tmp_path):
+        text = shipped_missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")
+        (tmp_path / "crowd.yaml").write_text(text)
+        code, _, err = mdesign("validate", tmp_path / "crowd.yaml")
+        assert code == 3
+        assert "fit" in err
+
+
+def test_missions_are_listed(mdesign):
+    code, out, _ = mdesign("missions")
+    assert code == 0
+    for name in shipped_missions():
+        assert any(line.startswith(name) for line in out.splitlines())
+
+
+def test_help_needs_no_heavy_module():
+    script = (
+        "import sys; from mercator_design.cli import cli; cli(['--help'], standalone_mode=False);"
+        "heavy = {'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'yaml'};"
+        "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_control_software_runs_on_the_standard_library_alone():
+    """As on the robot: every module of fsm imports and runs where nothing heavy is installed."""
+    script = f"""
+import sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in {{'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'PIL'}}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Absent())
+import importlib, pkgutil, mercator_design.fsm as fsm
+for module in pkgutil.iter_modules(fsm.__path__):
+    importlib.import_module('mercator_design.fsm.' + module.name)
+controller = fsm.Controller(fsm.parse({W1!r}))
+for _ in range(5):
+    wheels = controller.step(fsm.Readings(ground_red=0., ground_green=0., ground_blue=0.), [0.1] * 9)
+assert controller.state == 1 and wheels == (0, 0), wheels
+"""
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -82,9 +82,7 @@ class TestRace:
         assert (tmp_path / "1" / "journal.jsonl").read_text() != (tmp_path / "2" / "journal.jsonl").read_text()
 
     def test_chocolate_without_light_is_refused_by_name(self, mdesign, tmp_path):
-        code, out, err = mdesign(
-            "race", "aac", "--budget", 300, "--flavour", "chocolate", "-o", tmp_path / "r", *QUICK
-        )
+        code, out, err = mdesign("race", "aac", "--budget", 300, "--flavour", "chocolate", "-o", tmp_path / "r", *QUICK)
         assert (code, out) == (3, "")
         assert "phototaxis" in err
         assert "light direction" in err

@@ -35,9 +35,7 @@ def test_a_regular_polygon_lies_between_its_circles(sides, apothem, rotation):
     assert Arena(walls=walls).contains(0.999 * circle).all()
     assert not Arena(walls=walls).contains(1.001 * circle / math.cos(math.pi / sides)).any()
     first = (corners[0] + corners[-1]) / 2
-    assert first == pytest.approx(
-        [apothem * math.cos(rotation), apothem * math.sin(rotation)], abs=1e-9 * apothem
-    )
+    assert first == pytest.approx([apothem * math.cos(rotation), apothem * math.sin(rotation)], abs=1e-9 * apothem)
 
 
 @pytest.mark.parametrize("vertices", [L_SHAPE, L_SHAPE[::-1]])

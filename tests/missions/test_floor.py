@@ -115,16 +115,12 @@ class TestTiles:
     def test_every_tile_gets_every_colour_as_often_as_it_should(self):
         """Within 5.5 standard errors at each of 15 tiles: chance of failing by luck 6e-7."""
         rng = seeds.generator(3, "floor")
-        reds = np.mean(
-            [[row[6:] == COLOURS["red"] for row in self.TILES.rows(rng)] for _ in range(4000)], axis=0
-        )
+        reds = np.mean([[row[6:] == COLOURS["red"] for row in self.TILES.rows(rng)] for _ in range(4000)], axis=0)
         expected = 4 / 15
         assert np.all(np.abs(reds - expected) < 5.5 * math.sqrt(expected * (1 - expected) / 4000))
 
     def test_the_counts_must_fit(self):
-        with pytest.raises(
-            FieldError, match="colors: expected one tile for each center, found 3 for 2 centers"
-        ):
+        with pytest.raises(FieldError, match="colors: expected one tile for each center, found 3 for 2 centers"):
             Tiles(centers=CENTERS[:2], size=0.3, colors={"green": 3})
 
 

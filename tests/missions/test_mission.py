@@ -79,9 +79,7 @@ class TestShipped:
 class TestSettingsOfTheOriginals:
     """As in the ARGoS missions for Mercator (argos3-rvr, experiments-loop-functions)."""
 
-    @pytest.mark.parametrize(
-        "name", ["aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"]
-    )
+    @pytest.mark.parametrize("name", ["aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"])
     def test_three_robots_for_two_minutes_in_the_dodecagon(self, name):
         mission = load_mission(name)
         assert (mission.robots, mission.cycles, mission.control_period) == (3, 1200, 0.1)
@@ -247,9 +245,7 @@ class TestFinding:
 
     def test_a_picture_is_sought_beside_the_mission_and_kept(self, tmp_path):
         Pillow.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "floor.png")
-        (tmp_path / "m.yaml").write_text(
-            TEXT.replace("floor:", "floor:\n  image: {path: floor.png, size: [2, 2]}")
-        )
+        (tmp_path / "m.yaml").write_text(TEXT.replace("floor:", "floor:\n  image: {path: floor.png, size: [2, 2]}"))
         mission = load_mission(tmp_path / "m.yaml")
         assert mission.floor.image.path == str(tmp_path / "floor.png")
         assert parse_mission(dump(mission), folder=tmp_path.parent) == mission
@@ -274,16 +270,12 @@ def test_an_objective_made_in_python_is_checked_too(name, parameters):
 _point = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
 _size = st.floats(0.01, 5)
 _color = st.sampled_from(sorted(COLOURS)) | st.tuples(*[st.integers(0, 255)] * 3)
-_walls = st.builds(
-    RegularPolygon, sides=st.integers(3, 360), apothem=st.floats(1, 9), rotation=st.floats(-9, 9)
-)
+_walls = st.builds(RegularPolygon, sides=st.integers(3, 360), apothem=st.floats(1, 9), rotation=st.floats(-9, 9))
 _zones = st.lists(
     st.builds(Disc, center=_point, radius=_size, color=_color)
     | st.builds(Rectangle, center=_point, size=st.tuples(_size, _size), angle=st.floats(-9, 9), color=_color)
     | st.builds(HalfPlane, point=_point, normal=st.tuples(_size, st.floats(-1, 1)), color=_color)
-    | st.just(
-        Tiles(centers=((1.0, 0.0), (0.5, 2e-17)), size=0.3, colors={"red": 1, "blue": 1}, name="tiles")
-    ),
+    | st.just(Tiles(centers=((1.0, 0.0), (0.5, 2e-17)), size=0.3, colors={"red": 1, "blue": 1}, name="tiles")),
     max_size=3,
     unique_by=lambda zone: zone.name or id(zone),
 )
@@ -300,14 +292,10 @@ _missions = st.builds(
     arena=st.builds(
         Arena,
         walls=_walls | st.just(Polygon(vertices=((-1.0, -1.0), (1.0, -1.0), (0.0, 2.5)))),
-        obstacles=st.lists(st.builds(Box, center=_point, size=st.tuples(_size, _size)), max_size=2).map(
-            tuple
-        ),
+        obstacles=st.lists(st.builds(Box, center=_point, size=st.tuples(_size, _size)), max_size=2).map(tuple),
     ),
     floor=st.builds(Floor, background=_color, zones=_zones.map(tuple)),
-    lights=st.lists(st.builds(Light, position=st.tuples(*[_size] * 3), intensity=_size), max_size=2).map(
-        tuple
-    ),
+    lights=st.lists(st.builds(Light, position=st.tuples(*[_size] * 3), intensity=_size), max_size=2).map(tuple),
     placement=st.builds(DiscPlacement, radius=st.floats(0.1, 2), heading=_heading)
     | st.builds(RectanglePlacement, size=st.tuples(_size, _size), heading=_heading)
     | st.just(FixedPlacement(poses=((0.0, 0.0, 1e-9), (0.5, 0.0, 3.0), (-0.5, 0.0, 3.0)))),

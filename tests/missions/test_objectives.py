@@ -69,9 +69,7 @@ class TestRobotsInZone:
         assert robots_in_zone(walk(AWAY, (0.0, 0.0)), zones=("spot",)) == 1.0
 
     def test_tiles_are_one_zone(self):
-        assert (
-            robots_in_zone(trace([[AWAY] * 3, [(5.0, 0.0), (6.2, 0.2), (5.5, 0.0)]]), zones=("tiles",)) == 2.0
-        )
+        assert robots_in_zone(trace([[AWAY] * 3, [(5.0, 0.0), (6.2, 0.2), (5.5, 0.0)]]), zones=("tiles",)) == 2.0
 
 
 class TestColorValue:
@@ -113,9 +111,7 @@ class TestCellAge:
 
     @settings(max_examples=50, deadline=None)
     @given(
-        hnp.arrays(
-            float, st.tuples(st.integers(2, 30), st.integers(1, 4), st.just(2)), elements=st.floats(-3, 3)
-        ),
+        hnp.arrays(float, st.tuples(st.integers(2, 30), st.integers(1, 4), st.just(2)), elements=st.floats(-3, 3)),
         st.floats(0.5, 5),
         st.integers(1, 6),
     )
@@ -128,9 +124,7 @@ class TestCellAge:
                     age[row, column] = 0.0
             total += age.sum()
             age += 1.0
-        assert cell_age(trace(positions), side=side, cells=cells) == pytest.approx(
-            total / cells**2, rel=1e-12
-        )
+        assert cell_age(trace(positions), side=side, cells=cells) == pytest.approx(total / cells**2, rel=1e-12)
 
 
 class TestTrips:

@@ -228,6 +228,18 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 
 @cli.command()
+@click.argument("fsm", type=click.Path(path_type=Path))
+@_FLAVOUR
+@_LENIENT
+def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
+    """Print the diagram of an fsm.txt as Graphviz text, e.g. for `| dot -Tsvg > fsm.svg`."""
+    from mercator_design.fsm.drawing import to_dot
+    from mercator_design.fsm.text import read_fsm
+
+    click.echo(to_dot(read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None).pfsm), nl=False)
+
+
+@cli.command()
 def missions() -> None:
     """List the shipped missions."""
     from mercator_design.missions.mission import load_mission, shipped_missions

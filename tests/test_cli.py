@@ -251,6 +251,13 @@ class TestValidate:
         assert "fit" in err
 
 
+def test_a_diagram(mdesign, fsm):
+    code, out, _ = mdesign("draw", fsm)
+    assert code == 0
+    assert out.startswith("digraph")
+    assert "S0 -> C0x0 -> S1;" in out
+
+
 def test_missions_are_listed(mdesign):
     code, out, _ = mdesign("missions")
     assert code == 0

@@ -408,9 +408,7 @@ def outcomes(tmp_path_factory):
     others = ["/dev/zero", folder / "pipe", folder / "to_zero", folder / "loop", folder / "huge", folder]
     command = [sys.executable, "-c", _RUNNER, Path(__file__).parent, *paths.values(), *others]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        command, capture_output=True, timeout=60, check=True, env=environment
-    )
+    done = subprocess.run(command, capture_output=True, timeout=60, check=True, env=environment)
     found = json.loads(done.stdout)
     assert list(found) == [str(path) for path in command[4:]], "one was accepted"
     return {Path(path).parent.name if path.endswith("a.yaml") else path: got for path, got in found.items()}

@@ -63,7 +63,9 @@ class RaceDisplay(_Display):
         if now.best is not None:
             spread = f" ± {now.best.sd:.3g}" if now.best.n_results > 1 else ""
             best = f", best {self._mission.cost(now.best.mean):.4g}{spread} (n={now.best.n_results})"
-        text = f"{self._mission.name}: iteration {now.iteration}/{now.iterations}, {now.alive} alive{best}"
+        # When the iterations are over, what is left of the budget goes into a race of the best.
+        stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
+        text = f"{self._mission.name}: {stage}, {now.alive} alive{best}"
         self.show(now.used, text)
 
 

@@ -1,0 +1,49 @@
+"""What holds of the tree as a whole: who imports whom, and that what the documents show works."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+from mercator_design.missions.mission import parse_mission
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def test_imports_go_down_only(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    with contextlib.redirect_stdout(io.StringIO()) as report:
+        status = lint_imports(no_cache=True)
+    assert status == EXIT_STATUS_SUCCESS, report.getvalue()
+
+
+def blocks(language):
+    return [
+        pytest.param(block, id=f"{document.name}-{number}")
+        for document in DOCUMENTS
+        for number, block in enumerate(
+            re.findall(rf"^```{language}\n(.*?)^```", document.read_text(), re.MULTILINE | re.DOTALL)
+        )
+    ]
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python_in_the_documents_runs(code):
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(code, "document", "exec"), {})  # noqa: S102 - our own documents
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_missions_in_the_documents_are_valid(text):
+    assert parse_mission(text).robots == yaml.safe_load(text)["robots"]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
+def test_links_in_the_documents_lead_somewhere(document):
+    for target in re.findall(r"\]\(([^)#]+)", document.read_text()):
+        assert target.startswith("https://") or (document.parent / target).exists(), target

@@ -23,12 +23,11 @@ def test_imports_go_down_only(monkeypatch):
 
 
 def blocks(language):
+    pattern = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
     return [
         pytest.param(block, id=f"{document.name}-{number}")
         for document in DOCUMENTS
-        for number, block in enumerate(
-            re.findall(rf"^```{language}\n(.*?)^```", document.read_text(), re.MULTILINE | re.DOTALL)
-        )
+        for number, block in enumerate(pattern.findall(document.read_text()))
     ]
 
 

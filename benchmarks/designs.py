@@ -11,10 +11,11 @@ import sys
 
 import numpy as np
 
-from mercator_design.design import design, evaluate, new_race
+from mercator_design import shipped
+from mercator_design.design import Designer, evaluate
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
-from mercator_design.missions.mission import load_mission, shipped_missions
+from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
 from mercator_design.race.executors import available_jobs
 from mercator_design.seeds import generator
@@ -36,7 +37,7 @@ def random_pfsms(n: int, seed: int) -> list[Pfsm]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("missions", nargs="*", metavar="MISSION", default=list(shipped_missions()))
+    parser.add_argument("missions", nargs="*", metavar="MISSION", default=list(shipped.missions()))
     parser.add_argument("--budget", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--random", type=int, default=200)
@@ -49,10 +50,10 @@ def main() -> None:
     for name in given.missions:
         mission = load_mission(name)
         simulator = Simulator(mission)
-        result = design(simulator, new_race(simulator, budget=given.budget, seed=given.seed), jobs=jobs)
+        result = Designer(simulator, budget=given.budget, seed=given.seed).run(jobs=jobs)
 
         def scores(pfsm: Pfsm, simulator: Simulator = simulator) -> np.ndarray:
-            return np.array(evaluate(simulator, pfsm, runs=given.instances, seed=given.seed, jobs=jobs).scores)
+            return np.array(evaluate(simulator, pfsm, runs=given.instances, seed=given.seed, jobs=jobs).scores.values)
 
         winner = scores(result.winner)
         others = np.array([scores(pfsm).mean() for pfsm in random_pfsms(given.random, given.seed)])

@@ -15,6 +15,7 @@ import click
 
 from mercator_design import __version__
 from mercator_design.errors import FsmError, MercatorError, MissionError
+from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
     from mercator_design.design import Finished
@@ -44,7 +45,7 @@ _JOBS = click.option(
 
 _FLAVOUR = click.option(
     "--flavour",
-    type=click.Choice(["watermelon", "chocolate"]),
+    type=click.Choice(FLAVOURS),
     help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
 )
 _LENIENT = click.option(
@@ -101,7 +102,7 @@ def cli() -> None:
 )
 @click.option(
     "--flavour",
-    type=click.Choice(["watermelon", "chocolate"]),
+    type=click.Choice(FLAVOURS),
     default="watermelon",
     show_default=True,
     help="Modules to design with.",
@@ -121,7 +122,7 @@ def race(
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
     fsm.txt in the results' folder, and a summary to stdout.
     """
-    from mercator_design.design import design, new_race
+    from mercator_design.design import Designer
     from mercator_design.missions.mission import load_mission
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import RaceDisplay
@@ -129,29 +130,25 @@ def race(
     from mercator_design.run_folder import RunFolder
     from mercator_design.sim.simulate import Simulator
 
-    loaded = load_mission(mission, overrides)
-    jobs = jobs or available_jobs()
-    simulator = Simulator(loaded)
-    running = new_race(simulator, budget=budget, seed=seed, flavour=flavour)
+    simulator = Simulator(load_mission(mission, overrides))
+    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
     simulator.rehearse(announce=_tell)
+    jobs = jobs or available_jobs()
+    path = output or _free_folder(simulator.mission.name)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
-    path = output or _free_folder(loaded.name)
-    with (
-        RunFolder(path, loaded, budget=budget, seed=seed, request=request) as folder,
-        RaceDisplay(loaded, budget) as display,
-    ):
+    with RunFolder(path, designer, request=request) as folder, RaceDisplay(designer) as display:
 
         def watch(finished: "Sequence[Finished]") -> None:
             folder.note(finished)
-            display.update(running)
+            display.update()
 
         try:
-            result = design(simulator, running, jobs=jobs, flavour=flavour, watch=watch)
+            result = designer.run(jobs=jobs, watch=watch)
         except KeyboardInterrupt:
             _tell(f"{path}: the experiments so far are in journal.jsonl")
             raise
         folder.finish(result, seconds=round(display.seconds, 3))
-    click.echo(race_summary(result, loaded, seconds=display.seconds, jobs=jobs, folder=path), nl=False)
+    click.echo(race_summary(result, designer, seconds=display.seconds, jobs=jobs, folder=path), nl=False)
 
 
 @cli.command()
@@ -242,9 +239,10 @@ def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
 @cli.command()
 def missions() -> None:
     """List the shipped missions."""
-    from mercator_design.missions.mission import load_mission, shipped_missions
+    from mercator_design import shipped
+    from mercator_design.missions.mission import load_mission
 
-    for name in shipped_missions():
+    for name in shipped.missions():
         mission = load_mission(name)
         goal = f"{mission.objective.direction} {mission.objective.name}"
         click.echo(f"{name:<20} {mission.robots:>3} robots {mission.duration:>5g} s  {goal}")
@@ -261,10 +259,11 @@ def _tolerate(file: Path) -> Callable[[str], None]:
 
 def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """What a valid file holds, in a few words."""
+    from mercator_design import shipped
     from mercator_design.fsm.text import read_fsm
-    from mercator_design.missions.mission import load_mission, shipped_missions
+    from mercator_design.missions.mission import load_mission
 
-    if file.suffix in {".yaml", ".yml"} or (str(file) in shipped_missions() and not file.exists()):
+    if file.suffix in {".yaml", ".yml"} or (str(file) in shipped.missions() and not file.exists()):
         from mercator_design.sim.simulate import Simulator
 
         mission = load_mission(str(file))

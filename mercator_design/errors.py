@@ -5,8 +5,6 @@
       FsmError              3   a controller's text or structure is not a valid PFSM
       RaceError             1   a race cannot be run as asked
       SimulationError       1   an experiment cannot be set up or went wrong
-      ProtocolError         1   bytes of a device do not follow its protocol
-      RobotError            1   the robot cannot do what was asked
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.
@@ -37,11 +35,3 @@ class RaceError(MercatorError):
 
 class SimulationError(MercatorError):
     """An experiment cannot be set up or went wrong."""
-
-
-class ProtocolError(MercatorError):
-    """Bytes of a device do not follow its protocol."""
-
-
-class RobotError(MercatorError):
-    """The robot cannot do what was asked."""

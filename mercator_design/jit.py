@@ -3,15 +3,19 @@
 A kernel is a plain Python function in a small subset of the language (floats, tuples, rows of numbers, `math`), marked
 `@jittable`. The mark changes nothing: Python, and the robot, call the plain function. `compiled` makes the fast form of
 one entry function, in which every call of a marked function is compiled too. So there is one definition of each
-behaviour, and numba is imported only by who wants speed.
+behaviour, and control software runs where there is no numba.
 
 Compiled code is cached in a folder named by the contents of all kernel files: numba itself does not notice an edited
 callee (numba issue 1833) and would go on running the old one.
 """
 
+import atexit
 import hashlib
 import os
+import shutil
+import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -22,6 +26,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 _waiting: list[Callable[..., Any]] = []
+_compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
+_lock = threading.RLock()
 
 
 def jittable(function: F) -> F:
@@ -46,29 +52,41 @@ def jit_wanted() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 
-@cache
 def compiled(function: F) -> F:
     """The compiled form of an entry function, which runs without holding the GIL."""
     if not jit_wanted():
         return function
-    numba = _numba()
-    while _waiting:
-        _register(_waiting.pop(0))
-    if hasattr(function, "links"):
-        return cast("F", _chain(function.links))
-    # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
-    # references to every array that is passed on would take two thirds of the time.
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+    with _lock:
+        if function not in _compiled:
+            while _waiting:
+                _register(_waiting.pop(0))
+            _compiled[function] = _chain(function.links) if hasattr(function, "links") else _compile(function)
+    return cast("F", _compiled[function])
+
+
+def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
+    import numba
+
+    usual = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options at run time
+    numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+    try:
+        # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
+        # references to every array that is passed on would take two thirds of the time.
+        options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+        return cast("Callable[..., Any]", numba.njit(**options)(function))
+    finally:
+        numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
     """Whether an entry function was compiled before on this machine, in its present form."""
-    return not jit_wanted() or any(cache_folder().glob(f"**/*{function.__qualname__}*.nbi"))
+    python = f"py{sys.version_info.major}{sys.version_info.minor}"
+    return not jit_wanted() or any(cache_folder().glob(f"**/*.{function.__qualname__}-*.{python}*.nbi"))
 
 
 @cache
 def cache_folder() -> Path:
-    """Where compiled code lies: a folder a version of the kernels, or a temporary one if none can be written."""
+    """Where compiled code lies: a folder for each version of the kernels, or one of this process if need be."""
     import platformdirs
 
     root = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
@@ -79,6 +97,7 @@ def cache_folder() -> Path:
             pass
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
@@ -95,14 +114,6 @@ def fingerprint(files: Iterable[Path]) -> str:
     for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()
-
-
-@cache
-def _numba() -> Any:
-    import numba
-
-    numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]  # numba sets its options at run time
-    return numba
 
 
 def _register(function: Callable[..., Any]) -> None:
@@ -123,7 +134,8 @@ def _register(function: Callable[..., Any]) -> None:
 
 def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
     """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
-    numba = _numba()
+    import numba
+
     head = functions[0]
     if len(functions) == 1:
         return cast("Callable[..., Any]", numba.njit(lambda which, *arguments: head(*arguments)))

@@ -105,6 +105,11 @@ def parse(
         raise error(str(fault)) from None
 
 
+def is_name(text: str) -> bool:
+    """Whether a text is the name of something shipped, not a path: no separator, no .yaml or .yml."""
+    return not ("/" in text or "\\" in text or text.endswith((".yaml", ".yml")))
+
+
 _WRONG: Any = object()
 """What a builder returns for a node that is not of its kind; `_build` then says what was expected."""
 
@@ -115,7 +120,7 @@ def _build(node: Node, kind: Kind, path: str) -> Any:  # noqa: ANN401 - what `ki
     if value is _WRONG or not all(rule.allows(value) for rule in rules):
         near = _nearest(node.content, schema.words(base)) if isinstance(node.content, str) else ""
         raise _fault(node, path, f"expected {schema.describe(kind)}, found {node.found}{near}")
-    if any(isinstance(rule, FilePath) for rule in rules):
+    if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
         value = str(node.folder.resolve() / value)
     return value
 

@@ -2,7 +2,7 @@
 
 mission.yaml      the mission as it was raced, every default and override filled in
 provenance.json   versions, seed, budget, platform, fingerprint of the kernels
-journal.jsonl     every experiment, a line each, as it finishes
+journal.jsonl     every experiment, a line each, written as its batch finishes
 results.csv       every configuration that was raced, the elites first
 fsm.txt           the winner; it is written last, so a folder with it is complete
 """
@@ -12,22 +12,20 @@ import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from statistics import mean, stdev
 from types import TracebackType
 from typing import Any, Self
 
 from mercator_design import __version__
-from mercator_design.design import Design, Finished
+from mercator_design.design import Design, Designer, Finished
 from mercator_design.errors import RaceError
 from mercator_design.files import write_text
-from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.text import fsm_file_text, to_text
 from mercator_design.jit import fingerprint, kernel_files
 from mercator_design.loading import dump
-from mercator_design.missions.mission import Mission
 
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 
@@ -39,28 +37,30 @@ class RunFolder:
         RaceError: if the folder has files in it already, or cannot be written.
     """
 
-    def __init__(self, path: Path, mission: Mission, *, budget: int, seed: int, request: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, designer: Designer, *, request: Mapping[str, Any]) -> None:
+        self.path = path
+        self._designer = designer
+        mission, robot_model = designer.simulator.mission, designer.simulator.robot_model
+        self._provenance: dict[str, Any] = {
+            "mercator_design": __version__,
+            "request": dict(request),
+            "mission": mission.name,
+            "budget": designer.race.budget,
+            "seed": designer.race.seed,
+            "started": datetime.now(UTC).isoformat(timespec="seconds"),
+            "kernels": fingerprint(kernel_files()),
+            "python": sys.version.split()[0],
+            "libraries": {name: version(name) for name in _LIBRARIES},
+            "platform": platform.platform(),
+            "machine": platform.machine(),
+            "cores": os.cpu_count(),
+        }
         try:
             path.mkdir(parents=True, exist_ok=True)
             if any(path.iterdir()):
                 raise RaceError(f"{path}: expected a new or empty folder for the results, found files in it")
-            self.path = path
-            self._mission = mission
-            self._provenance: dict[str, Any] = {
-                "mercator_design": __version__,
-                "request": dict(request),
-                "mission": mission.name,
-                "budget": budget,
-                "seed": seed,
-                "started": datetime.now(UTC).isoformat(timespec="seconds"),
-                "kernels": fingerprint(kernel_files()),
-                "python": sys.version.split()[0],
-                "libraries": {name: version(name) for name in _LIBRARIES},
-                "platform": platform.platform(),
-                "machine": platform.machine(),
-                "cores": os.cpu_count(),
-            }
-            write_text(path / "mission.yaml", dump(mission))
+            write_text(path / "robot_model.yaml", dump(robot_model))
+            write_text(path / "mission.yaml", dump(replace(mission, robot_model="robot_model.yaml")))
             self._write_provenance()
             self._journal = (path / "journal.jsonl").open("x", encoding="utf-8")
         except OSError as error:
@@ -85,12 +85,13 @@ class RunFolder:
         """Write what the race came to."""
         self._provenance |= {"finished": datetime.now(UTC).isoformat(timespec="seconds"), **figures}
         self._write_provenance()
-        write_text(self.path / "results.csv", _results(design))
+        write_text(self.path / "results.csv", _results(self._designer, design))
+        simulator, scores = self._designer.simulator, design.scores
         header = {
-            "mission": self._mission.name,
-            "robot model": self._mission.robot_model,
-            "score": f"{mean(design.scores):.6g} (mean of {len(design.scores)} experiments in the race)",
-            "spread": f"{stdev(design.scores) if len(design.scores) > 1 else 0:.6g} (standard deviation)",
+            "mission": simulator.mission.name,
+            "robot model": simulator.robot_model.name,
+            "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
+            "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
             "budget": str(self._provenance["budget"]),
             "seed": str(self._provenance["seed"]),
             "mercator_design": __version__,
@@ -102,7 +103,7 @@ class RunFolder:
         write_text(self.path / "provenance.json", json.dumps(self._provenance, indent=2) + "\n")
 
 
-def _results(design: Design) -> str:
+def _results(designer: Designer, design: Design) -> str:
     """The table of configurations as CSV: elites by rank, then the others by number."""
     import pandas as pd
 
@@ -119,8 +120,7 @@ def _results(design: Design) -> str:
         mean=("score", "mean"),
         standard_deviation=("score", "std"),
     )
-    ranks = {elite.configuration: rank for rank, elite in enumerate(design.race.elites, start=1)}
+    ranks = {elite.configuration: rank for rank, elite in enumerate(designer.race.elites, start=1)}
     results.insert(0, "elite_rank", pd.Series(ranks, dtype="Int64").reindex(results.index))
-    flavour = design.winner.flavour
-    results["fsm"] = [to_text(to_pfsm(design.race.configurations[c], flavour)) for c in results.index]
+    results["fsm"] = [to_text(designer.pfsm(configuration)) for configuration in results.index]
     return str(results.sort_values(["elite_rank", "configuration"], na_position="last").to_csv())

@@ -84,7 +84,12 @@ class Pattern:
 
 @dataclass(frozen=True, slots=True)
 class FilePath:
-    """A path, relative to the folder of the file that names it; it becomes absolute."""
+    """A path, relative to the folder of the file that names it; it becomes absolute.
+
+    With `unless_name`, a text that does not look like a path is a name, and stays as it is.
+    """
+
+    unless_name: bool = False
 
     def allows(self, value: str) -> bool:
         return value != "" and "\0" not in value

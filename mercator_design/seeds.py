@@ -38,9 +38,10 @@ def stream_keys(seed: int, purpose: str, n: int) -> NDArray[np.uint64]:
     return np.asarray(_sequence(seed, purpose).generate_state(n, np.uint64), dtype=np.uint64)
 
 
-def instance_seeds(seed: int, purpose: str, n: int) -> list[int]:
-    """The first n instance seeds of a purpose; a longer list begins with a shorter one."""
-    return [int(s) for s in generator(seed, purpose).integers(1, LARGEST_SEED, size=n, endpoint=True)]
+def instance_seed(seed: int, purpose: str, instance: int) -> int:
+    """The seed of one instance of a purpose."""
+    (word,) = _sequence(seed, f"{purpose} {instance}").generate_state(1, np.uint64)
+    return 1 + int(word) % LARGEST_SEED
 
 
 @jittable

@@ -51,7 +51,7 @@ def colour_label(model: ReferenceModel, red: float, green: float, blue: float) -
         hue += 2.0 * math.pi
     found = -1
     nearest = model.hue_tolerance
-    for label in range(4):
+    for label in range(len(_LABEL_HUES)):
         difference = abs(hue - _LABEL_HUES[label])
         difference = min(difference, abs(model.hue_period - difference))
         if difference < nearest:

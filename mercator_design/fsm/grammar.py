@@ -11,7 +11,15 @@ from collections.abc import Iterable, Mapping
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, Parameter, numbered
-from mercator_design.fsm.pfsm import MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import (
+    MOST_STATES,
+    MOST_TRANSITIONS,
+    Pfsm,
+    State,
+    Transition,
+    absolute_target,
+    relative_target,
+)
 
 Value = int | float | str
 """Numbers of modules are text, as they are categories; all else is a number."""
@@ -51,8 +59,7 @@ def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
         transitions = []
         for j in range(int(configuration.get(f"NumConnections{i}", 0))):
             condition = conditions[int(configuration[f"C{i}x{j}"])]
-            relative = int(configuration[f"N{i}x{j}"])
-            target = relative if relative < i else relative + 1
+            target = absolute_target(i, int(configuration[f"N{i}x{j}"]))
             transitions.append(Transition(condition.name, values(condition, f"{i}x{j}"), target))
         behaviour = behaviours[int(configuration[f"S{i}"])]
         states.append(State(behaviour.name, values(behaviour, f"{i}"), tuple(transitions)))
@@ -73,7 +80,7 @@ def from_pfsm(pfsm: Pfsm) -> dict[str, Value]:
         if state.transitions:
             configuration[f"NumConnections{i}"] = len(state.transitions)
         for j, transition in enumerate(state.transitions):
-            configuration[f"N{i}x{j}"] = transition.target if transition.target < i else transition.target - 1
+            configuration[f"N{i}x{j}"] = relative_target(i, transition.target)
             configuration[f"C{i}x{j}"] = str(transition.module.numbers[pfsm.flavour])
             add(transition.module, transition.parameters, f"{i}x{j}")
     return configuration

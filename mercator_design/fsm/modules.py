@@ -45,6 +45,10 @@ class Module:
     parameters: tuple[Parameter, ...] = ()
     needs: frozenset[str] = field(default_factory=frozenset)  # sensors a robot must have, beyond the common ones
 
+    def __post_init__(self) -> None:
+        if len(self.parameters) > MOST_PARAMETERS:
+            raise ValueError(f"{self.name}: a module has at most {MOST_PARAMETERS} parameters; see Program")
+
 
 def numbered(table: tuple[Module, ...], flavour: str) -> dict[int, Module]:
     """The modules of a flavour by their number, in order of number."""

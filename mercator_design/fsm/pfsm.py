@@ -36,6 +36,16 @@ class Program(NamedTuple):
     targets: Row  # of each transition, number of a state
 
 
+def absolute_target(state: int, relative: int) -> int:
+    """The state that a target counted among the *other* states means, as texts and the grammar count."""
+    return relative if relative < state else relative + 1
+
+
+def relative_target(state: int, target: int) -> int:
+    """The number of a target among the other states; undoes `absolute_target`."""
+    return target if target < state else target - 1
+
+
 @dataclass(frozen=True, slots=True)
 class Transition:
     """An edge: a condition, with its parameters in the table's order, and the number of the target state."""

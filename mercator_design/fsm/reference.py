@@ -62,7 +62,7 @@ class ReferenceModel(NamedTuple):
     repulsion_obstacle_gain: NonNegative = 5.0
     light_gain: NonNegative = 1.0
     light_obstacle_gain: NonNegative = 5.0
-    weakest_pull: NonNegative = 0.1  # a shorter vector counts as none: straight on
+    weakest_pull: Positive = 0.1  # a shorter vector counts as none: straight on
     strength_step: NonNegative = 0.0  # alpha is rounded down to a multiple of this; 0: real
     repulsion_power: Positive = 1.0  # the power with which alpha enters repulsion
 

@@ -9,7 +9,7 @@ A caller who passes `tolerate` hears of each such thing instead, and gets what t
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,15 +17,33 @@ from mercator_design.errors import FsmError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, Parameter, numbered
-from mercator_design.fsm.pfsm import FLAVOURS, MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import (
+    FLAVOURS,
+    MOST_STATES,
+    MOST_TRANSITIONS,
+    Pfsm,
+    State,
+    Transition,
+    absolute_target,
+    relative_target,
+)
 
 Tell = Callable[[str], None]
 
 _LONGEST_FILE = 64 * 1024
-_FLAG = re.compile(r"--(?:nstates|(?:s|rwm|att|rep)\d+|n\d+|[ncpwl]\d+x\d+)")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_INTEGER = re.compile(r"[+-]?\d+")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_INTEGER = re.compile(r"[+-]?[0-9]+")
 _LONGEST_TOKEN = 40
+
+
+def _flags(table: Iterable[Module]) -> set[str]:
+    """The letters of all parameters of modules."""
+    return {parameter.flag for module in table for parameter in module.parameters}
+
+
+_OF_STATES = "|".join(sorted({"s", "n"} | _flags(BEHAVIOURS)))
+_OF_TRANSITIONS = "|".join(sorted({"n", "c"} | _flags(CONDITIONS)))
+_FLAG = re.compile(rf"--(?:nstates|(?:{_OF_STATES})[0-9]+|(?:{_OF_TRANSITIONS})[0-9]+x[0-9]+)")
 
 
 def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = None) -> Pfsm:
@@ -67,7 +85,7 @@ def to_text(pfsm: Pfsm) -> str:
         if state.transitions:
             words.append(f"--n{i} {len(state.transitions)}")
         for j, transition in enumerate(state.transitions):
-            relative = transition.target if transition.target < i else transition.target - 1
+            relative = relative_target(i, transition.target)
             words.append(f"--n{i}x{j} {relative} --c{i}x{j} {transition.module.numbers[pfsm.flavour]}")
             words += _values(transition.module, transition.parameters, f"{i}x{j}")
     return " ".join(words)
@@ -122,7 +140,7 @@ class _Reader:
     def _state(self, i: int, n: int) -> State:
         place = f"state {i}"
         module = self._module(f"--s{i}", f"the behaviour of {place}", self._behaviours)
-        flags = {f"--{parameter.flag}{i}" for behaviour in BEHAVIOURS for parameter in behaviour.parameters}
+        flags = {f"--{flag}{i}" for flag in _flags(BEHAVIOURS)}
         parameters = self._values(place, module, self._gather(flags), f"{i}")
         transitions: tuple[Transition, ...] = ()
         if self._peek() == f"--n{i}":
@@ -134,14 +152,14 @@ class _Reader:
     def _transition(self, i: int, j: int, n: int) -> Transition:
         place = f"state {i}, transition {j}"
         relative = self._integer(f"--n{i}x{j}", f"the target of {place}, counted among the other states", 0, n - 2)
-        flags = {f"--{parameter.flag}{i}x{j}" for condition in CONDITIONS for parameter in condition.parameters}
+        flags = {f"--{flag}{i}x{j}" for flag in _flags(CONDITIONS)}
         condition = f"--c{i}x{j}"
         given = self._gather({condition, *flags})
         if condition not in given:
             raise FsmError(f"{place}: {condition}, its condition, is missing")
         module = self._known(condition, given.pop(condition), f"the condition of {place}", self._conditions)
         parameters = self._values(place, module, given, f"{i}x{j}")
-        return Transition(module.name, parameters, relative if relative < i else relative + 1)
+        return Transition(module.name, parameters, absolute_target(i, relative))
 
     def _peek(self) -> str | None:
         return self._pairs[self._next][0] if self._next < len(self._pairs) else None
@@ -185,13 +203,13 @@ class _Reader:
             text = given.pop(flag, None)
             if text is None:
                 raise FsmError(f"{place}: {flag}, the {parameter.name} of {module.name}, is missing")
-            if not _NUMBER.fullmatch(text):
+            if not (_INTEGER if parameter.integer else _NUMBER).fullmatch(text):
                 raise FsmError(f"{place}: {flag}: expected {parameter.domain}, found {text!r}")
             if not (self._any_domain or parameter.contains(float(text))):
                 raise FsmError(
                     f"{place}: {flag}, the {parameter.name} of {module.name}: expected {parameter.domain}, found {text}"
                 )
-            values.append(int(float(text)) if parameter.integer else float(text))
+            values.append(float(text))
         for flag in given:
             raise FsmError(f"{place}: {module.name} has no parameter {flag}")
         return tuple(values)

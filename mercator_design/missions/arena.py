@@ -101,10 +101,6 @@ class Arena:
         """The corners of the walls' inner face (n, 2), counter-clockwise."""
         return self.walls.corners()
 
-    def obstacle_corners(self) -> Array:
-        """The corners of each obstacle (obstacles, 4, 2), counter-clockwise."""
-        return np.array([box.corners() for box in self.obstacles]).reshape(-1, 4, 2)
-
     @property
     def area(self) -> float:
         """Between the walls, obstacles included [m2]."""

@@ -56,7 +56,7 @@ class FloorTable(NamedTuple):
     extent: Array  # (4,) left, bottom, width, height of the image [m]; widths 0 if there is none
 
 
-Row: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+ZoneRow: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 
 
 def rgb(colour: Colour) -> RGB:
@@ -77,7 +77,7 @@ class Disc:
     color: Colour
     name: Name | None = None
 
-    def rows(self, _rng: np.random.Generator) -> list[Row]:
+    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
         return [(DISC, *self.center, self.radius, 0.0, 0.0, *rgb(self.color))]
 
 
@@ -92,7 +92,7 @@ class Rectangle:
     color: Colour
     name: Name | None = None
 
-    def rows(self, _rng: np.random.Generator) -> list[Row]:
+    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
         width, height = self.size
         return [(RECTANGLE, *self.center, width / 2.0, height / 2.0, self.angle, *rgb(self.color))]
 
@@ -111,7 +111,7 @@ class HalfPlane:
         if math.hypot(*self.normal) < 1e-6:
             raise FieldError("normal", "expected a direction, found no length")
 
-    def rows(self, _rng: np.random.Generator) -> list[Row]:
+    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
         return [(HALF_PLANE, *self.point, *self.normal, 0.0, *rgb(self.color))]
 
 
@@ -130,7 +130,7 @@ class Tiles:
             found = f"{sum(self.colors.values())} for {len(self.centers)} centers"
             raise FieldError("colors", f"expected one tile for each center, found {found}")
 
-    def rows(self, rng: np.random.Generator) -> list[Row]:
+    def rows(self, rng: np.random.Generator) -> list[ZoneRow]:
         half = self.size / 2.0
         deck = [colour for colour, count in self.colors.items() for _ in range(count)]
         drawn = zip(self.centers, rng.permutation(len(deck)), strict=True)
@@ -189,7 +189,7 @@ class Floor:
         """The rows of every table of this floor that a named zone is made of."""
         rows, first = {}, 0
         for zone in self.zones:
-            count = len(zone.centers) if isinstance(zone, Tiles) else 1
+            count = len(zone.rows(np.random.default_rng(0)))  # what is drawn does not matter
             if zone.name is not None:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count

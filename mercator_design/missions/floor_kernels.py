@@ -44,7 +44,7 @@ def zone_at(zones: Array, x: float, y: float) -> int:
 
 
 @jittable
-def color_at(floor: FloorTable, x: float, y: float) -> RGB:
+def colour_at(floor: FloorTable, x: float, y: float) -> RGB:
     """Red, green and blue at a point, each in 0 .. 255."""
     index = zone_at(floor.zones, x, y)
     if index >= 0:
@@ -69,7 +69,7 @@ def in_zones(zones: Array, rows: tuple[int, ...], points: Array) -> NDArray[np.b
     return inside.reshape(points.shape[:-1])
 
 
-def colors_at(floor: FloorTable, points: Array) -> Array:
+def colours_at(floor: FloorTable, points: Array) -> Array:
     """The colours (..., 3) at points (..., 2)."""
     flat = np.ascontiguousarray(points.reshape(-1, 2))
     colors = np.zeros((len(flat), 3))
@@ -86,4 +86,4 @@ def _mark_inside(zones: Array, rows: NDArray[np.int64], points: Array, inside: N
 
 def _fill_colors(floor: FloorTable, points: Array, colors: Array) -> None:
     for i in range(len(points)):
-        colors[i, 0], colors[i, 1], colors[i, 2] = color_at(floor, points[i, 0], points[i, 1])
+        colors[i, 0], colors[i, 1], colors[i, 2] = colour_at(floor, points[i, 0], points[i, 1])

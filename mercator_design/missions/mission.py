@@ -12,16 +12,15 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from mercator_design import shipped
 from mercator_design.errors import MissionError
-from mercator_design.loading import FieldError, KeywordsOf, Length, Name, Range, parse, read
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, parse, read
 from mercator_design.missions.arena import Arena, Light
 from mercator_design.missions.floor import Floor
 from mercator_design.missions.objectives import OBJECTIVES, zone_parameters
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.trace import Trace
-from mercator_design.yaml_tree import excerpt
 
-_PACKAGE = Path(__file__).parent.parent
 _LONGEST = 50_000_000
 """Robots times cycles: their trace fills 1.3 GB."""
 _GRAY = Floor()
@@ -57,7 +56,7 @@ class Mission:
     description: str = ""
     source: str = ""  # where the mission was published
     robots: Annotated[int, Range(1, 1000)]
-    robot_model: Annotated[str, Length(1)] = "mercator"
+    robot_model: Annotated[str, FilePath(unless_name=True)] = "mercator"
     duration: Annotated[float, Range(0.0, 86_400.0, exclusive_low=True)]  # [s]
     control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s]
     arena: Arena
@@ -103,9 +102,9 @@ class Mission:
         """What a race minimises."""
         return -score if self.objective.direction == "maximise" else score
 
-    def better(self, score: float, other: float) -> bool:
-        """Whether a score is better than another."""
-        return self.cost(score) < self.cost(other)
+    def score(self, cost: float) -> float:
+        """The score that a cost stands for."""
+        return 0.0 - cost if self.objective.direction == "maximise" else cost
 
 
 def load_mission(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Mission:
@@ -118,16 +117,7 @@ def load_mission(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Mis
     Raises:
         MissionError: naming file, line and key.
     """
-    path = Path(name_or_path)
-    text = str(name_or_path)
-    is_path = "/" in text or "\\" in text or path.suffix in {".yaml", ".yml"}
-    if not is_path and not _is_there(path):
-        shipped = shipped_missions()
-        if text not in shipped:
-            near = get_close_matches(text[:100], shipped, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(shipped)}"
-            raise MissionError(f"{excerpt(text)}: no such mission; {hint}")
-        path = shipped[text]
+    path = shipped.find(str(name_or_path), shipped.missions(), "mission")
     defaults = {"name": _name_of(path)}
     return read(path, Mission, error=MissionError, overrides=overrides, defaults=defaults)
 
@@ -142,25 +132,6 @@ def parse_mission(
     """
     defaults = {"name": _name_of(Path(name))}
     return parse(text, Mission, error=MissionError, label=name, folder=folder, overrides=overrides, defaults=defaults)
-
-
-def scenarios_folder() -> Path:
-    """Where the shipped missions and robot models are: in the package, or beside it in a checkout."""
-    packaged = _PACKAGE / "scenarios"
-    return packaged if packaged.is_dir() else _PACKAGE.parent / "scenarios"
-
-
-def shipped_missions() -> dict[str, Path]:
-    """Name -> file of the missions that come with the package, in the order of their names."""
-    return {path.stem: path for path in sorted(scenarios_folder().glob("*.yaml"))}
-
-
-def _is_there(path: Path) -> bool:
-    """Whether there is something to open; a folder called like a shipped mission does not hide it."""
-    try:
-        return path.exists() and not path.is_dir()
-    except OSError:  # as for a name too long to be one
-        return False
 
 
 def _name_of(path: Path) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mercator_design.loading import Length, Range
 from mercator_design.missions.floor import ColourName, rgb
-from mercator_design.missions.floor_kernels import colors_at
+from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.trace import Trace
 
 ObjectiveFunction: TypeAlias = Callable[..., float]
@@ -56,7 +56,7 @@ def robots_in_zone(trace: Trace, *, zones: Zones, when: When = "end") -> float:
 def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, float], Length(1)], when: When = "end") -> float:
     """The value of the floor's colour under each robot, summed; a colour without value counts 0."""
     positions = trace.final_positions if when == "end" else trace.positions
-    colors = colors_at(trace.floor, positions)
+    colors = colours_at(trace.floor, positions)
     return float(sum(value * np.sum(np.all(colors == rgb(name), axis=-1)) for name, value in values.items()))
 
 

@@ -6,7 +6,7 @@ free of walls and other robots is the simulator's to say; it asks for another ca
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,8 @@ Heading: TypeAlias = float | Literal["uniform"]
 class DiscPlacement:
     """Anywhere on a disc or ring, uniform by area (as CoreLoopFunctions of the ARGoS missions)."""
 
+    fixed: ClassVar[bool] = False  # whether each call of `candidate` gives the same
+
     shape: Literal["disc"] = "disc"
     center: Point = (0.0, 0.0)
     radius: Size
@@ -32,11 +34,6 @@ class DiscPlacement:
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
             raise FieldError("inner_radius", f"expected less than the radius {self.radius:g}")
-
-    @property
-    def area(self) -> float:
-        """Of the region [m2]."""
-        return math.pi * (self.radius**2 - self.inner_radius**2)
 
     def points(self, u: Array, v: Array) -> Array:
         """The points (n, 2) of the region that pairs of uniform draws from [0, 1) stand for."""
@@ -53,15 +50,12 @@ class DiscPlacement:
 class RectanglePlacement:
     """Anywhere on a rectangle, uniform by area."""
 
+    fixed: ClassVar[bool] = False
+
     shape: Literal["rectangle"] = "rectangle"
     center: Point = (0.0, 0.0)
     size: tuple[Size, Size]
     heading: Heading = "uniform"
-
-    @property
-    def area(self) -> float:
-        """Of the region [m2]."""
-        return self.size[0] * self.size[1]
 
     def points(self, u: Array, v: Array) -> Array:
         """As in `DiscPlacement`."""
@@ -77,13 +71,10 @@ class RectanglePlacement:
 class FixedPlacement:
     """The same poses in each instance, in the order of the robots."""
 
+    fixed: ClassVar[bool] = True
+
     shape: Literal["poses"] = "poses"
     poses: Annotated[tuple[tuple[Coordinate, Coordinate, float], ...], Length(1, 1000)]
-
-    @property
-    def area(self) -> float:
-        """No region limits the number of robots, but that of the poses."""
-        return math.inf
 
     def candidate(self, _rng: np.random.Generator, robot: int) -> Pose:
         """The pose of a robot; the same at each call."""

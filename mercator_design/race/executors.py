@@ -1,14 +1,13 @@
-"""What runs experiments: a batch in, its costs out, in the same order whatever runs when."""
+"""What runs experiments: a batch in, its results out, in the same order whatever runs when."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from joblib import Parallel, cpu_count, delayed
 
-from mercator_design.race.race import Experiment
-
-Evaluate = Callable[[Experiment], float]
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def available_jobs() -> int:
@@ -17,10 +16,9 @@ def available_jobs() -> int:
 
 
 class ThreadExecutor:
-    """Runs experiments in threads of this process, for an `evaluate` that does not hold the GIL."""
+    """Runs experiments in threads of this process, for functions that do not hold the GIL."""
 
-    def __init__(self, evaluate: Evaluate, jobs: int) -> None:
-        self._evaluate = evaluate
+    def __init__(self, jobs: int) -> None:
         self._parallel = Parallel(n_jobs=jobs, backend="threading", batch_size=1)
 
     def __enter__(self) -> Self:
@@ -32,7 +30,6 @@ class ThreadExecutor:
     ) -> None:
         self._parallel.__exit__(kind, error, traceback)
 
-    def run(self, experiments: Sequence[Experiment]) -> list[float]:
-        """The costs of a batch of experiments."""
-        evaluate = delayed(self._evaluate)
-        return list(self._parallel(evaluate(experiment) for experiment in experiments))
+    def run(self, function: Callable[[T], R], items: Iterable[T]) -> list[R]:
+        """The function's results, in the order of the items."""
+        return list(self._parallel(delayed(function)(item) for item in items))

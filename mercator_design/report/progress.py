@@ -7,8 +7,8 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mercator_design.design import Designer
 from mercator_design.missions.mission import Mission
-from mercator_design.race import IteratedRace
 
 
 class _Display:
@@ -52,21 +52,21 @@ class _Display:
 class RaceDisplay(_Display):
     """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
 
-    def __init__(self, mission: Mission, budget: int) -> None:
-        super().__init__(mission.name, budget)
-        self._mission = mission
+    def __init__(self, designer: Designer) -> None:
+        self._mission = designer.simulator.mission
+        self._race = designer.race
+        super().__init__(self._mission.name, designer.race.budget)
 
-    def update(self, race: IteratedRace) -> None:
-        """Show where a race is."""
-        now = race.progress
+    def update(self) -> None:
+        """Show where the race is."""
+        now = self._race.progress
         best = ""
         if now.best is not None:
             spread = f" ± {now.best.sd:.3g}" if now.best.n_results > 1 else ""
-            best = f", best {self._mission.cost(now.best.mean):.4g}{spread} (n={now.best.n_results})"
+            best = f", best {self._mission.score(now.best.mean):.4g}{spread} (n={now.best.n_results})"
         # When the iterations are over, what is left of the budget goes into a race of the best.
         stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
-        text = f"{self._mission.name}: {stage}, {now.alive} alive{best}"
-        self.show(now.used, text)
+        self.show(now.used, f"{self._mission.name}: {stage}, {now.alive} alive{best}")
 
 
 class EvaluationDisplay(_Display):

@@ -21,7 +21,7 @@ from mercator_design.fsm.perception import perceive
 from mercator_design.fsm.pfsm import Program
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
-from mercator_design.missions.floor_kernels import color_at
+from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.seeds import uniform
 from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
 from mercator_design.sim.motion import glide, mark_close
@@ -29,6 +29,18 @@ from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensors import NO_NOISE, NOISE_DRAWS, cast_at_box, cast_at_walls, noise
 
 Floats = NDArray[np.float64]
+
+_NO_LIGHT = (0.0, 0.0)
+"""What a robot that does not perceive the direction of light reads."""
+
+_NOISY_VALUES = 5
+"""Of a robot in a cycle, beside its proximity sensors: three channels of the ground, two treads."""
+
+
+@jittable
+def _noise_counter(cycle: int, sensors: int, value: int) -> int:
+    """Where in a robot's stream the draws for a noisy value begin: proximity sensors, then ground, then treads."""
+    return NOISE_DRAWS * (cycle * (sensors + _NOISY_VALUES) + value)
 
 
 class Swarm(NamedTuple):
@@ -50,7 +62,6 @@ class Swarm(NamedTuple):
     bearings_x: Floats  # (robots,)
     bearings_y: Floats  # (robots,)
     ground: Floats  # (3,)
-    light: Floats  # (2,)
     draws: Floats  # (DRAWS,)
 
 
@@ -83,7 +94,6 @@ def new_swarm(poses: Floats, control_keys: NDArray[np.uint64], noise_keys: NDArr
         bearings_x=np.zeros(n),
         bearings_y=np.zeros(n),
         ground=np.zeros(3),
-        light=np.zeros(2),
         draws=np.zeros(DRAWS),
     )
 
@@ -213,7 +223,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int)
             n += 1
     ground_x = x + c * scene.ground_x - s * scene.ground_y
     ground_y = y + s * scene.ground_x + c * scene.ground_y
-    red, green, blue = color_at(scene.floor, ground_x, ground_y)
+    red, green, blue = colour_at(scene.floor, ground_x, ground_y)
     swarm.ground[0] = red
     swarm.ground[1] = green
     swarm.ground[2] = blue
@@ -228,7 +238,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int)
         swarm.bearings_y,
         n,
         swarm.ground,
-        swarm.light,
+        _NO_LIGHT,
     )
 
 
@@ -237,15 +247,14 @@ def _disturb(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: i
     """Add noise to what robot i senses: proximity readings that hit something, and the ground's channels."""
     key = swarm.noise_keys[i]
     sensors = len(swarm.proximity)
-    counter = cycle * NOISE_DRAWS * (sensors + 5)
     if scene.proximity_noise[0] != NO_NOISE:
         for k in range(sensors):
             if swarm.proximity[k] <= model.proximity_range:
-                disturbed = swarm.proximity[k] + noise(scene.proximity_noise, key, counter + NOISE_DRAWS * k)
+                disturbed = swarm.proximity[k] + noise(scene.proximity_noise, key, _noise_counter(cycle, sensors, k))
                 swarm.proximity[k] = max(0.0, disturbed)
     if scene.ground_noise[0] != NO_NOISE:
         for k in range(3):
-            disturbed = swarm.ground[k] + noise(scene.ground_noise, key, counter + NOISE_DRAWS * (sensors + k))
+            disturbed = swarm.ground[k] + noise(scene.ground_noise, key, _noise_counter(cycle, sensors, sensors + k))
             # A colour sensor delivers whole numbers from 0 to 255.
             swarm.ground[k] = max(0.0, min(255.0, float(math.floor(disturbed + 0.5))))
 
@@ -261,11 +270,13 @@ def sense_and_control(
             swarm.draws[k] = uniform(swarm.control_keys[i], cycle * DRAWS + k)
         wheels = control_cycle(model, program, readings, swarm.memory[i], swarm.draws)
         history.states[cycle, i] = int(swarm.memory[i, STATE])
-        counter = NOISE_DRAWS * ((cycle + 1) * (len(swarm.proximity) + 5) - 2)
+        sensors = len(swarm.proximity)
         for side in range(2):
             speed = wheels[side] * scene.maximum_speed
             if scene.wheel_noise[0] != NO_NOISE:
-                speed += speed * noise(scene.wheel_noise, swarm.noise_keys[i], counter + NOISE_DRAWS * side)
+                speed += speed * noise(
+                    scene.wheel_noise, swarm.noise_keys[i], _noise_counter(cycle, sensors, sensors + 3 + side)
+                )
             swarm.commands[i, side] = speed
         if len(history.readings) > 0:
             for k in range(len(readings)):

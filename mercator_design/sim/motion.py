@@ -13,6 +13,9 @@ Floats = NDArray[np.float64]
 _REST = 1e-9
 """[m/s, rad/s] A robot that is and stays slower rests; a drive that has stopped leaves such remainders."""
 
+_MARGIN = 0.005
+"""[m] Allowed for beside velocities: Chipmunk also moves bodies apart that overlap."""
+
 
 @jittable
 def glide(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, i: int) -> None:
@@ -51,8 +54,9 @@ def mark_close(
     """Mark the robots that could touch something in this cycle.
 
     A robot by itself gets no farther than its present or its target speed takes it, whichever is higher. One that
-    could touch something could also be pushed, at most as fast as the fastest corner of any robot moves; so those near
-    it are marked in turn. Robots at rest do nothing to each other, nor to walls.
+    could touch something could also be pushed, at most as fast as the fastest corner of any robot moves (contacts give
+    no velocity that they did not take); so those near it are marked in turn. Robots at rest do nothing to each other,
+    nor to walls.
 
     Args:
         scene: The arena and the robots' body.
@@ -74,7 +78,7 @@ def mark_close(
         moves = speed + turn > _REST
         reach[i] = scene.corner + speed * cycle if moves else 0.0
         close[i] = moves and _near_walls(scene, poses[i, 0], poses[i, 1], reach[i])
-    pushed = scene.corner + fastest * cycle
+    pushed = scene.corner + fastest * cycle + _MARGIN
     for i in range(n):
         if close[i]:
             reach[i] = pushed

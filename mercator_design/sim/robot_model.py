@@ -6,16 +6,12 @@ and its assessment may differ in either (pseudo-reality) without a line of code.
 
 import math
 from dataclasses import dataclass
-from difflib import get_close_matches
-from pathlib import Path
 from typing import Annotated, Literal
 
+from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import NonNegative, Positive, Range, read
-from mercator_design.missions.mission import scenarios_folder
-
-Count = Annotated[int, Range(low=1, high=1000)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +43,7 @@ class Body:
     width: Positive  # [m]
     mass: Positive  # [kg]
     friction: NonNegative = 0.7
-    elasticity: NonNegative = 0.0
+    elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0
 
     @property
     def inertia(self) -> float:
@@ -87,8 +83,8 @@ class Ground:
 class Physics:
     """How finely the motion is computed."""
 
-    sub_steps: Count = 10  # in a control cycle
-    solver_iterations: Count = 10
+    time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; a cycle is divided evenly
+    solver_iterations: Annotated[int, Range(1, 1000)] = 10
     collision_slop: NonNegative = 0.001  # [m] overlap that is not pushed apart
     wall_friction: NonNegative = 0.1
 
@@ -104,9 +100,14 @@ class RobotModel:
     drive: Drive
     proximity: Proximity
     ground: Ground
-    provides: tuple[str, ...] = ()  # sensors beyond the common ones, by the name that modules need them by
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
+
+    @property
+    def fastest(self) -> float:
+        """The highest speed of a point of the body [m/s]: a corner, driving and spinning at full speed."""
+        spin = 2.0 * self.drive.maximum_speed / self.drive.tread_distance
+        return self.drive.maximum_speed + spin * self.corner
 
     @property
     def corner(self) -> float:
@@ -114,22 +115,11 @@ class RobotModel:
         return 0.5 * math.hypot(self.body.length, self.body.width)
 
 
-def shipped_robot_models() -> dict[str, Path]:
-    """The robot models of scenarios/robots/, by name."""
-    return {file.stem: file for file in sorted((scenarios_folder() / "robots").glob("*.yaml"))}
-
-
-def load_robot_model(name: str) -> RobotModel:
+def load_robot_model(name_or_path: str) -> RobotModel:
     """A robot model by the name of a shipped one, or by path.
 
     Raises:
         MissionError: if there is none, or it is not valid.
     """
-    shipped = shipped_robot_models()
-    path = Path(name)
-    if name in shipped and not path.is_file():
-        path = shipped[name]
-    elif not path.exists():
-        near = get_close_matches(name[:100], shipped, n=1) or list(shipped)
-        raise MissionError(f"robot model {name[:100]!r}: no such file; shipped are: {', '.join(near)}")
+    path = shipped.find(name_or_path, shipped.robot_models(), "robot model")
     return read(path, RobotModel, error=MissionError, defaults={"name": path.stem})

@@ -49,7 +49,7 @@ def distance_to_wall(x: float, y: float, ray_x: float, ray_y: float, walls: Floa
         i: Which of them.
     """
     across = ray_x * walls[i, 3] - ray_y * walls[i, 2]
-    if abs(across) < _PARALLEL:
+    if across < _PARALLEL:  # the arena lies to the left of its walls; the ray does not go to their right
         return math.inf
     to_x = walls[i, 0] - x
     to_y = walls[i, 1] - y

@@ -51,15 +51,7 @@ class Simulator:
         """
         self.check(pfsm)
         instance = self._world.instance(seed)
-        history = new_history(self.mission.cycles, self.mission.robots, everything=record)
-        self._run(instance, pfsm, history, referee=referee)
-        trace = Trace(
-            poses=history.poses,
-            states=history.states,
-            floor=instance.scene.floor,
-            zone_rows=instance.zone_rows,
-            control_period=self.mission.control_period,
-        )
+        trace, history = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
         return Outcome(score=self.mission.objective(trace), trace=trace, history=history)
@@ -72,16 +64,28 @@ class Simulator:
         """
         instance = self.try_placement()
         if not is_cached(kernel.experiment):
-            announce("Compiling the simulator, once on this machine ...")
-        self._run(instance, Pfsm((State("stop"),)), new_history(1, self.mission.robots, everything=False))
+            announce("Compiling the simulator; later runs find it in the cache ...")
+        trace, _ = self._run(instance, Pfsm((State("stop"),)), 1)
+        self.mission.objective(trace)
 
     def try_placement(self) -> Instance:
         """An instance, to show that the robots fit."""
         return self._world.instance(1)
 
-    def _run(self, instance: Instance, pfsm: Pfsm, history: History, *, referee: bool = False) -> None:
+    def _run(
+        self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
+    ) -> tuple[Trace, History]:
+        history = new_history(cycles, self.mission.robots, everything=everything)
         run = _referee if referee or not jit_wanted() else _compiled
         run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
+        trace = Trace(
+            poses=history.poses,
+            states=history.states,
+            floor=instance.scene.floor,
+            zone_rows=instance.zone_rows,
+            control_period=self.mission.control_period,
+        )
+        return trace, history
 
     def check(self, pfsm: Pfsm) -> None:
         """Make sure that the robot has what a PFSM needs.
@@ -98,7 +102,7 @@ class Simulator:
         Raises:
             FsmError: naming the one and the other.
         """
-        for need in sorted(needs.difference(self.robot_model.provides)):
+        for need in sorted(needs):  # none of them is simulated
             raise FsmError(f"{who} needs {need}, which robot {self.robot_model.name} does not perceive")
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mercator_design.errors import MissionError
 from mercator_design.fsm.pfsm import Pfsm, Program
+from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator, stream_keys
@@ -19,9 +20,6 @@ from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensors import GAUSSIAN, NO_NOISE, UNIFORM
 
 Floats = NDArray[np.float64]
-
-WALL_THICKNESS = 0.1
-"""[m] of the outer walls, outwards of their inner faces: more than a robot could ever be pushed in a sub-step."""
 
 _TRIALS = 1000  # poses tried for one robot, as in the original
 _RESTARTS = 10  # of the whole placement, when a robot finds no place among those already there
@@ -48,19 +46,39 @@ class World:
     def __init__(self, mission: Mission, robot_model: RobotModel) -> None:
         self.mission = mission
         self.robot_model = robot_model
-        arena = mission.arena
+        arena, body = mission.arena, robot_model.body
+        self._sub_steps = math.ceil(mission.control_period / robot_model.physics.time_step - 1e-9)
         self._vertices: Floats = arena.corners()
+        along = np.roll(self._vertices, -1, axis=0) - self._vertices
+        inwards = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+        self._walls = np.ascontiguousarray(np.hstack([self._vertices, along, inwards]))
         self._boxes = np.array(
             [
                 [*box.center, math.cos(box.angle), math.sin(box.angle), 0.5 * box.size[0], 0.5 * box.size[1]]
                 for box in arena.obstacles
             ]
         ).reshape(-1, 6)
-        needed = mission.robots * robot_model.body.length * robot_model.body.width
+        needed = mission.robots * body.length * body.width
         if needed > arena.area:
             raise MissionError(
-                f"{mission.name}: {mission.robots} robots need {needed:.2f} m2; the arena has {arena.area:.2f} m2"
+                f"{mission.name}: the robots do not fit: {mission.robots} of them need {needed:.2f} m2; "
+                f"the arena has {arena.area:.2f} m2"
             )
+        # Bodies are pushed apart the short way, which is the right one as long as they overlap by less than half.
+        travel = robot_model.fastest * mission.control_period / self._sub_steps
+        if travel > 0.25 * min(body.length, body.width):
+            raise MissionError(
+                f"robot model {robot_model.name}: physics.time_step: a corner travels {travel:.3f} m in a step, "
+                "too far to meet walls and robots reliably; expected a smaller step"
+            )
+        slabs = self._wall_corners()
+        within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
+        for corner in within[:, 2:].reshape(-1, 2):
+            if arena.contains(corner[None, :])[0]:
+                raise MissionError(
+                    f"{mission.name}: arena.walls: the wall is less than {WALL_THICKNESS:g} m thick, or too sharp, "
+                    f"near [{corner[0]:.3g}, {corner[1]:.3g}]; use arena.obstacles for walls inside the arena"
+                )
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
@@ -79,12 +97,9 @@ class World:
 
     def _scene(self, floor: FloorTable) -> Scene:
         model = self.robot_model
-        starts = self._vertices
-        along = np.roll(starts, -1, axis=0) - starts
-        normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
         angles = np.array(model.proximity.angles)
         return Scene(
-            walls=np.ascontiguousarray(np.hstack([starts, along, normals])),
+            walls=self._walls,
             boxes=self._boxes,
             floor=floor,
             half_length=0.5 * model.body.length,
@@ -104,8 +119,8 @@ class World:
             proximity_noise=_noise_row(model.proximity.noise),
             ground_noise=_noise_row(model.ground.noise),
             wheel_noise=_noise_row(model.drive.noise),
-            sub_steps=model.physics.sub_steps,
-            time_step=self.mission.control_period / model.physics.sub_steps,
+            sub_steps=self._sub_steps,
+            time_step=self.mission.control_period / self._sub_steps,
         )
 
     def _empty_space(self) -> pymunk.Space:
@@ -114,25 +129,22 @@ class World:
         space = pymunk.Space()
         space.iterations = physics.solver_iterations
         space.collision_slop = physics.collision_slop
-        for start, end in zip(self._vertices, np.roll(self._vertices, -1, axis=0), strict=True):
-            outwards = np.array([end[1] - start[1], start[0] - end[0]])
-            outwards *= WALL_THICKNESS / np.linalg.norm(outwards)
-            self._add_wall(space, [start, end, end + outwards, start + outwards])
-        for x, y, c, s, half_length, half_width in self._boxes:
-            corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
-            offsets = [(half_length * a, half_width * b) for a, b in corners]
-            self._add_wall(space, [(x + c * u - s * v, y + s * u + c * v) for u, v in offsets])
+        for corners in [*self._wall_corners(), *(box.corners() for box in self.mission.arena.obstacles)]:
+            shape = pymunk.Poly(space.static_body, corners.tolist())
+            shape.friction = physics.wall_friction
+            space.add(shape)
         return space
 
-    def _add_wall(self, space: pymunk.Space, corners: list[NDArray[np.float64]] | list[tuple[float, float]]) -> None:
-        shape = pymunk.Poly(space.static_body, [(float(x), float(y)) for x, y in corners])
-        shape.friction = self.robot_model.physics.wall_friction
-        space.add(shape)
+    def _wall_corners(self) -> Floats:
+        """The outer walls (walls, 4, 2): the two corners of the inner face, then those outside."""
+        ends = np.roll(self._vertices, -1, axis=0)
+        outwards = -WALL_THICKNESS * self._walls[:, 4:6]
+        return np.stack([self._vertices, ends, ends + outwards, self._vertices + outwards], axis=1)
 
     def _place(self, space: pymunk.Space, random: np.random.Generator, seed: int) -> list[Robot]:
         """All robots at random places where they touch neither a wall nor each other."""
         most = 0
-        for _ in range(_RESTARTS):
+        for _ in range(1 if self.mission.placement.fixed else _RESTARTS):
             robots: list[Robot] = []
             while len(robots) < self.mission.robots and (robot := self._place_one(space, random, len(robots))):
                 space.add(robot.body, robot.shape)
@@ -142,6 +154,10 @@ class World:
             if len(robots) == self.mission.robots:
                 return robots
             most = max(most, len(robots))
+        if self.mission.placement.fixed:
+            raise MissionError(
+                f"{self.mission.name}: placement.poses[{most}]: a robot there touches a wall, a box or another robot"
+            )
         body = self.robot_model.body
         raise MissionError(
             f"{self.mission.name}: the robots do not fit: at seed {seed}, {most} of {self.mission.robots} found a "
@@ -160,7 +176,7 @@ class World:
         )
         robot.shape.friction = body.friction
         robot.shape.elasticity = body.elasticity
-        for _ in range(_TRIALS):
+        for _ in range(1 if self.mission.placement.fixed else _TRIALS):
             x, y, heading = self.mission.placement.candidate(random, number)
             robot.body.position = (x, y)
             robot.body.angle = heading

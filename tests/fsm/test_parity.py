@@ -15,6 +15,7 @@ from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled
+from mercator_design.schema import NonNegative
 from mercator_design.sim.world import program_arrays
 from tests.fsm.strategies import pfsms, values
 
@@ -47,7 +48,10 @@ ORIGINAL = ReferenceModel(
     white_lowest=220.0,
     hue_period=1e9,
 )
-MODELS = st.sampled_from([ReferenceModel(), ORIGINAL, ReferenceModel(neighbour_obstacle_range=0.55)])
+ZEROS = ReferenceModel(  # every constant that may be zero
+    **{name: 0.0 for name, kind in ReferenceModel.__annotations__.items() if kind == NonNegative}
+)
+MODELS = st.sampled_from([ReferenceModel(), ORIGINAL, ZEROS, ReferenceModel(neighbour_obstacle_range=0.55)])
 
 
 @pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda m: m.name)

@@ -87,6 +87,8 @@ MALFORMED = {
     "twice": ("--nstates 1 --s0 1 --s0 1", ["--s0", "twice"]),
     "no value": ("--nstates 1 --s0", ["--s0"]),
     "flag for a value": ("--nstates 2 --s0 --rwm0 20", ["--s0", "--rwm0"]),
+    "power of ten for a whole number": ("--nstates 1 --s0 0 --rwm0 2e1", ["--rwm0", "2e1"]),
+    "digits of another script": ("--nstates 1 --s0 0 --rwm0 ٢", ["--rwm0"]),
     "strange flag": ("--nstates 1 --s0 0 --rwm0 33 --brd0 1", ["--brd0"]),
     "strange word": ("hello", ["hello"]),
     "endless token": ("--nstates " + "9" * 5000, ["999"]),

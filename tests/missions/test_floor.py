@@ -21,7 +21,7 @@ from mercator_design.missions.floor import (
     Tiles,
     rgb,
 )
-from mercator_design.missions.floor_kernels import color_at, colors_at, in_zones, zone_at, zone_contains
+from mercator_design.missions.floor_kernels import colour_at, colours_at, in_zones, zone_at, zone_contains
 
 RNG = seeds.generator(1, "floor")
 CENTERS = tuple((x / 2, y / 2) for x in range(-2, 3) for y in range(-1, 2))
@@ -81,14 +81,14 @@ def test_later_zones_are_painted_over_earlier_ones_and_all_over_the_background()
         Rectangle(center=(0.0, 0.0), size=(1.0, 1.0), color=(1, 2, 3)),
         background="blue",
     )
-    assert color_at(floor, 0.0, 0.0) == (1.0, 2.0, 3.0)
-    assert color_at(floor, 0.9, 0.0) == (255.0, 255.0, 255.0)
-    assert color_at(floor, 1.1, 0.0) == (0.0, 0.0, 255.0)
+    assert colour_at(floor, 0.0, 0.0) == (1.0, 2.0, 3.0)
+    assert colour_at(floor, 0.9, 0.0) == (255.0, 255.0, 255.0)
+    assert colour_at(floor, 1.1, 0.0) == (0.0, 0.0, 255.0)
     assert [zone_at(floor.zones, x, 0.0) for x in (0.0, 0.9, 1.1)] == [1, 0, -1]
 
 
 def test_a_bare_floor_is_gray():
-    assert color_at(table(), 3.0, 4.0) == (127.0, 127.0, 127.0)
+    assert colour_at(table(), 3.0, 4.0) == (127.0, 127.0, 127.0)
 
 
 def test_colours():
@@ -157,17 +157,17 @@ class TestImage:
         for row in (0, 1):
             for column in (0, 1, 2):
                 x, y = 10.0 - 1.0 + column, 20.0 + 0.5 - row
-                assert color_at(floor, x, y) == tuple(pixels[row, column])
-        assert color_at(floor, 11.5, 19.0) == tuple(pixels[1, 2])  # the border belongs to it
-        assert color_at(floor, 8.5, 21.0) == tuple(pixels[0, 0])
-        assert color_at(floor, 11.6, 20.0) == COLOURS["gray"]
-        assert color_at(floor, 10.0, 18.9) == COLOURS["gray"]
+                assert colour_at(floor, x, y) == tuple(pixels[row, column])
+        assert colour_at(floor, 11.5, 19.0) == tuple(pixels[1, 2])  # the border belongs to it
+        assert colour_at(floor, 8.5, 21.0) == tuple(pixels[0, 0])
+        assert colour_at(floor, 11.6, 20.0) == COLOURS["gray"]
+        assert colour_at(floor, 10.0, 18.9) == COLOURS["gray"]
 
     def test_zones_are_painted_over_it(self, picture):
         disc = Disc(center=(0.0, 0.0), radius=0.1, color="red")
         floor = table(disc, image=Image(path=str(picture[0]), size=(3.0, 2.0)))
-        assert color_at(floor, 0.0, 0.0) == COLOURS["red"]
-        assert color_at(floor, 0.2, 0.1) != COLOURS["red"]
+        assert colour_at(floor, 0.0, 0.0) == COLOURS["red"]
+        assert colour_at(floor, 0.2, 0.1) != COLOURS["red"]
 
     def test_other_modes_become_rgb(self, tmp_path):
         Pillow.new("L", (4, 4), 99).save(tmp_path / "gray.png")
@@ -235,8 +235,8 @@ def test_the_compiled_form_sees_what_the_plain_one_sees(tmp_path_factory, zones,
         image = Image(path=str(path), size=(2.5, 1.5), center=(0.3, -0.2))
     floor = Floor(zones=tuple(zones), image=image).realise(seeds.generator(5, "floor"))
     at = np.array(points).reshape(-1, 2)
-    colors = colors_at(floor, at)
-    assert colors.tolist() == [list(color_at(floor, x, y)) for x, y in at]
+    colors = colours_at(floor, at)
+    assert colors.tolist() == [list(colour_at(floor, x, y)) for x, y in at]
     rows = tuple(range(0, len(floor.zones), 2))
     inside = in_zones(floor.zones, rows, at)
     assert inside.tolist() == [any(zone_contains(floor.zones, row, x, y) for row in rows) for x, y in at]
@@ -247,5 +247,5 @@ def test_points_may_come_in_any_arrangement():
     poses = RNG.uniform(-2, 2, (7, 5, 3))
     inside = in_zones(floor.zones, (0,), poses[1:, :, :2])
     assert np.array_equal(inside, np.hypot(poses[1:, :, 0], poses[1:, :, 1]) <= 1.0)
-    assert np.array_equal(colors_at(floor, poses[1:, :, :2])[..., 1] == 0.0, inside)
+    assert np.array_equal(colours_at(floor, poses[1:, :, :2])[..., 1] == 0.0, inside)
     assert in_zones(floor.zones, (), poses[0, :, :2]).tolist() == [False] * 5

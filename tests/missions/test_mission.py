@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
-from mercator_design import seeds
+from mercator_design import seeds, shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, dump
-from mercator_design.missions import mission as mission_module
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import COLOURS, Disc, Floor, HalfPlane, Rectangle, Tiles
 from mercator_design.missions.mission import (
@@ -21,13 +20,11 @@ from mercator_design.missions.mission import (
     Objective,
     load_mission,
     parse_mission,
-    scenarios_folder,
-    shipped_missions,
 )
 from mercator_design.missions.placement import DiscPlacement, FixedPlacement, RectanglePlacement
 from mercator_design.missions.trace import Trace
 
-SHIPPED = shipped_missions()
+SHIPPED = shipped.missions()
 TEXT = SHIPPED["aggregation"].read_text()
 
 
@@ -198,9 +195,9 @@ def test_overrides():
 def test_direction():
     maximise, minimise = load_mission("aggregation"), load_mission("grid_exploration")
     assert (maximise.cost(2.0), minimise.cost(2.0)) == (-2.0, 2.0)
-    assert maximise.better(2.0, 1.0)
-    assert not maximise.better(2.0, 2.0)
-    assert minimise.better(1.0, 2.0)
+    assert maximise.score(maximise.cost(2.0)) == 2.0
+    assert minimise.score(minimise.cost(2.0)) == 2.0
+    assert str(maximise.score(maximise.cost(0.0))) == "0.0"
 
 
 class TestFinding:
@@ -236,12 +233,22 @@ class TestFinding:
             load_mission(name)
 
     def test_the_folder_in_an_installed_package_comes_first(self, tmp_path, monkeypatch):
-        assert scenarios_folder().name == "scenarios"
-        monkeypatch.setattr(mission_module, "_PACKAGE", tmp_path / "package")
-        assert scenarios_folder() == tmp_path / "scenarios"
+        monkeypatch.setattr(shipped, "_PACKAGE", tmp_path / "package")
+        (tmp_path / "scenarios").mkdir()
+        (tmp_path / "scenarios" / "beside.yaml").write_text(TEXT)
+        assert list(shipped.missions()) == ["beside"]
         (tmp_path / "package" / "scenarios").mkdir(parents=True)
         (tmp_path / "package" / "scenarios" / "only.yaml").write_text(TEXT)
         assert load_mission("only").name == "only"
+
+    def test_a_robot_model_is_a_name_or_sought_beside_the_mission(self, tmp_path):
+        for written, found in (
+            ("mercator", "mercator"),
+            ("my.yaml", str(tmp_path / "my.yaml")),
+            ("../other/my.yaml", str(tmp_path / "../other/my.yaml")),
+        ):
+            (tmp_path / "m.yaml").write_text(TEXT.replace("robot_model: mercator", f"robot_model: {written}"))
+            assert load_mission(tmp_path / "m.yaml").robot_model == found
 
     def test_a_picture_is_sought_beside_the_mission_and_kept(self, tmp_path):
         Pillow.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "floor.png")
@@ -286,7 +293,7 @@ _missions = st.builds(
     name=st.from_regex(r"[\w][\w .+-]{0,9}", fullmatch=True),
     description=st.sampled_from(["", "two\nlines\n", "a: b # c", "no"]),
     robots=st.integers(1, 3),
-    robot_model=st.sampled_from(["mercator", "./robots/mine.yaml"]),
+    robot_model=st.sampled_from(["mercator", "/robots/mine.yaml"]),
     duration=st.sampled_from([0.5, 120.0, 7.5]),
     control_period=st.sampled_from([0.1, 0.5, 0.05]),
     arena=st.builds(

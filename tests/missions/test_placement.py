@@ -42,7 +42,6 @@ def test_a_disc_or_ring_is_filled_evenly(inner):
     assert_uniform(x**2 + y**2, inner**2, 1.2**2)
     assert_uniform(np.arctan2(y, x) % (2 * math.pi), 0.0, 2 * math.pi)
     assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
-    assert placement.area == pytest.approx(math.pi * (1.44 - inner**2))
 
 
 def test_a_rectangle_is_filled_evenly():
@@ -51,7 +50,6 @@ def test_a_rectangle_is_filled_evenly():
     assert_uniform(poses[:, 0], 0.8, 1.2)
     assert_uniform(poses[:, 1], 0.5, 3.5)
     assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
-    assert placement.area == pytest.approx(1.2)
 
 
 def test_a_fixed_heading_moves_no_robot():
@@ -69,7 +67,6 @@ def test_fixed_poses_belong_to_robots_by_number():
         (0.0, 1.0, 2.0),
         (3.0, 4.0, 5.0),
     ]
-    assert placement.area == math.inf
 
 
 def test_a_ring_needs_width():

@@ -4,10 +4,13 @@ Each comparison is a paired one over 40 seeds, of means more than ten standard e
 failing by luck would be below 1e-8.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from mercator_design.fsm import parse
+from mercator_design.sim.robot_model import load_robot_model
 from tests.sim.worlds import simulator
 
 SEEDS = range(40)
@@ -35,17 +38,22 @@ def standard_errors(differences):
 
 
 def test_exploration_covers():
-    """One robot visits most cells of 0.5 m that its centre can reach; a robot that goes straight on does not."""
-    ready = simulator(duration=240, apothem=1.226)
+    """One robot visits nearly all of the 16 cells of 0.5 m that its centre can reach.
 
-    def cells(fsm, seed):
-        trace = ready.run(parse(fsm), seed).trace
-        return len(np.unique(np.floor(trace.positions.reshape(-1, 2) / 0.5), axis=0))
+    One that sees no obstacle, and so goes straight on, does not.
+    """
+    mercator = load_robot_model("mercator")
+    blind = dataclasses.replace(mercator, reference_model=mercator.reference_model._replace(obstacle_threshold=2.0))
+    explore = parse("--nstates 1 --s0 0 --rwm0 20")
 
-    explored = np.array([cells("--nstates 1 --s0 0 --rwm0 20", seed) for seed in SEEDS])
-    attracted = np.array([cells("--nstates 1 --s0 1", seed) for seed in SEEDS])
-    assert standard_errors(explored - attracted) > 10
-    assert explored.mean() > 12
+    def cells(model):
+        ready = simulator(duration=240, apothem=1.226, robot_model=model)
+        positions = [ready.run(explore, seed).trace.positions.reshape(-1, 2) for seed in SEEDS]
+        return np.array([len(np.unique(np.floor(position / 0.5), axis=0)) for position in positions])
+
+    explored = cells(mercator)
+    assert standard_errors(explored - cells(blind)) > 10
+    assert standard_errors(explored - 15) > 6
 
 
 @pytest.mark.parametrize("alpha", [2, 5])

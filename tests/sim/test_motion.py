@@ -6,9 +6,13 @@ import math
 import numpy as np
 import pytest
 
+from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
+from mercator_design.missions.mission import parse_mission
+from mercator_design.sim.motion import mark_close
 from mercator_design.sim.robot_model import Drive, Gaussian, load_robot_model
-from tests.sim.worlds import at, simulator
+from mercator_design.sim.simulate import Simulator
+from tests.sim.worlds import TEXT, at, simulator
 
 MERCATOR = load_robot_model("mercator")
 BLIND = dataclasses.replace(MERCATOR, reference_model=MERCATOR.reference_model._replace(obstacle_threshold=2.0))
@@ -115,3 +119,83 @@ def test_wheel_noise_is_proportional_to_speed():
     sd = 0.03 / math.sqrt(2)
     assert steps.mean() == pytest.approx(0.3, abs=6 * sd / math.sqrt(len(steps)) + 2e-3)
     assert steps.std() == pytest.approx(sd, rel=0.08)
+
+
+def test_robots_that_are_not_close_touch_nothing():
+    """In crowded runs no robot overlaps a wall or robot, more than before, in a cycle in which it is not marked."""
+    world = simulator(robots=8, duration=20, robot_model=BLIND)
+    for seed in range(3):
+        trace = world.run(WANDER, seed).trace
+        for before, after, close in marked(world, trace):
+            for i in np.flatnonzero(~close):
+                assert np.hypot(*after[i, :2]) < 1.226 / math.cos(math.pi / 12)
+                for j in range(8):
+                    if i != j:
+                        deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
+                        assert deeper <= 1e-9
+
+
+def marked(world, trace):
+    """Poses before and after each cycle, and who was marked as close; velocities are those of the cycle before."""
+    scene = world.try_placement().scene
+    velocities = np.diff(trace.poses, axis=0) / 0.1
+    for cycle in range(1, trace.cycles):
+        close = np.zeros(8, dtype=bool)
+        # The velocity at the end of a cycle is at most 0.3 m/s, and the target too.
+        fast = np.full((8, 3), 0.3)
+        fast[:, 1] = 0.0
+        fast[:, 2] = velocities[cycle - 1, :, 2]
+        targets = fast.copy()
+        targets[:, 2] = velocities[cycle, :, 2]
+        mark_close(scene, trace.poses[cycle], fast, targets, np.zeros(8), close)
+        yield trace.poses[cycle], trace.poses[cycle + 1], close
+
+
+def overlap(one, other):
+    """How deep two boxes overlap [m] along the axis that separates them best; negative if apart."""
+    depths = []
+    for a, b in ((one, other), (other, one)):
+        x, y = other[0] - one[0], other[1] - one[1]
+        turn = b[2] - a[2]
+        half = 0.143 * (1 + abs(math.cos(turn)) + abs(math.sin(turn)))
+        c, s = math.cos(a[2]), math.sin(a[2])
+        depths += [half - abs(c * x + s * y), half - abs(c * y - s * x)]
+    return min(depths)
+
+
+@pytest.mark.parametrize(
+    ("walls", "words"),
+    [
+        ("[[-1, -1], [1, -1], [1, 1], [0.004, 1], [0.004, 0], [-0.004, 0], [-0.004, 1], [-1, 1]]", "thick"),
+        ("[[-1, -1], [1, -1], [1, 1], [0.2, 1], [0, 0], [-0.2, 1], [-1, 1]]", "sharp"),
+    ],
+)
+def test_walls_too_thin_to_stand_between_two_places_are_refused(walls, words):
+    text = TEXT.format(
+        robots=1, duration=1, sides=4, apothem=1, obstacles="[]", floor="{}", placement="{shape: disc, radius: 0.5}"
+    )
+    given = parse_mission(text, overrides=[f"arena.walls={{shape: polygon, vertices: {walls}}}"])
+    with pytest.raises(MissionError, match=words):
+        Simulator(given, MERCATOR)
+
+
+def test_a_partition_stands_where_the_robot_sees_it():
+    """A notch of 0.04 m in the outer wall: a blind robot stops at its face."""
+    walls = "[[-1, -1], [1, -1], [1, 1], [0.02, 1], [0.02, -0.5], [-0.02, -0.5], [-0.02, 1], [-1, 1]]"
+    text = TEXT.format(
+        robots=1, duration=8, sides=4, apothem=1, obstacles="[]", floor="{}", placement=at((0.7, 0, math.pi))
+    )
+    given = parse_mission(text, overrides=[f"arena.walls={{shape: polygon, vertices: {walls}}}"])
+    x = Simulator(given, BLIND).run(EXPLORE, 1).trace.poses[-1, 0, 0]
+    assert x == pytest.approx(0.163, abs=0.003)
+
+
+def test_steps_too_coarse_for_the_robot_are_refused():
+    fast = dataclasses.replace(MERCATOR, drive=dataclasses.replace(MERCATOR.drive, maximum_speed=30.0))
+    with pytest.raises(MissionError, match="time_step"):
+        simulator(robot_model=fast)
+
+
+def test_fixed_poses_that_touch_are_named():
+    with pytest.raises(MissionError, match=r"placement.poses\[1\]"):
+        simulator(robots=2, placement=at((0, 0, 0), (0.1, 0, 0))).run(EXPLORE, 1)

@@ -1,18 +1,20 @@
+import math
+
 import pytest
 
+from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm import ReferenceModel
 from mercator_design.loading import dump, parse
-from mercator_design.sim.robot_model import RobotModel, load_robot_model, shipped_robot_models
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
-MERCATOR = shipped_robot_models()["mercator"].read_text()
+MERCATOR = shipped.robot_models()["mercator"].read_text()
 
 
-@pytest.mark.parametrize("name", shipped_robot_models())
+@pytest.mark.parametrize("name", shipped.robot_models())
 def test_shipped_models_are_valid_and_survive_a_round_trip(name):
     model = load_robot_model(name)
     assert model.name == name
-    assert len(model.proximity.angles) == 8
     assert parse(dump(model), RobotModel, error=MissionError) == model
 
 
@@ -20,6 +22,7 @@ def test_geometry_of_mercator():
     """As in the ARGoS plugin argos3-rvr (rvr_entity.cpp, dynamics2d_rvr_model.cpp)."""
     model = load_robot_model("mercator")
     assert (model.body.length, model.body.width, model.body.mass) == (0.286, 0.286, 2.0)
+    assert [round(math.degrees(angle)) for angle in model.proximity.angles] == [45, 0, -45, -90, -135, 180, 135, 90]
     assert model.body.inertia == pytest.approx(0.027265, abs=1e-6)
     assert (model.drive.tread_distance, model.drive.maximum_speed) == (0.147, 0.3)
     assert (model.drive.force, model.drive.torque) == (1.5, 1.5)
@@ -42,7 +45,9 @@ def test_constants_of_the_reference_model_are_data(tmp_path):
         ("reference_model: {neighbor_range: 0.5}", r"reference_model.neighbor_range.*did you mean 'neighbour_range'"),
         ("reference_model: {neighbour_range: wide}", "expected a number"),
         ("reference_model: {proximity_near: 0}", "proximity_near"),
-        ("physics: {sub_steps: 0}", "sub_steps"),
+        ("physics: {time_step: 0}", "time_step"),
+        ("provides: [light direction]", "unknown key"),
+        ("reference_model: {weakest_pull: 0}", "weakest_pull"),
         ("wheels: 4", "unknown key"),
     ],
 )

@@ -110,6 +110,7 @@ def test_a_ray_that_starts_on_or_just_beyond_the_wall_touches_it():
     assert distance_to_wall(1.003, 0.0, 1.0, 0.0, *WALL) == 0.0
     assert distance_to_wall(1.1, 0.0, 1.0, 0.0, *WALL) == math.inf
     assert distance_to_wall(0.5, 0.0, -1.0, 0.0, *WALL) == math.inf
+    assert distance_to_wall(0.99, 0.0, -1.0, 0.0, *WALL) == math.inf
     assert distance_to_wall(0.5, 0.0, 0.0, 1.0, *WALL) == math.inf
 
 
@@ -118,7 +119,8 @@ def test_rays_meet_a_box_where_its_four_sides_say(angle, x, y):
     c, s = math.cos(angle), math.sin(angle)
     a, b = 0.5, 0.3
     sides = np.array(
-        [[a, -b, 0, 2 * b, 0, 0], [a, b, -2 * a, 0, 0, 0], [-a, b, 0, -2 * b, 0, 0], [-a, -b, 2 * a, 0, 0, 0]]
+        # Clockwise: their left is outside.
+        [[a, b, 0, -2 * b, 0, 0], [-a, b, 2 * a, 0, 0, 0], [-a, -b, 0, 2 * b, 0, 0], [a, -b, -2 * a, 0, 0, 0]]
     )
     found = distance_to_box(x, y, c, s, a, b)
     if abs(x) < a - 0.03 and abs(y) < b - 0.03:

@@ -6,10 +6,12 @@ that needs them, so that `--help` is quick.
 """
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Self
 
 import click
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from mercator_design.design import Finished
     from mercator_design.fsm.text import FsmFile
     from mercator_design.missions.mission import Mission
+
+_FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
 
 _SET = click.option(
     "--set",
@@ -39,7 +43,7 @@ _SEED = click.option(
 _JOBS = click.option(
     "-j",
     "--jobs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, 256),
     help="Experiments run at once.  [default: the cores of this machine]",
 )
 
@@ -81,17 +85,17 @@ def main() -> None:
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="mdesign")
 def cli() -> None:
-    r"""Design control software for swarms of Mercator robots.
+    """Design control software for swarms of Mercator robots.
 
     \b
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
     130 interrupted.
-    """
+    """  # noqa: D301 - click reads the control character
 
 
 @cli.command()
 @click.argument("mission")
-@click.option("--budget", type=click.IntRange(min=1), required=True, help="Experiments that may be run.")
+@click.option("--budget", type=click.IntRange(1, 10**9), required=True, help="Experiments that may be run.")
 @_SEED
 @_JOBS
 @click.option(
@@ -136,28 +140,29 @@ def race(
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
-    with RunFolder(path, designer, request=request) as folder, RaceDisplay(designer) as display:
+    with RunFolder(path, designer, request=request) as folder:
+        with _Interrupt() as interrupt, RaceDisplay(designer) as display:
 
-        def watch(finished: "Sequence[Finished]") -> None:
-            folder.note(finished)
-            display.update()
+            def watch(finished: "Sequence[Finished]") -> None:
+                folder.note(finished)
+                display.update()
+                interrupt.check(f"{path}: the experiments so far are in journal.jsonl")
 
-        try:
             result = designer.run(jobs=jobs, watch=watch)
-        except KeyboardInterrupt:
-            _tell(f"{path}: the experiments so far are in journal.jsonl")
-            raise
-        folder.finish(result, seconds=round(display.seconds, 3))
-    click.echo(race_summary(result, designer, seconds=display.seconds, jobs=jobs, folder=path), nl=False)
+        summary = race_summary(result, designer, seconds=display.seconds, jobs=jobs, folder=path)
+        try:
+            folder.finish(result, seconds=round(display.seconds, 3))
+        finally:
+            click.echo(summary, nl=False)
 
 
 @cli.command()
-@click.argument("fsm", type=click.Path(path_type=Path))
+@click.argument("fsm", type=_FILE)
 @click.option(
     "--mission",
     help="YAML file or name of a shipped mission.  [default: mission.yaml beside FSM, or FSM's header]",
 )
-@click.option("-n", "--runs", type=click.IntRange(min=1), default=100, show_default=True, help="Experiments to run.")
+@click.option("-n", "--runs", type=click.IntRange(1, 10**7), default=100, show_default=True, help="Experiments to run.")
 @_SEED
 @_JOBS
 @click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
@@ -177,14 +182,14 @@ def evaluate(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    r"""Measure the controller of an fsm.txt on fresh instances of its mission.
+    """Measure the controller of an fsm.txt on fresh instances of its mission.
 
     \b
     With --json: mission, direction, runs, seed, scores, seeds, mean,
     standard_deviation (n - 1), quartiles [lower, median, upper],
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.
-    """
+    """  # noqa: D301 - click reads the control character
     from mercator_design.design import evaluate as measure
     from mercator_design.fsm.text import read_fsm
     from mercator_design.race.executors import available_jobs
@@ -195,16 +200,21 @@ def evaluate(
 
     file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
     loaded = _mission_of(fsm, file, mission, overrides)
-    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model else None)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
     simulator.rehearse(announce=_tell)
-    with EvaluationDisplay(loaded, runs) as display:
-        result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=display.show)
+    with _Interrupt() as interrupt, EvaluationDisplay(loaded, runs) as display:
+
+        def watch(done: int) -> None:
+            display.show(done)
+            interrupt.check(f"{done} of {runs} experiments were done")
+
+        result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=watch)
     report = evaluation_json if as_json else evaluation_summary
     click.echo(report(result, loaded, seed=seed))
 
 
 @cli.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, required=True, type=_FILE)
 @_FLAVOUR
 @_LENIENT
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
@@ -225,7 +235,7 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 
 @cli.command()
-@click.argument("fsm", type=click.Path(path_type=Path))
+@click.argument("fsm", type=_FILE)
 @_FLAVOUR
 @_LENIENT
 def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
@@ -249,6 +259,35 @@ def missions() -> None:
         click.echo(f"{'':<20} {mission.description}")
 
 
+class _Interrupt:
+    """Ctrl-C while experiments run: noted at once, acted on between batches; the second time acted on at once.
+
+    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback.
+    """
+
+    def __init__(self) -> None:
+        self._came = False
+
+    def __enter__(self) -> Self:
+        self._usual = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        signal.signal(signal.SIGINT, self._usual)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
+        self._came = True
+        signal.signal(signal.SIGINT, self._usual)
+
+    def check(self, what: str) -> None:
+        """Stop, and say what there is, if Ctrl-C came."""
+        if self._came:
+            _tell(what)
+            raise KeyboardInterrupt
+
+
 def _tell(message: str) -> None:
     click.echo(message, err=True)
 
@@ -263,7 +302,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     from mercator_design.fsm.text import read_fsm
     from mercator_design.missions.mission import load_mission
 
-    if file.suffix in {".yaml", ".yml"} or (str(file) in shipped.missions() and not file.exists()):
+    if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in shipped.missions() and not file.exists()):
         from mercator_design.sim.simulate import Simulator
 
         mission = load_mission(str(file))
@@ -285,16 +324,21 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     if given is None and named is None:
         raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
     try:
-        return load_mission(given or str(named), overrides)
+        return load_mission(given if given is not None else str(named), overrides)
     except MissionError as error:
-        if given:
+        if given is not None:
             raise
         raise MissionError(f"{fsm}: the mission of its header: {error}; give --mission") from None
 
 
 def _free_folder(mission: str) -> Path:
-    """The first of runs/MISSION-1, -2, ... that does not exist."""
+    """The first of runs/MISSION-1, -2, ... that did not exist; it does now."""
     number = 1
-    while (folder := Path("runs") / f"{mission}-{number}").exists():
-        number += 1
-    return folder
+    while True:
+        folder = Path("runs") / f"{mission}-{number}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder

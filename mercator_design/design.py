@@ -185,11 +185,12 @@ def evaluate(
         FsmError: if the PFSM needs a sensor that the robot lacks.
     """
     simulator.check(pfsm)
-    seeds = [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
+    seeds: list[int] = []
     scores: list[float] = []
     with ThreadExecutor(jobs) as executor:
         chunk = 10 * jobs  # often enough to see progress, seldom enough to keep all jobs busy
         for start in range(0, runs, chunk):
-            scores += executor.run(lambda one: simulator.run(pfsm, one).score, seeds[start : start + chunk])
+            seeds += [instance_seed(seed, "evaluation", k) for k in range(start, min(start + chunk, runs))]
+            scores += executor.run(lambda one: simulator.run(pfsm, one).score, seeds[start:])
             watch(len(scores))
     return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))

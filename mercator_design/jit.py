@@ -10,6 +10,7 @@ callee (numba issue 1833) and would go on running the old one.
 """
 
 import atexit
+import contextlib
 import hashlib
 import os
 import shutil
@@ -73,9 +74,37 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
         # references to every array that is passed on would take two thirds of the time.
         options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-        return cast("Callable[..., Any]", numba.njit(**options)(function))
+        dispatcher: Any = numba.njit(**options)(function)
+        dispatcher._cache = _ForgivingCache(dispatcher._cache)  # noqa: SLF001 - numba offers no other way in
+        return cast("Callable[..., Any]", dispatcher)
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
+
+
+class _ForgivingCache:
+    """numba's cache of one function, in which a damaged file means recompiling, and a full disk no cache."""
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        try:
+            return self._cache.load_overload(signature, context)
+        except Exception:  # noqa: BLE001 - whatever pickle makes of a damaged file
+            return None
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        for _ in range(2):
+            try:
+                self._cache.save_overload(signature, data)
+            except Exception:  # noqa: BLE001 - as above, when it reads the old index; or there is no room
+                with contextlib.suppress(OSError):
+                    self._cache.flush()  # forget the old index, and try anew
+            else:
+                return
 
 
 def is_cached(function: Callable[..., Any]) -> bool:

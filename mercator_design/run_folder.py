@@ -7,11 +7,13 @@ results.csv       every configuration that was raced, the elites first
 fsm.txt           the winner; it is written last, so a folder with it is complete
 """
 
+import contextlib
+import errno
 import json
 import os
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -55,16 +57,17 @@ class RunFolder:
             "machine": platform.machine(),
             "cores": os.cpu_count(),
         }
-        try:
+        with self._naming_the_folder():
             path.mkdir(parents=True, exist_ok=True)
             if any(path.iterdir()):
                 raise RaceError(f"{path}: expected a new or empty folder for the results, found files in it")
+            # Claims the folder: of two races that got here at once, one fails, and writes nothing.
+            self._journal = (path / "journal.jsonl").open("xb", buffering=0)
+        self._length = 0  # of the journal [bytes]
+        with self._naming_the_folder():
             write_text(path / "robot_model.yaml", dump(robot_model))
             write_text(path / "mission.yaml", dump(replace(mission, robot_model="robot_model.yaml")))
             self._write_provenance()
-            self._journal = (path / "journal.jsonl").open("x", encoding="utf-8")
-        except OSError as error:
-            raise RaceError(f"{path}: cannot write results there: {error.strerror or error}") from None
 
     def __enter__(self) -> Self:
         return self
@@ -75,17 +78,28 @@ class RunFolder:
         self._journal.close()
 
     def note(self, finished: Sequence[Finished]) -> None:
-        """Append experiments to the journal."""
-        for experiment in finished:
-            line = {name: getattr(experiment, name) for name in Finished.__slots__}
-            self._journal.write(json.dumps(line) + "\n")
-        self._journal.flush()
+        """Append experiments to the journal, whole or not at all.
+
+        Raises:
+            RaceError: if it cannot be written.
+        """
+        lines = [{name: getattr(one, name) for name in Finished.__slots__} for one in finished]
+        text = "".join(json.dumps(line) + "\n" for line in lines).encode()
+        with self._naming_the_folder():
+            try:
+                if self._journal.write(text) != len(text):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as if write() had
+            except OSError:
+                self._journal.truncate(self._length)
+                raise
+        self._length += len(text)
 
     def finish(self, design: Design, **figures: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
-        """Write what the race came to."""
-        self._provenance |= {"finished": datetime.now(UTC).isoformat(timespec="seconds"), **figures}
-        self._write_provenance()
-        write_text(self.path / "results.csv", _results(self._designer, design))
+        """Write what the race came to: the winner first, that it is not lost where there is no room for all.
+
+        Raises:
+            RaceError: if it cannot be written.
+        """
         simulator, scores = self._designer.simulator, design.scores
         header = {
             "mission": simulator.mission.name,
@@ -97,7 +111,18 @@ class RunFolder:
             "mercator_design": __version__,
             "kernels": self._provenance["kernels"][:16],
         }
-        write_text(self.path / "fsm.txt", fsm_file_text(design.winner, header))
+        with self._naming_the_folder():
+            write_text(self.path / "fsm.txt", fsm_file_text(design.winner, header))
+            write_text(self.path / "results.csv", _results(self._designer, design))
+            self._provenance |= {"finished": datetime.now(UTC).isoformat(timespec="seconds"), **figures}
+            self._write_provenance()
+
+    @contextlib.contextmanager
+    def _naming_the_folder(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise RaceError(f"{self.path}: cannot write results there: {error.strerror or error}") from None
 
     def _write_provenance(self) -> None:
         write_text(self.path / "provenance.json", json.dumps(self._provenance, indent=2) + "\n")

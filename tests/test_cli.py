@@ -1,6 +1,7 @@
 """The command line: what a user types, sees and finds afterwards."""
 
 import csv
+import errno
 import json
 import os
 import re
@@ -8,10 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
-from mercator_design import shipped
+from mercator_design import run_folder, shipped
 from mercator_design.cli import main
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission
@@ -137,6 +139,43 @@ class TestRace:
         assert code == 1
         assert "empty" in err
         assert [file.name for file in tmp_path.iterdir()] == ["precious.txt"]
+
+    def test_two_races_do_not_share_a_folder(self, mdesign, tmp_path, monkeypatch):
+        """The other one comes after this one has found the folder empty, and before it writes."""
+        monkeypatch.setattr(Path, "iterdir", lambda self: iter(()))
+        (tmp_path / "journal.jsonl").write_text("of the other")
+        code, _, err = mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path, *QUICK)
+        assert code == 1
+        assert str(tmp_path) in err
+        monkeypatch.undo()
+        assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("journal.jsonl", "of the other")]
+
+    def test_a_full_disk_keeps_the_winner(self, mdesign, tmp_path, monkeypatch):
+        write_text = run_folder.write_text
+
+        def full(path, text):
+            if path.name == "results.csv":
+                raise OSError(errno.ENOSPC, "No space left on device")
+            write_text(path, text)
+
+        monkeypatch.setattr(run_folder, "write_text", full)
+        code, out, err = mdesign("race", "aggregation", "--budget", 60, "-o", tmp_path / "r", *QUICK)
+        assert code == 1
+        assert f"{tmp_path / 'r'}: cannot write results there: No space left on device" in err
+        assert (tmp_path / "r" / "fsm.txt").read_text().splitlines()[-1] in out.splitlines()
+
+    @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
+    def test_a_journal_has_whole_lines_only(self, tmp_path):
+        limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
+        ignore = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        script = f"{limit}{ignore}from mercator_design.cli import main; main()"
+        command = [sys.executable, "-c", script, "race", "aggregation", "--budget", "200", "-o", str(tmp_path / "r")]
+        done = subprocess.run([*command, *QUICK], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert f"{tmp_path / 'r'}: cannot write results there" in done.stderr
+        lines = (tmp_path / "r" / "journal.jsonl").read_text().splitlines(keepends=True)
+        assert lines
+        assert all(line.endswith("}\n") for line in lines)
 
     def test_default_folder(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)

@@ -31,8 +31,10 @@ from mercator_design.fsm.pfsm import (
 Tell = Callable[[str], None]
 
 _LONGEST_FILE = 64 * 1024
+_LONGEST_WARNING = 200
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
+_NOT_DECIMAL = re.compile(r"[+-]?(?:inf|nan|0x)", re.IGNORECASE)
 _LONGEST_TOKEN = 40
 
 
@@ -64,8 +66,8 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = Non
     if tokens[:1] == ["--fsm-config"]:
         del tokens[0]
     for token in tokens:
-        if len(token) > _LONGEST_TOKEN:
-            raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}...")
+        if len(token) > _LONGEST_TOKEN or not token.isprintable():
+            raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}")
     if tolerate:
         tokens = _as_original(tokens, flavour, tolerate)
     pfsm = _Reader(tokens, flavour, any_domain=tolerate is not None).pfsm()
@@ -235,6 +237,8 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
         text = tokens[at + 1]
         match = (_INTEGER if integer else _NUMBER).match(text)
         value = match.group() if match else "0"
+        if not integer and _NOT_DECIMAL.match(text):
+            value = text  # strtod makes a number of it that no controller means; the strict reader refuses it
         if value != text:
             tell(f"{flag} {text} was read as {value}")
         clean.extend((flag, value))
@@ -261,7 +265,7 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
             take_parameters(numbered(CONDITIONS, flavour), condition, f"{i}x{j}", first, last)
     ignored = " ".join(token for k, token in enumerate(tokens) if k not in used)
     if ignored:
-        tell(f"ignored: {ignored}")
+        tell(f"ignored: {ignored if len(ignored) <= _LONGEST_WARNING else ignored[:_LONGEST_WARNING] + ' ...'}")
     return clean
 
 
@@ -290,7 +294,7 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
         with path.open("rb") as file:
             content = file.read(_LONGEST_FILE + 1)
         if len(content) > _LONGEST_FILE:
-            raise FsmError(f"{path}: expected at most {_LONGEST_FILE} bytes")
+            raise FsmError(f"{path}: expected at most {_LONGEST_FILE} bytes, found more")
         lines = content.decode("utf-8-sig").splitlines()
     except (OSError, ValueError) as error:
         raise FsmError(f"{path}: cannot be read as text: {error}") from None
@@ -307,8 +311,11 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
         where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
         raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
     number, line = found[0]
+    named = header.get("flavour", FLAVOURS[0])
+    if flavour is None and named not in FLAVOURS:
+        raise FsmError(f"{path}: flavour in the header: expected one of {', '.join(FLAVOURS)}, found {named!r}")
     try:
-        pfsm = parse(line, flavour or header.get("flavour", "watermelon"), tolerate=tolerate)
+        pfsm = parse(line, flavour or named, tolerate=tolerate)
     except FsmError as error:
         raise FsmError(f"{path}:{number}: {error}") from None
     return FsmFile(pfsm=pfsm, header=header)

@@ -21,6 +21,9 @@ Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
 Array: TypeAlias = NDArray[np.float64]
 
+_SHORTEST_WALL = 0.001
+"""[m]"""
+
 _SMALLEST_AREA = 1e-6
 """Of a polygon that is not a line [m2]."""
 
@@ -54,11 +57,17 @@ class Polygon:
         for index, vertex in enumerate(self.vertices):
             if vertex in self.vertices[:index]:
                 raise FieldError(f"vertices[{index}]", "a corner for the second time; the last wall closes by itself")
-        crossing = _crossing(np.array(self.vertices, dtype=float))
+        corners = np.array(self.vertices, dtype=float)
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        if lengths.min() < _SHORTEST_WALL:
+            raise FieldError(
+                f"vertices[{int(np.argmin(lengths))}]", f"the wall from here is shorter than {_SHORTEST_WALL:g} m"
+            )
+        crossing = _crossing(corners)
         if crossing is not None:
             first, second = crossing
             raise FieldError(f"vertices[{second}]", f"the wall from here crosses or touches wall {first}")
-        if abs(_signed_area(np.array(self.vertices, dtype=float))) < _SMALLEST_AREA:
+        if abs(_signed_area(corners)) < _SMALLEST_AREA:
             raise FieldError("vertices", "the corners enclose no area")
 
     def corners(self) -> Array:

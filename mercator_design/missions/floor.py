@@ -40,7 +40,7 @@ COLOURS: Mapping[ColourName, RGB] = {
 DISC, RECTANGLE, HALF_PLANE = 0.0, 1.0, 2.0
 """The first number of a row of a table."""
 
-LARGEST_IMAGE = 16_000_000
+LARGEST_IMAGE = 4_000_000
 """Pixels: beyond, a small file could fill the memory."""
 
 

@@ -21,8 +21,8 @@ from mercator_design.missions.objectives import OBJECTIVES, zone_parameters
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.trace import Trace
 
-_LONGEST = 50_000_000
-"""Robots times cycles: their trace fills 1.3 GB."""
+_LONGEST = 10_000_000
+"""Robots times cycles: their trace fills 250 MB."""
 _GRAY = Floor()
 
 

@@ -33,6 +33,7 @@ class _ZoneReference:
 
 Zones: TypeAlias = Annotated[tuple[str, ...], Length(1), _ZoneReference()]
 When: TypeAlias = Literal["end", "always"]
+Value: TypeAlias = Annotated[float, Range(-1e6, 1e6)]
 
 
 def zone_parameters(function: ObjectiveFunction) -> list[str]:
@@ -53,7 +54,7 @@ def robots_in_zone(trace: Trace, *, zones: Zones, when: When = "end") -> float:
 
 
 @objective
-def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, float], Length(1)], when: When = "end") -> float:
+def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, Value], Length(1)], when: When = "end") -> float:
     """The value of the floor's colour under each robot, summed; a colour without value counts 0."""
     positions = trace.final_positions if when == "end" else trace.positions
     colors = colours_at(trace.floor, positions)
@@ -62,7 +63,7 @@ def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, float], L
 
 @objective
 def cell_age(
-    trace: Trace, *, side: Annotated[float, Range(0.01, 1000.0)], cells: Annotated[int, Range(1, 1000)]
+    trace: Trace, *, side: Annotated[float, Range(0.01, 1000.0)], cells: Annotated[int, Range(1, 500)]
 ) -> float:
     """How long the cells of a grid stay unvisited: the mean cell's age, summed over cycles; a cost.
 

@@ -1,7 +1,7 @@
 """Where robots may start.
 
 What is decided here: the distribution that a robot's first pose is proposed from. Whether a proposed pose is
-free of walls and other robots is the simulator's to say; it asks for another candidate until one is.
+free of walls and other robots is the simulator's to say; it asks for more candidates until one is.
 """
 
 import math
@@ -13,9 +13,6 @@ import numpy as np
 from mercator_design.loading import FieldError, Length, Range
 from mercator_design.missions.arena import Arena, Array, Coordinate, Point, Size
 
-Pose: TypeAlias = tuple[float, float, float]
-"""x [m], y [m], heading [rad]."""
-
 Heading: TypeAlias = float | Literal["uniform"]
 
 
@@ -23,7 +20,7 @@ Heading: TypeAlias = float | Literal["uniform"]
 class DiscPlacement:
     """Anywhere on a disc or ring, uniform by area (as CoreLoopFunctions of the ARGoS missions)."""
 
-    fixed: ClassVar[bool] = False  # whether each call of `candidate` gives the same
+    fixed: ClassVar[bool] = False  # whether each call of `candidates` gives the same
 
     shape: Literal["disc"] = "disc"
     center: Point = (0.0, 0.0)
@@ -41,9 +38,9 @@ class DiscPlacement:
         angle = 2.0 * math.pi * v
         return np.column_stack([self.center[0] + radius * np.cos(angle), self.center[1] + radius * np.sin(angle)])
 
-    def candidate(self, rng: np.random.Generator, _robot: int) -> Pose:
-        """A pose for a robot; a new one at each call."""
-        return _pose(self, rng)
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+        """Poses (n, 3) for a robot; new ones at each call."""
+        return _poses(self, rng, n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +59,9 @@ class RectanglePlacement:
         (x, y), (width, height) = self.center, self.size
         return np.column_stack([x + width * (u - 0.5), y + height * (v - 0.5)])
 
-    def candidate(self, rng: np.random.Generator, _robot: int) -> Pose:
-        """A pose for a robot; a new one at each call."""
-        return _pose(self, rng)
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+        """Poses (n, 3) for a robot; new ones at each call."""
+        return _poses(self, rng, n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,19 +73,18 @@ class FixedPlacement:
     shape: Literal["poses"] = "poses"
     poses: Annotated[tuple[tuple[Coordinate, Coordinate, float], ...], Length(1, 1000)]
 
-    def candidate(self, _rng: np.random.Generator, robot: int) -> Pose:
-        """The pose of a robot; the same at each call."""
-        return self.poses[robot]
+    def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Array:
+        """The pose (1, 3) of a robot; the same at each call."""
+        return np.array([self.poses[robot]], dtype=float)
 
 
 Placement: TypeAlias = DiscPlacement | RectanglePlacement | FixedPlacement
 
 
-def _pose(placement: DiscPlacement | RectanglePlacement, rng: np.random.Generator) -> Pose:
-    u, v, turn = rng.random(3)  # three draws whatever the heading, so that fixing it moves no robot
-    x, y = placement.points(np.array([u]), np.array([v]))[0]
-    heading = 2.0 * math.pi * turn if placement.heading == "uniform" else placement.heading
-    return float(x), float(y), float(heading)
+def _poses(placement: DiscPlacement | RectanglePlacement, rng: np.random.Generator, n: int) -> Array:
+    u, v, turns = rng.random((3, n))  # three draws a pose whatever the heading, so that fixing it moves no robot
+    headings = 2.0 * math.pi * turns if placement.heading == "uniform" else np.full(n, placement.heading)
+    return np.column_stack([placement.points(u, v), headings])
 
 
 def outside(placement: Placement, arena: Arena) -> str | None:

@@ -11,7 +11,12 @@ from typing import Annotated, Literal
 from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import NonNegative, Positive, Range, read
+from mercator_design.loading import Range, read
+
+Spread = Annotated[float, Range(0.0, 1000.0)]
+Size = Annotated[float, Range(0.01, 10.0)]
+Amount = Annotated[float, Range(0.001, 1000.0)]
+Friction = Annotated[float, Range(0.0, 10.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,8 +24,8 @@ class Gaussian:
     """Normally distributed noise."""
 
     distribution: Literal["gaussian"] = "gaussian"
-    mean: float = 0.0
-    sd: NonNegative
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0
+    sd: Spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,8 +33,8 @@ class Uniform:
     """Noise uniform within `half_width` of its mean."""
 
     distribution: Literal["uniform"] = "uniform"
-    mean: float = 0.0
-    half_width: NonNegative
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0
+    half_width: Spread
 
 
 Noise = Gaussian | Uniform | None
@@ -39,10 +44,10 @@ Noise = Gaussian | Uniform | None
 class Body:
     """A box around the robot's centre."""
 
-    length: Positive  # [m] along the heading
-    width: Positive  # [m]
-    mass: Positive  # [kg]
-    friction: NonNegative = 0.7
+    length: Size  # [m] along the heading
+    width: Size  # [m]
+    mass: Amount  # [kg]
+    friction: Friction = 0.7
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0
 
     @property
@@ -55,10 +60,10 @@ class Body:
 class Drive:
     """Two treads, with a limited force to reach the commanded velocity."""
 
-    tread_distance: Positive  # [m]
-    maximum_speed: Positive  # [m/s] of a tread
-    force: Positive  # [N]
-    torque: Positive  # [N m]
+    tread_distance: Size  # [m]
+    maximum_speed: Size  # [m/s] of a tread
+    force: Amount  # [N]
+    torque: Amount  # [N m]
     noise: Noise = None  # as a fraction of a tread's speed
 
 
@@ -66,7 +71,7 @@ class Drive:
 class Proximity:
     """A ring of distance sensors; their range and its meaning are in the reference model."""
 
-    ring_radius: NonNegative  # [m] where the rays start
+    ring_radius: Annotated[float, Range(0.0, 10.0)]  # [m] where the rays start
     angles: tuple[float, ...]  # [rad] in the order of the device's numbering
     noise: Noise = None  # [m]
 
@@ -85,8 +90,8 @@ class Physics:
 
     time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; a cycle is divided evenly
     solver_iterations: Annotated[int, Range(1, 1000)] = 10
-    collision_slop: NonNegative = 0.001  # [m] overlap that is not pushed apart
-    wall_friction: NonNegative = 0.1
+    collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
+    wall_friction: Friction = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -62,9 +62,9 @@ class Simulator:
         Args:
             announce: Called with a sentence if there is something to compile.
         """
-        instance = self.try_placement()
         if not is_cached(kernel.experiment):
             announce("Compiling the simulator; later runs find it in the cache ...")
+        instance = self.try_placement()
         trace, _ = self._run(instance, Pfsm((State("stop"),)), 1)
         self.mission.objective(trace)
 

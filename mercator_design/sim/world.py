@@ -9,20 +9,23 @@ from numpy.typing import NDArray
 
 from mercator_design.errors import MissionError
 from mercator_design.fsm.pfsm import Pfsm, Program
+from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.chipmunk import Robot, new_robot
 from mercator_design.sim.kernel import Swarm, new_swarm
+from mercator_design.sim.placing import first_free
 from mercator_design.sim.robot_model import Gaussian, Noise, RobotModel, Uniform
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensors import GAUSSIAN, NO_NOISE, UNIFORM
 
 Floats = NDArray[np.float64]
 
-_TRIALS = 1000  # poses tried for one robot, as in the original
-_RESTARTS = 10  # of the whole placement, when a robot finds no place among those already there
+_TRIALS_A_ROBOT = 1000  # poses tried for one robot before all are placed anew, as in the original
+_TRIALS = 100_000  # poses tried in all
+_BATCH = 20  # poses tried at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +88,15 @@ class World:
         model = self.robot_model
         floor = self.mission.floor.realise(generator(seed, "floor"))
         space = self._empty_space()
-        robots = self._place(space, generator(seed, "placement"), seed)
+        poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
-            poses=np.array([(*robot.body.position, robot.body.angle) for robot in robots]),
+            poses=poses,
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
             sensors=len(model.proximity.angles),
         )
+        robots = [self._robot() for _ in poses]
         return Instance(space, robots, self._scene(floor), swarm, self.mission.floor.zone_rows())
 
     def _scene(self, floor: FloorTable) -> Scene:
@@ -141,48 +145,47 @@ class World:
         outwards = -WALL_THICKNESS * self._walls[:, 4:6]
         return np.stack([self._vertices, ends, ends + outwards, self._vertices + outwards], axis=1)
 
-    def _place(self, space: pymunk.Space, random: np.random.Generator, seed: int) -> list[Robot]:
-        """All robots at random places where they touch neither a wall nor each other."""
+    def _places(self, random: np.random.Generator, seed: int) -> Floats:
+        """Poses (robots, 3) where the robots touch neither a wall nor each other."""
+        body, placement, n = self.robot_model.body, self.mission.placement, self.mission.robots
+        trials = _TRIALS
         most = 0
-        for _ in range(1 if self.mission.placement.fixed else _RESTARTS):
-            robots: list[Robot] = []
-            while len(robots) < self.mission.robots and (robot := self._place_one(space, random, len(robots))):
-                space.add(robot.body, robot.shape)
-                robots.append(robot)
-            for robot in robots:
-                space.remove(robot.shape, robot.body)
-            if len(robots) == self.mission.robots:
-                return robots
-            most = max(most, len(robots))
-        if self.mission.placement.fixed:
-            raise MissionError(
-                f"{self.mission.name}: placement.poses[{most}]: a robot there touches a wall, a box or another robot"
-            )
-        body = self.robot_model.body
+        while trials > 0:
+            poses, placed = np.empty((n, 3)), np.empty((n, 4))
+            for i in range(n):
+                for _ in range(_TRIALS_A_ROBOT // _BATCH):
+                    candidates = placement.candidates(random, i, _BATCH)
+                    headings = candidates[:, 2:]
+                    turned = np.hstack([candidates[:, :2], np.cos(headings), np.sin(headings)])
+                    k = compiled(first_free)(
+                        turned, placed, i, self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width
+                    )
+                    trials -= _BATCH
+                    if k >= 0 or placement.fixed or trials <= 0:
+                        break
+                if k < 0:
+                    break
+                poses[i], placed[i] = candidates[k], turned[k]
+            if k >= 0:
+                return poses
+            most = max(most, i)
+            if placement.fixed:
+                raise MissionError(
+                    f"{self.mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
+                )
         raise MissionError(
-            f"{self.mission.name}: the robots do not fit: at seed {seed}, {most} of {self.mission.robots} found a "
-            f"free place of {body.length:g} x {body.width:g} m within the placement; use fewer robots, or a larger "
-            "arena or placement"
+            f"{self.mission.name}: the robots do not fit: at seed {seed}, {most} of {n} found a free place of "
+            f"{body.length:g} x {body.width:g} m within the placement; use fewer robots, or a larger arena or placement"
         )
 
-    def _place_one(self, space: pymunk.Space, random: np.random.Generator, number: int) -> Robot | None:
+    def _robot(self) -> Robot:
         body, drive = self.robot_model.body, self.robot_model.drive
         robot = new_robot(
-            size=(body.length, body.width),
-            mass=body.mass,
-            inertia=body.inertia,
-            force=drive.force,
-            torque=drive.torque,
+            size=(body.length, body.width), mass=body.mass, inertia=body.inertia, force=drive.force, torque=drive.torque
         )
         robot.shape.friction = body.friction
         robot.shape.elasticity = body.elasticity
-        for _ in range(1 if self.mission.placement.fixed else _TRIALS):
-            x, y, heading = self.mission.placement.candidate(random, number)
-            robot.body.position = (x, y)
-            robot.body.angle = heading
-            if self.mission.arena.contains(np.array([[x, y]]))[0] and not space.shape_query(robot.shape):
-                return robot
-        return None
+        return robot
 
 
 def _noise_row(noise: Noise) -> Floats:

@@ -61,7 +61,8 @@ def test_corners_run_counter_clockwise_from_the_first(vertices):
             "vertices[3]",
         ),  # along the first wall
         ([(0, 0), (1, 0), (2, 0)], "vertices[2]"),  # a line
-        ([(0, 0), (1e-4, 0), (0, 1e-4)], "vertices"),  # no area to speak of
+        ([(0, 0), (1, 0), (1, 1e-4), (1, 1)], "vertices[1]"),  # a wall too short to have a direction
+        ([(0, 0), (0.01, 0), (0.005, 1e-4)], "vertices"),  # no area to speak of
         ([(0, 0), (1, 0)], "vertices"),
     ],
 )

@@ -65,7 +65,7 @@ class TestShipped:
     def test_robots_can_start(self, name):
         mission = load_mission(name)
         rng = seeds.generator(1, "placement")
-        poses = np.array([mission.placement.candidate(rng, robot) for robot in range(mission.robots)])
+        poses = np.vstack([mission.placement.candidates(rng, robot, 1) for robot in range(mission.robots)])
         assert np.isfinite(poses).all()
 
     def test_it_travels_to_workers(self, name):
@@ -169,7 +169,7 @@ def test_a_mistake_in_a_mission(old, new, message):
         ("floor.image={path: nowhere.png, size: [1, 1]}", "floor.image.path: no such file"),
         (
             "duration=86400",
-            "duration: expected at most 50000000 cycles of robots, found 1000 robots x 864000",
+            "duration: expected at most 10000000 cycles of robots, found 1000 robots x 864000",
         ),
         ("floor.zones=[]", "objective.zones[0]: no zone is called 'spot'; known: none"),
         ("objective={name: color_value, direction: maximise, values: {}}", "objective.values: expected a"),

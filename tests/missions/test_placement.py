@@ -22,7 +22,7 @@ FIVE_SIGMA = 5.5  # two-sided chance 4e-8 for a mean of N draws
 
 def drawn(placement):
     rng = seeds.generator(7, "placement")
-    return np.array([placement.candidate(rng, 0) for _ in range(N)])
+    return placement.candidates(rng, 0, N)
 
 
 def assert_uniform(values, low, high):
@@ -56,13 +56,13 @@ def test_a_fixed_heading_moves_no_robot():
     free = DiscPlacement(radius=1.0)
     fixed = DiscPlacement(radius=1.0, heading=0.25)
     for seed in range(5):
-        x, y, _ = free.candidate(seeds.generator(seed, "placement"), 0)
-        assert fixed.candidate(seeds.generator(seed, "placement"), 0) == (x, y, 0.25)
+        x, y, _ = free.candidates(seeds.generator(seed, "placement"), 0, 1)[0]
+        assert fixed.candidates(seeds.generator(seed, "placement"), 0, 1).tolist() == [[x, y, 0.25]]
 
 
 def test_fixed_poses_belong_to_robots_by_number():
     placement = FixedPlacement(poses=((0.0, 1.0, 2.0), (3.0, 4.0, 5.0)))
-    assert [placement.candidate(RNG, robot) for robot in (1, 0, 1)] == [
+    assert [tuple(placement.candidates(RNG, robot, 5)[0]) for robot in (1, 0, 1)] == [
         (3.0, 4.0, 5.0),
         (0.0, 1.0, 2.0),
         (3.0, 4.0, 5.0),

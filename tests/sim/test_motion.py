@@ -4,12 +4,17 @@ import dataclasses
 import math
 
 import numpy as np
+import pymunk
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
+from mercator_design.missions.arena import Arena, Box, RegularPolygon
 from mercator_design.missions.mission import parse_mission
 from mercator_design.sim.motion import mark_close
+from mercator_design.sim.placing import first_free
 from mercator_design.sim.robot_model import Drive, Gaussian, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from tests.sim.worlds import TEXT, at, simulator
@@ -199,3 +204,38 @@ def test_steps_too_coarse_for_the_robot_are_refused():
 def test_fixed_poses_that_touch_are_named():
     with pytest.raises(MissionError, match=r"placement.poses\[1\]"):
         simulator(robots=2, placement=at((0, 0, 0), (0.1, 0, 0))).run(EXPLORE, 1)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)), min_size=2, max_size=5),
+    st.floats(0.01, 0.5),
+    st.floats(0.01, 0.5),
+)
+def test_a_place_is_free_where_pymunk_finds_nothing(poses, half_length, half_width):
+    """The first poses are taken, the last one is tried, in a room with a box."""
+    scene = simulator(sides=5, apothem=0.9, obstacles="[{center: [0.2, 0.1], size: [0.3, 0.2], angle: 0.5}]")
+    scene = scene.try_placement().scene
+    rows = np.array([[x, y, math.cos(heading), math.sin(heading)] for x, y, heading in poses])
+    n = len(rows) - 1
+    free = first_free(rows[n:], rows, n, scene.walls, scene.boxes, half_length, half_width)
+    space = pymunk.Space()
+    for x, y, heading in poses[:n]:
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        body.position, body.angle = (x, y), heading
+        space.add(body, pymunk.Poly.create_box(body, (2 * half_length, 2 * half_width)))
+    for wall in scene.walls.tolist():
+        space.add(pymunk.Segment(space.static_body, wall[:2], (wall[0] + wall[2], wall[1] + wall[3]), 0))
+    corners = Box(center=(0.2, 0.1), size=(0.3, 0.2), angle=0.5).corners().tolist()
+    space.add(pymunk.Poly(space.static_body, corners))
+
+    def meets(slack):
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        body.position, body.angle = poses[n][:2], poses[n][2]
+        shape = pymunk.Poly.create_box(body, (2 * half_length + slack, 2 * half_width + slack))
+        return bool(space.shape_query(shape))
+
+    inside = bool(Arena(walls=RegularPolygon(sides=5, apothem=0.9)).contains(rows[n:, :2])[0])
+    if meets(-0.002) or not inside:
+        assert free == -1
+    elif not meets(0.002):
+        assert free == 0

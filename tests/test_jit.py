@@ -1,0 +1,67 @@
+"""The cache of compiled code: found again, never in the way."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mercator_design import jit
+
+SCRIPT = """
+from mercator_design import jit
+from mercator_design.fsm.conditions import logistic
+before = jit.is_cached(logistic)
+print(before, jit.compiled(logistic)(0.3), jit.is_cached(logistic), jit.cache_folder())
+"""
+
+
+def run(cache, **environment):
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "NUMBA_DISABLE_JIT": "0", **environment}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=given, capture_output=True, text=True, check=True)
+    before, value, after, folder = done.stdout.split()
+    return before == "True", float(value), after == "True", folder
+
+
+def test_the_second_process_finds_what_the_first_compiled(tmp_path):
+    assert run(tmp_path)[::2] == (False, True)
+    assert run(tmp_path)[::2] == (True, True)
+
+
+@pytest.mark.parametrize(("ending", "length"), [(".nbi", 0), (".nbi", 100), (".nbc", 0), (".nbc", 1000)])
+def test_a_damaged_file_is_replaced(tmp_path, ending, length):
+    _, value, _, _ = run(tmp_path)
+    (file,) = tmp_path.glob(f"**/*{ending}")
+    whole = len(file.read_bytes())
+    file.write_bytes(file.read_bytes()[:length])
+    assert run(tmp_path)[1] == value
+    (mended,) = tmp_path.glob(f"**/*{ending}")
+    assert len(mended.read_bytes()) == pytest.approx(whole, rel=0.1)
+
+
+def test_no_room_for_a_cache_is_no_reason_to_stop(tmp_path):
+    (tmp_path / "file").write_text("no folder can be made here")
+    _, _, _, folder = run(tmp_path / "file")
+    assert "mercator_design-" in folder
+    assert not Path(folder).exists()  # it went with its process
+
+
+def test_an_edited_kernel_is_another_cache(tmp_path):
+    (tmp_path / "kernel.py").write_text("a = 1")
+    before = jit.fingerprint([tmp_path / "kernel.py"])
+    (tmp_path / "kernel.py").write_text("a = 2")
+    assert jit.fingerprint([tmp_path / "kernel.py"]) != before
+
+
+def test_the_cache_is_named_by_every_file_that_has_kernels():
+    names = {file.name for file in jit.kernel_files()}
+    package = jit.kernel_files()[0].parents[1]
+    for file in package.rglob("*.py"):
+        if "@jittable" in file.read_text():
+            assert file.name in names
+
+
+def test_a_dispatcher_calls_by_number():
+    call = jit.dispatcher([lambda x: x + 1, lambda x: x * 10])
+    assert [call(0, 5), call(1, 5)] == [6, 50]

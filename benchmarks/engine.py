@@ -37,7 +37,8 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
     """The experiment in plain pymunk and Python."""
     instance, model = world.instance(seed), world.robot_model.reference_model
     space, scene, robots = instance.space, instance.scene, instance.robots
-    for number, robot in enumerate(robots, start=1):
+    for number, (robot, pose) in enumerate(zip(robots, instance.swarm.poses.tolist(), strict=True), start=1):
+        robot.body.position, robot.body.angle = pose[:2], pose[2]
         robot.shape.filter = pymunk.ShapeFilter(group=number)
         space.add(robot.body, robot.shape, robot.goal)
         space.add(robot.pivot, robot.gear)

@@ -24,7 +24,7 @@ from mercator_design.sim.sensors import GAUSSIAN, NO_NOISE, UNIFORM
 Floats = NDArray[np.float64]
 
 _TRIALS_A_ROBOT = 1000  # poses tried for one robot before all are placed anew, as in the original
-_TRIALS = 100_000  # poses tried in all
+_TRIALS = 300_000  # poses tried in all: half a second
 _BATCH = 20  # poses tried at a time
 
 

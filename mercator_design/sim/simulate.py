@@ -114,33 +114,39 @@ def _compiled(instance: Instance, model: ReferenceModel, program: Program, histo
 
 def _referee(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
     """The loop of `kernel.experiment`, with the space in the hands of pymunk's public functions."""
-    space, scene, swarm = instance.space, instance.scene, instance.swarm
-    note_poses, begin_motion = compiled(kernel.note_poses), compiled(kernel.begin_motion)
-    sense_and_control = compiled(kernel.sense_and_control)
+    scene, swarm = instance.scene, instance.swarm
+    note_poses, sense_and_control = compiled(kernel.note_poses), compiled(kernel.sense_and_control)
     with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
         note_poses(swarm, history, 0)
         for cycle in range(len(history.states)):
-            begin_motion(scene, swarm)
-            for i, robot in enumerate(instance.robots):
-                if robot.body.space and not swarm.close[i]:
-                    space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
-            for i in np.flatnonzero(swarm.close).tolist():
-                robot = instance.robots[i]
-                if not robot.body.space:
-                    robot.body.position = tuple(swarm.poses[i, :2].tolist())
-                    robot.body.angle = float(swarm.poses[i, 2])
-                    robot.body.velocity = tuple(swarm.velocities[i, :2].tolist())
-                    robot.body.angular_velocity = float(swarm.velocities[i, 2])
-                    space.add(robot.body, robot.shape)
-                    space.add(robot.pivot, robot.gear)
-                robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
-                robot.goal.angular_velocity = float(swarm.targets[i, 2])
-            if swarm.close.any():
-                for _ in range(scene.sub_steps):
-                    space.step(scene.time_step)
-                for i in np.flatnonzero(swarm.close).tolist():
-                    body = instance.robots[i].body
-                    swarm.poses[i, :3] = *body.position, body.angle
-                    swarm.velocities[i] = *body.velocity, body.angular_velocity
+            referee_motion(instance)
             note_poses(swarm, history, cycle + 1)
             sense_and_control(scene, model, program, swarm, history, cycle)
+
+
+def referee_motion(instance: Instance) -> None:
+    """One control cycle of motion, by the commands and from the poses and velocities in `instance.swarm`."""
+    space, scene, swarm = instance.space, instance.scene, instance.swarm
+    compiled(kernel.begin_motion)(scene, swarm)
+    for i, robot in enumerate(instance.robots):
+        if robot.body.space and not swarm.close[i]:
+            space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
+    close = np.flatnonzero(swarm.close).tolist()
+    for i in close:
+        robot = instance.robots[i]
+        if not robot.body.space:
+            robot.body.position = tuple(swarm.poses[i, :2].tolist())
+            robot.body.angle = float(swarm.poses[i, 2])
+            robot.body.velocity = tuple(swarm.velocities[i, :2].tolist())
+            robot.body.angular_velocity = float(swarm.velocities[i, 2])
+            space.add(robot.body, robot.shape)
+            space.add(robot.pivot, robot.gear)
+        robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
+        robot.goal.angular_velocity = float(swarm.targets[i, 2])
+    if close:
+        for _ in range(scene.sub_steps):
+            space.step(scene.time_step)
+    for i in close:
+        body = instance.robots[i].body
+        swarm.poses[i, :3] = *body.position, body.angle
+        swarm.velocities[i] = *body.velocity, body.angular_velocity

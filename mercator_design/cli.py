@@ -5,6 +5,7 @@ Results go to stdout or named files; progress and messages go to stderr, progres
 that needs them, so that `--help` is quick.
 """
 
+import json
 import os
 import signal
 import sys
@@ -62,7 +63,7 @@ _LENIENT = click.option(
 def main() -> None:
     """Run the command line; every way out has its exit code."""
     try:
-        sys.exit(cli.main(standalone_mode=False))
+        sys.exit(cli.main(prog_name="mdesign", standalone_mode=False))
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.ClickException as error:
@@ -127,6 +128,7 @@ def race(
     fsm.txt in the results' folder, and a summary to stdout.
     """
     from mercator_design.design import Designer
+    from mercator_design.loading import is_name
     from mercator_design.missions.mission import load_mission
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import RaceDisplay
@@ -139,13 +141,14 @@ def race(
     simulator.rehearse(announce=_tell)
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)
-    request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
+    named = mission if is_name(mission) else str(Path(mission).resolve())
+    request = {"mission": named, "set": list(overrides), "flavour": flavour, "jobs": jobs}
     with RunFolder(path, designer, request=request) as folder:
         with _Interrupt() as interrupt, RaceDisplay(designer) as display:
 
             def watch(finished: "Sequence[Finished]") -> None:
                 folder.note(finished)
-                display.update()
+                display.update(finished[-1].experiment + 1)
                 interrupt.check(f"{path}: the experiments so far are in journal.jsonl")
 
             result = designer.run(jobs=jobs, watch=watch)
@@ -162,7 +165,7 @@ def race(
     "--mission",
     help="YAML file or name of a shipped mission.  [default: mission.yaml beside FSM, or FSM's header]",
 )
-@click.option("-n", "--runs", type=click.IntRange(1, 10**7), default=100, show_default=True, help="Experiments to run.")
+@click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
 @_SEED
 @_JOBS
 @click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
@@ -314,21 +317,28 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
 
 def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":
-    """The mission to measure a controller on: the one given, the one raced beside it, the one its header names."""
+    """The mission to measure a controller on: the one given, the one raced beside it, the one its header names.
+
+    If the header has the digest of the mission that was raced, the last two must have it too.
+    """
     from mercator_design.missions.mission import load_mission
 
-    beside = fsm.parent / "mission.yaml"
-    named = file.header.get("mission")
-    if given is None and named and beside.exists() and load_mission(str(beside)).name == named:
-        given = str(beside)
-    if given is None and named is None:
+    if given is not None:
+        return load_mission(given, overrides)
+    named, digest = file.header.get("mission"), file.header.get("mission digest")
+    if named is None:
         raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
+    beside = fsm.parent / "mission.yaml"
+    if digest and beside.exists() and load_mission(beside).digest == digest:
+        return load_mission(beside, overrides)
+    raced_with = json.loads(file.header.get("set", "[]"))
     try:
-        return load_mission(given if given is not None else str(named), overrides)
+        mission = load_mission(named, raced_with)
     except MissionError as error:
-        if given is not None:
-            raise
         raise MissionError(f"{fsm}: the mission of its header: {error}; give --mission") from None
+    if digest and mission.digest != digest:
+        raise MissionError(f"{fsm}: {named} is not what it was when this was designed; give --mission")
+    return load_mission(named, (*raced_with, *overrides))
 
 
 def _free_folder(mission: str) -> Path:

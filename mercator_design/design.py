@@ -107,29 +107,30 @@ class Designer:
 
         Args:
             jobs: Experiments run at once.
-            watch: Called after each batch with the experiments that it finished.
+            watch: Called with the experiments that have finished since, several times a batch.
         """
         finished: list[Finished] = []
         with ThreadExecutor(jobs) as executor:
             while batch := self.race.ask():
                 for experiment in batch:
                     self._prepare(experiment)
-                scores = executor.run(self._score, batch)
                 iteration = self.race.iteration
-                self.race.tell([self.simulator.mission.cost(score) for score in scores])
-                new = [
-                    Finished(
-                        experiment=len(finished) + k,
-                        iteration=iteration,
-                        configuration=experiment.configuration,
-                        instance=experiment.instance,
-                        seed=self._seeds[experiment.instance],
-                        score=score,
-                    )
-                    for k, (experiment, score) in enumerate(zip(batch, scores, strict=True))
-                ]
-                finished += new
-                watch(new)
+                told = len(finished)
+                for scores in executor.run(self._score, batch):
+                    new = [
+                        Finished(
+                            experiment=k,
+                            iteration=iteration,
+                            configuration=batch[k - told].configuration,
+                            instance=batch[k - told].instance,
+                            seed=self._seeds[batch[k - told].instance],
+                            score=score,
+                        )
+                        for k, score in enumerate(scores, start=len(finished))
+                    ]
+                    finished += new
+                    watch(new)
+                self.race.tell([self.simulator.mission.cost(one.score) for one in finished[told:]])
         best = self.race.best.configuration
         return Design(
             winner=self.pfsm(best),
@@ -185,12 +186,10 @@ def evaluate(
         FsmError: if the PFSM needs a sensor that the robot lacks.
     """
     simulator.check(pfsm)
-    seeds: list[int] = []
+    seeds = [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
     scores: list[float] = []
     with ThreadExecutor(jobs) as executor:
-        chunk = 10 * jobs  # often enough to see progress, seldom enough to keep all jobs busy
-        for start in range(0, runs, chunk):
-            seeds += [instance_seed(seed, "evaluation", k) for k in range(start, min(start + chunk, runs))]
-            scores += executor.run(lambda one: simulator.run(pfsm, one).score, seeds[start:])
+        for some in executor.run(lambda one: simulator.run(pfsm, one).score, seeds):
+            scores += some
             watch(len(scores))
     return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))

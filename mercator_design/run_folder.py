@@ -2,7 +2,7 @@
 
 mission.yaml      the mission as it was raced, every default and override filled in
 provenance.json   versions, seed, budget, platform, fingerprint of the kernels
-journal.jsonl     every experiment, a line each, written as its batch finishes
+journal.jsonl     every experiment, a line each, written as it finishes
 results.csv       every configuration that was raced, the elites first
 fsm.txt           the winner; it is written last, so a folder with it is complete
 """
@@ -102,7 +102,9 @@ class RunFolder:
         """
         simulator, scores = self._designer.simulator, design.scores
         header = {
-            "mission": simulator.mission.name,
+            "mission": self._provenance["request"]["mission"],
+            "set": json.dumps(self._provenance["request"]["set"]),
+            "mission digest": simulator.mission.digest,
             "robot model": simulator.robot_model.name,
             "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
             "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",

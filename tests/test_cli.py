@@ -79,7 +79,7 @@ class TestRace:
         own = [line["score"] for line in journal if line["configuration"] == int(table[0]["configuration"])]
         assert float(table[0]["mean"]) == pytest.approx(sum(own) / len(own))
         assert (folder / "fsm.txt").read_text().splitlines()[-1] in out.splitlines()
-        assert f"{len(journal)} of 400 experiments, {sum('final' not in x for x in table_lines(out))} iterations" in out
+        assert f"{len(journal)} of 400 experiments, {sum('final' not in x for x in table_lines(out))} iteration" in out
 
     def test_same_result_with_any_number_of_jobs(self, mdesign, tmp_path):
         contents = []
@@ -105,7 +105,7 @@ class TestRace:
 
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
         _, out, _ = mdesign("race", "foraging", "--budget", 60, "-o", tmp_path / "r", *QUICK)
-        assert "60 of 60 experiments, 1 iterations" in out
+        assert "60 of 60 experiments, 1 iteration," in out
         assert len(table_lines(out)) == 1
         assert "-0" not in out
 
@@ -253,6 +253,29 @@ class TestEvaluate:
         mdesign("race", "aggregation", "--budget", 200, "-o", folder, "--set", "robots=1", "--set", "duration=2")
         found = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 20, "--json")[1])
         assert max(found["scores"]) <= 1  # of one robot, as raced
+
+    def test_a_moved_file_is_measured_on_the_mission_that_was_raced(self, mdesign, tmp_path):
+        folder = tmp_path / "r"
+        mdesign("race", "aggregation", "--budget", 60, "-o", folder, "--set", "robots=4", "--set", "duration=4")
+        here = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 10, "--json")[1])
+        moved = tmp_path / "fsm.txt"
+        moved.write_bytes((folder / "fsm.txt").read_bytes())
+        assert json.loads(mdesign("evaluate", moved, "-n", 10, "--json")[1]) == here
+        moved.write_text(moved.read_text().replace("robots=4", "robots=2"))
+        code, _, err = mdesign("evaluate", moved, "-n", 10)
+        assert code == 3
+        assert "not what it was" in err
+
+    def test_a_moved_file_finds_the_mission_file(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        text = shipped.missions()["aggregation"].read_text().replace("duration: 120", "duration: 3")
+        (tmp_path / "mine.yaml").write_text(text)
+        mdesign("race", "mine.yaml", "--budget", 60, "-o", tmp_path / "r")
+        (tmp_path / "elsewhere").mkdir()
+        (tmp_path / "elsewhere" / "fsm.txt").write_bytes((tmp_path / "r" / "fsm.txt").read_bytes())
+        monkeypatch.chdir("/")
+        found = json.loads(mdesign("evaluate", tmp_path / "elsewhere" / "fsm.txt", "-n", 2, "--json")[1])
+        assert found["mission"] == "mine"
 
     def test_mission_given(self, mdesign, fsm):
         found = json.loads(

@@ -103,7 +103,7 @@ def fixed_probability(model: ReferenceModel, readings: Readings, parameters: Row
 def floor_colour(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
     """Beta where the ground shows the label's colour."""
     label = colour_label(model, readings.ground_red, readings.ground_green, readings.ground_blue)
-    return parameters[0] if label == parameters[1] else 0.0
+    return parameters[0] if label >= 0 and label == parameters[1] else 0.0
 
 
 def _beta() -> Parameter:

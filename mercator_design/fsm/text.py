@@ -8,6 +8,7 @@ program crashes on or silently reads as something else is refused, with the toke
 A caller who passes `tolerate` hears of each such thing instead, and gets what the original would have run.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -229,7 +230,8 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
     def find(flag: str, start: int, end: int) -> int:
         return next((k for k in range(start, end) if tokens[k] == flag), end)
 
-    def take(flag: str, start: int, end: int, *, integer: bool) -> str | None:
+    def take(flag: str, start: int, end: int, *, integer: bool = False, cut: bool = False) -> str | None:
+        """Use a flag's value: as atoi reads it if `integer`, else as strtod does, cut to a whole number if `cut`."""
         at = find(flag, start, end)
         if at + 1 >= end:
             return None
@@ -239,6 +241,8 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
         value = match.group() if match else "0"
         if not integer and _NOT_DECIMAL.match(text):
             value = text  # strtod makes a number of it that no controller means; the strict reader refuses it
+        elif cut and math.isfinite(float(value)):
+            value = str(int(float(value)))
         if value != text:
             tell(f"{flag} {text} was read as {value}")
         clean.extend((flag, value))
@@ -247,7 +251,7 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
     def take_parameters(table: Mapping[int, Module], number: str | None, index: str, start: int, end: int) -> None:
         module = table.get(int(number)) if number is not None else None
         for parameter in module.parameters if module else ():
-            take(f"--{parameter.flag}{index}", start, end, integer=parameter.integer)
+            take(f"--{parameter.flag}{index}", start, end, cut=parameter.integer)
 
     begin = find("--nstates", 0, len(tokens))
     n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), MOST_STATES + 1)

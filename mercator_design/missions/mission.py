@@ -4,17 +4,18 @@ What is decided here: the keys of a mission file, what must fit together in it, 
 The files in `scenarios/` are found by being there.
 """
 
+import hashlib
 import inspect
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from mercator_design import shipped
 from mercator_design.errors import MissionError
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, parse, read
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
 from mercator_design.missions.arena import Arena, Light
 from mercator_design.missions.floor import Floor
 from mercator_design.missions.objectives import OBJECTIVES, zone_parameters
@@ -97,6 +98,11 @@ class Mission:
     def cycles(self) -> int:
         """Control cycles of an experiment."""
         return round(self.duration / self.control_period)
+
+    @property
+    def digest(self) -> str:
+        """Equal for missions that are equal in all but the place of their robot model."""
+        return hashlib.sha256(dump(replace(self, robot_model="")).encode()).hexdigest()[:16]
 
     def cost(self, score: float) -> float:
         """What a race minimises."""

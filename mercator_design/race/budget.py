@@ -111,6 +111,6 @@ def plan(
         iterations=fitting,
         survivors=survivors,
         configurations=2 * survivors,
-        note=f"a budget of {budget} allows {fitting} of {wanted} iterations, with at most {2 * survivors} "
-        f"configurations in each; {needed(wanted)} experiments would allow all",
+        note=f"a budget of {budget} is planned for {fitting} instead of {wanted} iterations, with at most "
+        f"{2 * survivors} configurations in each; {needed(wanted)} experiments would allow all",
     )

@@ -1,6 +1,6 @@
 """What runs experiments: a batch in, its results out, in the same order whatever runs when."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -19,6 +19,7 @@ class ThreadExecutor:
     """Runs experiments in threads of this process, for functions that do not hold the GIL."""
 
     def __init__(self, jobs: int) -> None:
+        self._portion = 10 * jobs  # small enough to see progress, large enough to keep all jobs busy
         self._parallel = Parallel(n_jobs=jobs, backend="threading", batch_size=1)
 
     def __enter__(self) -> Self:
@@ -30,6 +31,8 @@ class ThreadExecutor:
     ) -> None:
         self._parallel.__exit__(kind, error, traceback)
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> list[R]:
-        """The function's results, in the order of the items."""
-        return list(self._parallel(delayed(function)(item) for item in items))
+    def run(self, function: Callable[[T], R], items: Sequence[T]) -> Iterator[list[R]]:
+        """The function's results in the order of the items, some at a time, so that a caller can show and keep them."""
+        for start in range(0, len(items), self._portion):
+            portion = items[start : start + self._portion]
+            yield list(self._parallel(delayed(function)(item) for item in portion))

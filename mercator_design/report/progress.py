@@ -57,8 +57,8 @@ class RaceDisplay(_Display):
         self._race = designer.race
         super().__init__(self._mission.name, designer.race.budget)
 
-    def update(self) -> None:
-        """Show where the race is."""
+    def update(self, done: int) -> None:
+        """Show where the race is, when a number of experiments is done."""
         now = self._race.progress
         best = ""
         if now.best is not None:
@@ -66,7 +66,7 @@ class RaceDisplay(_Display):
             best = f", best {self._mission.score(now.best.mean):.4g}{spread} (n={now.best.n_results})"
         # When the iterations are over, what is left of the budget goes into a race of the best.
         stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
-        self.show(now.used, f"{self._mission.name}: {stage}, {now.alive} alive{best}")
+        self.show(done, f"{self._mission.name}: {stage}, {now.alive} alive{best}")
 
 
 class EvaluationDisplay(_Display):

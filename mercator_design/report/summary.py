@@ -20,8 +20,8 @@ def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: in
     lines = [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
         f"{objective.direction} {objective.name}",
-        f"Race       {race.used} of {race.budget} experiments, {iterations} iterations, seed {race.seed}; "
-        f"{seconds:.1f} s with {jobs} jobs, {race.used / max(seconds, 1e-3):.0f} experiments/s",
+        f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
+        f"seed {race.seed}; {seconds:.1f} s with {jobs} jobs, {race.used / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
         "iteration  raced  survivors  experiments  best mean",

@@ -74,6 +74,11 @@ def test_colour_condition_fires_on_its_label_only(colour, label):
     assert floor_colour(MODEL, on(colour), (BETA, label)) == (BETA if COLOUR_LABELS[label] == colour else 0.0)
 
 
+def test_a_label_that_is_none_matches_nothing():
+    for label in (-1, 4, 99):
+        assert all(floor_colour(MODEL, on(colour), (BETA, label)) == 0.0 for colour in COLOURS)
+
+
 def test_red_is_recognised_on_both_sides_of_hue_zero():
     assert COLOUR_LABELS[colour_label(MODEL, 255, 10, 0)] == "red"
     assert COLOUR_LABELS[colour_label(MODEL, 255, 0, 10)] == "red"

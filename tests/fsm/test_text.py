@@ -123,6 +123,7 @@ TOLERATED = {
         "--nstates 1 --s0 1",
         "--att0",
     ),
+    "power of ten for a whole number": ("--nstates 1 --s0 0 --rwm0 1e2", "--nstates 1 --s0 0 --rwm0 100", "1e2"),
     "words before": (
         "--robots 13 --rabsi 0 --nstates 1 --s0 1 --n0 0",
         "--nstates 1 --s0 1",

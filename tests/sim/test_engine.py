@@ -50,7 +50,7 @@ def test_seeds_give_different_experiments(simulator):
     assert len({digest(simulator.run(pfsm, seed)) for seed in range(8)}) == 8
 
 
-@pytest.mark.parametrize("threads", [1, 2, 4])
+@pytest.mark.parametrize("threads", [1, 2, 3, 4])
 def test_same_outcome_in_any_number_of_threads(simulator, threads):
     pfsm = parse(FOUR_STATES)
     alone = [digest(simulator.run(pfsm, seed)) for seed in range(8)]

@@ -15,8 +15,8 @@ def first_free(
     """The first of some poses at which a robot fits, or -1.
 
     Args:
-        candidates: (poses, 4) x, y [m], cosine and sine of the heading.
-        placed: (at least n, 4) the same of robots that have their place.
+        candidates: (poses, 4 or more) x, y [m], cosine and sine of the heading.
+        placed: (n or more, 4 or more) the same of robots that have their place.
         n: How many these are.
         walls: (walls, 6) as in Scene.
         boxes: (boxes, 6) as in Scene.

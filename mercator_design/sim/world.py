@@ -49,39 +49,51 @@ class World:
     def __init__(self, mission: Mission, robot_model: RobotModel) -> None:
         self.mission = mission
         self.robot_model = robot_model
-        arena, body = mission.arena, robot_model.body
+        # A cycle is divided evenly.
         self._sub_steps = math.ceil(mission.control_period / robot_model.physics.time_step - 1e-9)
-        self._vertices: Floats = arena.corners()
+        self._vertices: Floats = mission.arena.corners()
         along = np.roll(self._vertices, -1, axis=0) - self._vertices
         inwards = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
         self._walls = np.ascontiguousarray(np.hstack([self._vertices, along, inwards]))
         self._boxes = np.array(
             [
                 [*box.center, math.cos(box.angle), math.sin(box.angle), 0.5 * box.size[0], 0.5 * box.size[1]]
-                for box in arena.obstacles
+                for box in mission.arena.obstacles
             ]
         ).reshape(-1, 6)
+        self._check_room()
+        self._check_steps()
+        self._check_walls()
+
+    def _check_room(self) -> None:
+        mission, body = self.mission, self.robot_model.body
         needed = mission.robots * body.length * body.width
-        if needed > arena.area:
+        if needed > mission.arena.area:
             raise MissionError(
                 f"{mission.name}: the robots do not fit: {mission.robots} of them need {needed:.2f} m2; "
-                f"the arena has {arena.area:.2f} m2"
+                f"the arena has {mission.arena.area:.2f} m2"
             )
-        # Bodies are pushed apart the short way, which is the right one as long as they overlap by less than half.
-        travel = robot_model.fastest * mission.control_period / self._sub_steps
-        if travel > 0.25 * min(body.length, body.width):
+
+    def _check_steps(self) -> None:
+        """Bodies are pushed apart the short way, which is the right one as long as they overlap by less than half."""
+        model = self.robot_model
+        travel = model.fastest * self.mission.control_period / self._sub_steps
+        if travel > 0.25 * min(model.body.length, model.body.width):
             raise MissionError(
-                f"robot model {robot_model.name}: physics.time_step: a corner travels {travel:.3f} m in a step, "
-                "too far to meet walls and robots reliably; expected a smaller step"
+                f"robot model {model.name}: physics.time_step: a corner travels {travel:.3f} m in a step, too far to "
+                "meet walls and robots reliably; expected a smaller step"
             )
+
+    def _check_walls(self) -> None:
+        """The outer walls must not stick out into the arena elsewhere, where nobody would see them."""
         slabs = self._wall_corners()
-        within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
-        for corner in within[:, 2:].reshape(-1, 2):
-            if arena.contains(corner[None, :])[0]:
-                raise MissionError(
-                    f"{mission.name}: arena.walls: the wall is less than {WALL_THICKNESS:g} m thick, or too sharp, "
-                    f"near [{corner[0]:.3g}, {corner[1]:.3g}]; use arena.obstacles for walls inside the arena"
-                )
+        just_within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
+        outer = just_within[:, 2:].reshape(-1, 2)
+        for x, y in outer[self.mission.arena.contains(outer)][:1]:
+            raise MissionError(
+                f"{self.mission.name}: arena.walls: the wall is less than {WALL_THICKNESS:g} m thick, or too sharp, "
+                f"near [{x:.3g}, {y:.3g}]; use arena.obstacles for walls inside the arena"
+            )
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
@@ -147,36 +159,40 @@ class World:
 
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""
-        body, placement, n = self.robot_model.body, self.mission.placement, self.mission.robots
-        trials = _TRIALS
-        most = 0
-        while trials > 0:
-            poses, placed = np.empty((n, 3)), np.empty((n, 4))
-            for i in range(n):
-                for _ in range(_TRIALS_A_ROBOT // _BATCH):
-                    candidates = placement.candidates(random, i, _BATCH)
-                    headings = candidates[:, 2:]
-                    turned = np.hstack([candidates[:, :2], np.cos(headings), np.sin(headings)])
-                    k = compiled(first_free)(
-                        turned, placed, i, self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width
-                    )
-                    trials -= _BATCH
-                    if k >= 0 or placement.fixed or trials <= 0:
-                        break
-                if k < 0:
+        mission, body = self.mission, self.robot_model.body
+        trials = most = 0
+        while trials < _TRIALS:
+            placed = np.empty((mission.robots, 5))
+            for i in range(mission.robots):
+                found, tried = self._place(random, placed, i)
+                trials += tried
+                if found is None or trials > _TRIALS:
                     break
-                poses[i], placed[i] = candidates[k], turned[k]
-            if k >= 0:
-                return poses
+                placed[i] = found
+            else:
+                return placed[:, [0, 1, 4]]
             most = max(most, i)
-            if placement.fixed:
+            if mission.placement.fixed:
                 raise MissionError(
-                    f"{self.mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
+                    f"{mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
                 )
         raise MissionError(
-            f"{self.mission.name}: the robots do not fit: at seed {seed}, {most} of {n} found a free place of "
+            f"{mission.name}: the robots do not fit: at seed {seed}, {most} of {mission.robots} found a free place of "
             f"{body.length:g} x {body.width:g} m within the placement; use fewer robots, or a larger arena or placement"
         )
+
+    def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:
+        """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and how many were tried."""
+        body, placement = self.robot_model.body, self.mission.placement
+        batches = 1 if placement.fixed else _TRIALS_A_ROBOT // _BATCH
+        for batch in range(1, batches + 1):
+            poses = placement.candidates(random, i, _BATCH)
+            headings = poses[:, 2:]
+            places = np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
+            k = compiled(first_free)(places, placed, i, self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width)
+            if k >= 0:
+                return places[k], batch * _BATCH
+        return None, batches * _BATCH
 
     def _robot(self) -> Robot:
         body, drive = self.robot_model.body, self.robot_model.drive

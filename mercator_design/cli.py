@@ -96,7 +96,9 @@ def cli() -> None:
 
 @cli.command()
 @click.argument("mission")
-@click.option("--budget", type=click.IntRange(1, 10**9), required=True, help="Experiments that may be run.")
+@click.option(
+    "--budget", type=click.IntRange(1, 10**9), required=True, help="Experiments that may be run; at least 60."
+)
 @_SEED
 @_JOBS
 @click.option(
@@ -128,7 +130,6 @@ def race(
     fsm.txt in the results' folder, and a summary to stdout.
     """
     from mercator_design.design import Designer
-    from mercator_design.loading import is_name
     from mercator_design.missions.mission import load_mission
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import RaceDisplay
@@ -141,8 +142,7 @@ def race(
     simulator.rehearse(announce=_tell)
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)
-    named = mission if is_name(mission) else str(Path(mission).resolve())
-    request = {"mission": named, "set": list(overrides), "flavour": flavour, "jobs": jobs}
+    request = {"mission": mission, "set": list(overrides), "flavour": flavour, "jobs": jobs}
     with RunFolder(path, designer, request=request) as folder:
         with _Interrupt() as interrupt, RaceDisplay(designer) as display:
 
@@ -188,7 +188,8 @@ def evaluate(
     """Measure the controller of an fsm.txt on fresh instances of its mission.
 
     \b
-    With --json: mission, direction, runs, seed, scores, seeds, mean,
+    With --json: mission, direction, robots, duration, robot_model,
+    runs, seed, scores, seeds, mean,
     standard_deviation (n - 1), quartiles [lower, median, upper],
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.
@@ -213,7 +214,7 @@ def evaluate(
 
         result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=watch)
     report = evaluation_json if as_json else evaluation_summary
-    click.echo(report(result, loaded, seed=seed))
+    click.echo(report(result, simulator, seed=seed))
 
 
 @cli.command()
@@ -221,7 +222,7 @@ def evaluate(
 @_FLAVOUR
 @_LENIENT
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
-    """Check mission files (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
+    """Check missions and robot models (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
 
     A mission is valid if its robots also find places to start from. Prints a line for each file; exit code 3 if any is
     invalid.
@@ -306,14 +307,32 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     from mercator_design.missions.mission import load_mission
 
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in shipped.missions() and not file.exists()):
+        from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
+        if _has_key(file, "body"):
+            return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
         Simulator(mission).try_placement()
-        return f"valid mission, {mission.robots} robots, {mission.duration:g} s"
+        return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
     pfsm = read_fsm(file, flavour, tolerate=_tolerate(file) if lenient else None).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)
-    return f"valid {pfsm.flavour} FSM, {len(pfsm.states)} states, {transitions} transitions"
+    return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
+
+
+def _has_key(file: Path, key: str) -> bool:
+    """Whether a YAML file has a key at its top, and so is of that kind."""
+    from mercator_design.yaml_tree import Fault, compose, read_text
+
+    try:
+        content = compose(read_text(file), str(file), file.parent).content
+    except Fault:
+        return False
+    return isinstance(content, dict) and key in content
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":
@@ -331,7 +350,7 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     beside = fsm.parent / "mission.yaml"
     if digest and beside.exists() and load_mission(beside).digest == digest:
         return load_mission(beside, overrides)
-    raced_with = json.loads(file.header.get("set", "[]"))
+    raced_with = _overrides_of(fsm, file)
     try:
         mission = load_mission(named, raced_with)
     except MissionError as error:
@@ -339,6 +358,18 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     if digest and mission.digest != digest:
         raise MissionError(f"{fsm}: {named} is not what it was when this was designed; give --mission")
     return load_mission(named, (*raced_with, *overrides))
+
+
+def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
+    """The overrides that the header says the mission was raced with."""
+    text = file.header.get("set", "[]")
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+        raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {text!r}")
+    return found
 
 
 def _free_folder(mission: str) -> Path:

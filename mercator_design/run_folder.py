@@ -102,7 +102,7 @@ class RunFolder:
         """
         simulator, scores = self._designer.simulator, design.scores
         header = {
-            "mission": self._provenance["request"]["mission"],
+            "mission": simulator.mission.name,
             "set": json.dumps(self._provenance["request"]["set"]),
             "mission digest": simulator.mission.digest,
             "robot model": simulator.robot_model.name,

@@ -266,16 +266,24 @@ class TestEvaluate:
         assert code == 3
         assert "not what it was" in err
 
-    def test_a_moved_file_finds_the_mission_file(self, mdesign, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
+    def test_a_moved_file_of_a_mission_of_ones_own_wants_that(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("duration: 120", "duration: 3")
         (tmp_path / "mine.yaml").write_text(text)
-        mdesign("race", "mine.yaml", "--budget", 60, "-o", tmp_path / "r")
-        (tmp_path / "elsewhere").mkdir()
-        (tmp_path / "elsewhere" / "fsm.txt").write_bytes((tmp_path / "r" / "fsm.txt").read_bytes())
-        monkeypatch.chdir("/")
-        found = json.loads(mdesign("evaluate", tmp_path / "elsewhere" / "fsm.txt", "-n", 2, "--json")[1])
-        assert found["mission"] == "mine"
+        mdesign("race", tmp_path / "mine.yaml", "--budget", 60, "-o", tmp_path / "r")
+        assert json.loads(mdesign("evaluate", tmp_path / "r" / "fsm.txt", "-n", 2, "--json")[1])["mission"] == "mine"
+        (tmp_path / "moved.txt").write_bytes((tmp_path / "r" / "fsm.txt").read_bytes())
+        code, _, err = mdesign("evaluate", tmp_path / "moved.txt", "-n", 2)
+        assert code == 3
+        assert "mine" in err
+        assert "--mission" in err
+        assert mdesign("evaluate", tmp_path / "moved.txt", "--mission", tmp_path / "mine.yaml", "-n", 2)[0] == 0
+
+    @pytest.mark.parametrize("text", ["[", "7", "[7]"])
+    def test_a_header_that_was_edited(self, mdesign, tmp_path, text):
+        (tmp_path / "fsm.txt").write_text(f"# mission: aggregation\n# set: {text}\n{W1}\n")
+        code, _, err = mdesign("evaluate", tmp_path / "fsm.txt")
+        assert code == 3
+        assert "fsm.txt: set in the header" in err
 
     def test_mission_given(self, mdesign, fsm):
         found = json.loads(
@@ -318,12 +326,21 @@ class TestValidate:
         code, out, err = mdesign("validate", "aggregation", fsm, tmp_path / "bad.yaml", tmp_path / "bad.txt")
         assert code == 3
         assert "valid mission" in out.splitlines()[0]
-        assert "valid watermelon FSM, 2 states, 1 transitions" in out.splitlines()[1]
+        assert "valid watermelon FSM, 2 states, 1 transition" in out.splitlines()[1]
         assert "bad.yaml:2: robots" in err
         assert "bad.txt:1: --s0" in err
 
-    def test_all_shipped_missions_are_valid(self, mdesign):
-        assert mdesign("validate", *shipped.missions())[0] == 0
+    def test_all_that_is_shipped_is_valid(self, mdesign):
+        assert mdesign("validate", *shipped.missions(), *shipped.robot_models().values())[0] == 0
+
+    def test_a_robot_model(self, mdesign, tmp_path):
+        text = shipped.robot_models()["mercator"].read_text()
+        (tmp_path / "good.yaml").write_text(text)
+        (tmp_path / "bad.yaml").write_text(text.replace("mass: 2.0", "mass: -2.0"))
+        code, out, err = mdesign("validate", tmp_path / "good.yaml", tmp_path / "bad.yaml")
+        assert code == 3
+        assert "valid robot model mercator" in out
+        assert "body.mass" in err
 
     def test_robots_must_find_places(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")

@@ -13,6 +13,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+
 from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
@@ -74,6 +76,7 @@ class Mission:
         if self.cycles * self.robots > _LONGEST:
             found = f"{self.robots} robots x {self.cycles} cycles"
             raise FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
+        self._check_obstacles()
         self._check_zones()
         self._check_placement()
 
@@ -85,6 +88,11 @@ class Mission:
                     near = get_close_matches(zone, known, n=1)
                     hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
                     raise FieldError(f"objective.{parameter}[{index}]", f"no zone is called '{zone}'; {hint}")
+
+    def _check_obstacles(self) -> None:
+        centers = np.array([box.center for box in self.arena.obstacles], dtype=float).reshape(-1, 2)
+        for index in np.flatnonzero(~self.arena.contains(centers))[:1]:
+            raise FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
 
     def _check_placement(self) -> None:
         poses = getattr(self.placement, "poses", None)

@@ -1,6 +1,7 @@
 """One page of text about a race or an evaluation."""
 
 import json
+import shlex
 from pathlib import Path
 
 from mercator_design.design import CONFIDENCE, Design, Designer, Evaluation
@@ -10,12 +11,14 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import Mission
 from mercator_design.race import IterationSummary
+from mercator_design.sim.simulate import Simulator
 
 
 def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: int, folder: Path) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies."""
     race, mission = designer.race, designer.simulator.mission
     objective, scores = mission.objective, design.scores
+    all_equal = len({one.score for one in design.finished}) == 1
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
@@ -24,14 +27,15 @@ def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: in
         f"seed {race.seed}; {seconds:.1f} s with {jobs} jobs, {race.used / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
-        "iteration  raced  survivors  experiments  best mean",
+        "iteration  raced  survivors  experiments  mean of the best",
         *(_iteration_line(iteration, mission) for iteration in race.iterations),
-        f"Ended: {race.stop_reason}",
+        f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
         f"Winner     configuration {design.configuration}, score {scores.mean:.4g} ± "
         f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances; "
         "measure it on fresh ones:",
-        f"           mdesign evaluate {folder / 'fsm.txt'}",
+        f"           mdesign evaluate {shlex.quote(str(folder / 'fsm.txt'))}",
         *(f"           {line}" for line in describe(design.winner)),
         "",
         to_text(design.winner),
@@ -44,7 +48,7 @@ def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: in
 def _iteration_line(iteration: IterationSummary, mission: Mission) -> str:
     name = "final" if iteration.postselection else str(iteration.iteration)
     best = mission.score(iteration.elites[0].mean)
-    return f"{name:>9}  {iteration.n_configurations:>5}  {iteration.n_alive:>9}  {iteration.used:>11}  {best:>9.4g}"
+    return f"{name:>9}  {iteration.n_configurations:>5}  {iteration.n_alive:>9}  {iteration.used:>11}  {best:>16.4g}"
 
 
 def describe(pfsm: Pfsm) -> list[str]:
@@ -58,12 +62,13 @@ def describe(pfsm: Pfsm) -> list[str]:
     return lines
 
 
-def evaluation_summary(result: Evaluation, mission: Mission, *, seed: int) -> str:
+def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int) -> str:
     """The figures of an evaluation, a line each."""
-    scores = result.scores
+    scores, mission, robot_model = result.scores, simulator.mission, simulator.robot_model
     low, middle, high = scores.quartiles
     lines = [
         f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
+        f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
         f"runs                 {len(scores.values)}, seed {seed}",
         f"mean                 {scores.mean:.6g}",
     ]
@@ -76,13 +81,16 @@ def evaluation_summary(result: Evaluation, mission: Mission, *, seed: int) -> st
     return "\n".join([*lines, f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"])
 
 
-def evaluation_json(result: Evaluation, mission: Mission, *, seed: int) -> str:
+def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int) -> str:
     """The figures of an evaluation as JSON; what is not defined for one run is null."""
-    scores = result.scores
+    scores, mission = result.scores, simulator.mission
     return json.dumps(
         {
             "mission": mission.name,
             "direction": mission.objective.direction,
+            "robots": mission.robots,
+            "duration": mission.duration,
+            "robot_model": simulator.robot_model.name,
             "runs": len(scores.values),
             "seed": seed,
             "scores": scores.values,

@@ -171,6 +171,7 @@ def test_a_mistake_in_a_mission(old, new, message):
             "duration=86400",
             "duration: expected at most 10000000 cycles of robots, found 1000 robots x 864000",
         ),
+        ("arena.obstacles=[{center: [5, 0], size: [1, 1]}]", "arena.obstacles[0].center: lies outside the walls"),
         ("floor.zones=[]", "objective.zones[0]: no zone is called 'spot'; known: none"),
         ("objective={name: color_value, direction: maximise, values: {}}", "objective.values: expected a"),
         ("objective={name: color_value, direction: maximise, values: {rde: 1}}", "did you mean 'red'?"),
@@ -275,6 +276,7 @@ def test_an_objective_made_in_python_is_checked_too(name, parameters):
 
 
 _point = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
+_within = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))  # of any walls below
 _size = st.floats(0.01, 5)
 _color = st.sampled_from(sorted(COLOURS)) | st.tuples(*[st.integers(0, 255)] * 3)
 _walls = st.builds(RegularPolygon, sides=st.integers(3, 360), apothem=st.floats(1, 9), rotation=st.floats(-9, 9))
@@ -299,7 +301,7 @@ _missions = st.builds(
     arena=st.builds(
         Arena,
         walls=_walls | st.just(Polygon(vertices=((-1.0, -1.0), (1.0, -1.0), (0.0, 2.5)))),
-        obstacles=st.lists(st.builds(Box, center=_point, size=st.tuples(_size, _size)), max_size=2).map(tuple),
+        obstacles=st.lists(st.builds(Box, center=_within, size=st.tuples(_size, _size)), max_size=2).map(tuple),
     ),
     floor=st.builds(Floor, background=_color, zones=_zones.map(tuple)),
     lights=st.lists(st.builds(Light, position=st.tuples(*[_size] * 3), intensity=_size), max_size=2).map(tuple),

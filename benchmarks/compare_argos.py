@@ -39,6 +39,20 @@ RANGES = {"aggregation": 0.4, "color_aggregation": 0.4, "coverage": 0.3}  # [m] 
 NEAR, BEYOND = -9.0, 9.0  # how a trace writes minus and plus infinity
 
 
+def recorded_walls() -> str:
+    """The original's twelve walls, whose places are rounded to millimetres: where their inner faces meet."""
+    centers = [(1.231, 0), (1.066, 0.615), (0.615, 1.066), (0, 1.231), (-0.615, 1.066), (-1.066, 0.615)]
+    centers += [(-x, -y) for x, y in centers]
+    faces = []
+    for number, (x, y) in enumerate(centers):
+        normal = np.array([math.cos(number * math.pi / 6), math.sin(number * math.pi / 6)])
+        faces.append((normal, normal @ (x, y) - 0.005))  # half a wall's thickness
+    vertices = []
+    for (normal, distance), (next_normal, next_distance) in zip(faces, [*faces[1:], faces[0]], strict=True):
+        vertices.append(np.linalg.solve([normal, next_normal], [distance, next_distance]).tolist())
+    return f"{{shape: polygon, vertices: {vertices}}}"
+
+
 def robot_model(proximity_range: float) -> RobotModel:
     """The original's robot, with a mission file's proximity range; 0 is blind."""
     model = load_robot_model("mercator-argos")
@@ -63,8 +77,8 @@ class Trace:
         self.ground = np.stack([np.array(r["ground"]) for r in robots], axis=1)
         self.range = run["settings"].get("prox_range", RANGES[run["mission"]])
         overrides = [f"robots={len(robots)}", "duration=1"]
-        if not run["settings"].get("walls", True):
-            overrides += ["arena.walls.apothem=100"]
+        walls = run["settings"].get("walls", True)
+        overrides.append(f"arena.walls={recorded_walls()}" if walls else "arena.walls.apothem=100")
         mission = load_mission(MISSIONS[run["mission"]], overrides)
         self._world = World(mission, robot_model(self.range))
         self.model = self._world.robot_model.reference_model

@@ -27,9 +27,9 @@ def test_motion_without_contact(name):
 
 # Mean and largest error [m] allowed; pushing robots amplify the smallest difference, so theirs is large.
 CONTACT = {
-    "blind_push_wall_n1_s17": (0.001, 0.003),
-    "blind_push_wall_n1_s18": (0.001, 0.003),
-    "blind_push_wall_n1_s19": (0.001, 0.003),
+    "blind_push_wall_n1_s17": (5e-5, 1e-4),
+    "blind_push_wall_n1_s18": (5e-5, 1e-4),
+    "blind_push_wall_n1_s19": (5e-5, 1e-4),
     "four_state_n5": (0.002, 0.01),
     "blind_push_n8": (0.01, 0.08),
 }
@@ -50,4 +50,4 @@ def test_perception_and_wheel_commands():
             counts[kind] = np.add(counts.get(kind, (0, 0)), agreed_of_total)
     assert set(counts) == {"proximity", "neighbours", "ground", "wheels"}
     for kind, (agreed, total) in counts.items():
-        assert agreed / total >= (0.998 if kind == "wheels" else 0.999), kind
+        assert agreed / total >= 0.999, kind

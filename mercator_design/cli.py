@@ -163,7 +163,7 @@ def race(
 @click.argument("fsm", type=_FILE)
 @click.option(
     "--mission",
-    help="YAML file or name of a shipped mission.  [default: mission.yaml beside FSM, or FSM's header]",
+    help="YAML file or name of a shipped mission.  [default: the one that FSM's header says it was designed for]",
 )
 @click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
 @_SEED

@@ -186,10 +186,15 @@ def evaluate(
         FsmError: if the PFSM needs a sensor that the robot lacks.
     """
     simulator.check(pfsm)
-    seeds = [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
-    scores: list[float] = []
+
+    def measured(instance: int) -> tuple[float, int]:
+        own_seed = instance_seed(seed, "evaluation", instance)
+        return simulator.run(pfsm, own_seed).score, own_seed
+
+    found: list[tuple[float, int]] = []
     with ThreadExecutor(jobs) as executor:
-        for some in executor.run(lambda one: simulator.run(pfsm, one).score, seeds):
-            scores += some
-            watch(len(scores))
-    return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))
+        for some in executor.run(measured, range(runs)):
+            found += some
+            watch(len(found))
+    scores, seeds = zip(*found, strict=True)
+    return Evaluation(scores=Scores(scores), seeds=seeds)

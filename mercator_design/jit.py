@@ -156,9 +156,11 @@ def _register(function: Callable[..., Any]) -> None:
 
     chain = _chain(links)
 
-    @overload(function, strict=False)
-    def _dispatch(which: Any, *arguments: Any) -> Any:
-        return lambda which, *arguments: chain(which, *arguments)  # noqa: PLW0108 - numba compiles it
+    def dispatch(which: Any, *arguments: Any) -> Any:
+        return chain(which, *arguments)
+
+    _name(dispatch, "dispatch", links)
+    overload(function, strict=False)(lambda which, *arguments: dispatch)
 
 
 def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
@@ -167,7 +169,12 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
 
     head = functions[0]
     if len(functions) == 1:
-        return cast("Callable[..., Any]", numba.njit(lambda which, *arguments: head(*arguments)))
+
+        def last(which: int, *arguments: Any) -> Any:
+            return head(*arguments)
+
+        _name(last, "chain", functions)
+        return cast("Callable[..., Any]", numba.njit(last))
     tail = _chain(functions[1:])
 
     def link(which: int, *arguments: Any) -> Any:
@@ -175,7 +182,17 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
             return head(*arguments)
         return tail(which - 1, *arguments)
 
+    _name(link, "chain", functions)
     return cast("Callable[..., Any]", numba.njit(link))
+
+
+def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:
+    """Name a closure by what it calls.
+
+    numba names machine code by the function's name and a number that counts within a process. Code from the cache,
+    which another process numbered, is linked by these names: two closures of one name could take each other's place.
+    """
+    closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"
 
 
 @cache

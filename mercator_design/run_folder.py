@@ -1,10 +1,13 @@
 """The folder that a race writes: what is in it, and in which order it appears.
 
-mission.yaml      the mission as it was raced, every default and override filled in
-provenance.json   versions, seed, budget, platform, fingerprint of the kernels
-journal.jsonl     every experiment, a line each, written as it finishes
-results.csv       every configuration that was raced, the elites first
-fsm.txt           the winner; it is written last, so a folder with it is complete
+journal.jsonl      every experiment, a line each, written as it finishes; it claims the folder
+robot_model.yaml   the robot model as it was raced with
+mission.yaml       the mission as it was raced, every default and override filled in
+provenance.json    versions, seed, budget, platform, fingerprint of the kernels
+fsm.txt            the winner
+results.csv        every configuration that was raced, the elites first
+
+A run that came to its end has "finished" in its provenance, which is written anew after all else.
 """
 
 import contextlib

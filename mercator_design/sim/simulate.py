@@ -102,8 +102,9 @@ class Simulator:
         Raises:
             FsmError: naming the one and the other.
         """
-        for need in sorted(needs):  # none of them is simulated
-            raise FsmError(f"{who} needs {need}, which robot {self.robot_model.name} does not perceive")
+        if needs:  # beyond the common sensors, none is simulated
+            missing = ", ".join(sorted(needs))
+            raise FsmError(f"{who} needs {missing}, which robot {self.robot_model.name} does not perceive")
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

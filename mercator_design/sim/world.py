@@ -11,7 +11,6 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm.pfsm import Pfsm, Program
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
-from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.chipmunk import Robot, new_robot
@@ -61,6 +60,10 @@ class World:
                 for box in mission.arena.obstacles
             ]
         ).reshape(-1, 6)
+        boxes = [box.corners() for box in mission.arena.obstacles]
+        self._obstacles: list[list[tuple[float, float]]] = [each.tolist() for each in [*self._wall_corners(), *boxes]]
+        self._zone_rows = mission.floor.zone_rows()
+        self._scene = self._new_scene()
         self._check_room()
         self._check_steps()
         self._check_walls()
@@ -97,27 +100,26 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
-        model = self.robot_model
         floor = self.mission.floor.realise(generator(seed, "floor"))
-        space = self._empty_space()
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
             poses=poses,
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
-            sensors=len(model.proximity.angles),
+            sensors=len(self.robot_model.proximity.angles),
         )
         robots = [self._robot() for _ in poses]
-        return Instance(space, robots, self._scene(floor), swarm, self.mission.floor.zone_rows())
+        return Instance(self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows)
 
-    def _scene(self, floor: FloorTable) -> Scene:
+    def _new_scene(self) -> Scene:
+        """The scene of all instances; each puts its own floor into it."""
         model = self.robot_model
         angles = np.array(model.proximity.angles)
         return Scene(
             walls=self._walls,
             boxes=self._boxes,
-            floor=floor,
+            floor=self.mission.floor.realise(generator(0, "floor")),
             half_length=0.5 * model.body.length,
             half_width=0.5 * model.body.width,
             corner=model.corner,
@@ -145,8 +147,8 @@ class World:
         space = pymunk.Space()
         space.iterations = physics.solver_iterations
         space.collision_slop = physics.collision_slop
-        for corners in [*self._wall_corners(), *(box.corners() for box in self.mission.arena.obstacles)]:
-            shape = pymunk.Poly(space.static_body, corners.tolist())
+        for corners in self._obstacles:
+            shape = pymunk.Poly(space.static_body, corners)
             shape.friction = physics.wall_friction
             space.add(shape)
         return space

@@ -13,7 +13,7 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.arena import Arena, Box, RegularPolygon
 from mercator_design.missions.mission import parse_mission
-from mercator_design.sim.motion import mark_close
+from mercator_design.sim import simulate
 from mercator_design.sim.placing import first_free
 from mercator_design.sim.robot_model import Drive, Gaussian, load_robot_model
 from mercator_design.sim.simulate import Simulator
@@ -126,34 +126,39 @@ def test_wheel_noise_is_proportional_to_speed():
     assert steps.std() == pytest.approx(sd, rel=0.08)
 
 
-def test_robots_that_are_not_close_touch_nothing():
+def test_robots_that_are_not_close_touch_nothing(monkeypatch):
     """In crowded runs no robot overlaps a wall or robot, more than before, in a cycle in which it is not marked."""
-    world = simulator(robots=8, duration=20, robot_model=BLIND)
+    cycles = []
+    motion = simulate.referee_motion
+
+    def noted(instance):
+        before = instance.swarm.poses[:, :3].copy()
+        motion(instance)
+        cycles.append((before, instance.swarm.poses[:, :3].copy(), instance.swarm.close.copy()))
+
+    monkeypatch.setattr(simulate, "referee_motion", noted)
+    world = simulator(robots=8, duration=30, robot_model=BLIND)
     for seed in range(3):
-        trace = world.run(WANDER, seed).trace
-        for before, after, close in marked(world, trace):
-            for i in np.flatnonzero(~close):
-                assert np.hypot(*after[i, :2]) < 1.226 / math.cos(math.pi / 12)
-                for j in range(8):
-                    if i != j:
-                        deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
-                        assert deeper <= 1e-9
+        world.run(WANDER, seed, referee=True)
+    free = touching = 0
+    for before, after, close in cycles:
+        touching += sum(beyond_walls(pose) > 0 for pose in after[close])
+        for i in np.flatnonzero(~close):
+            free += 1
+            assert beyond_walls(after[i]) - max(0.0, beyond_walls(before[i])) <= 1e-9
+            for j in range(8):
+                if i != j:
+                    deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
+                    assert deeper <= 1e-9
+    assert min(free, touching) > 100  # there was something to see of both
 
 
-def marked(world, trace):
-    """Poses before and after each cycle, and who was marked as close; velocities are those of the cycle before."""
-    scene = world.try_placement().scene
-    velocities = np.diff(trace.poses, axis=0) / 0.1
-    for cycle in range(1, trace.cycles):
-        close = np.zeros(8, dtype=bool)
-        # The velocity at the end of a cycle is at most 0.3 m/s, and the target too.
-        fast = np.full((8, 3), 0.3)
-        fast[:, 1] = 0.0
-        fast[:, 2] = velocities[cycle - 1, :, 2]
-        targets = fast.copy()
-        targets[:, 2] = velocities[cycle, :, 2]
-        mark_close(scene, trace.poses[cycle], fast, targets, np.zeros(8), close)
-        yield trace.poses[cycle], trace.poses[cycle + 1], close
+def beyond_walls(pose):
+    """How far [m] the outermost corner of a robot lies beyond the dodecagon's walls; negative if within."""
+    x, y, heading = pose
+    normals = 2 * math.pi * np.arange(12) / 12
+    extent = 0.143 * (np.abs(np.cos(normals - heading)) + np.abs(np.sin(normals - heading)))
+    return float((x * np.cos(normals) + y * np.sin(normals) + extent).max() - 1.226)
 
 
 def overlap(one, other):

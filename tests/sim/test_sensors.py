@@ -29,16 +29,16 @@ def weight(distance):
     return (1 / distance - 2.5) / 17.5
 
 
-@pytest.mark.parametrize("heading", [0.0, 1.0, -2.5])
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_a_wall_straight_ahead(heading):
-    """Square room; the robot looks at the nearest wall from 0.3 m (front) and sees it with three rays."""
+    """Square room; the robot looks at each of its walls from 0.3 m."""
     gap = 0.3
     x = 2.0 - HALF - gap
-    r = perceived(sides=4, apothem=2.0, placement=at((x, 0, 0)))
+    r = perceived(sides=4, apothem=2.0, placement=at((x * math.cos(heading), x * math.sin(heading), heading)))
     diagonal = (2.0 - x) * math.sqrt(2) - HALF
     expected = weight(gap) + (2 * weight(diagonal) / math.sqrt(2) if diagonal < 0.4 else 0)
     assert r.proximity_x == pytest.approx(expected)
-    assert r.proximity_y == pytest.approx(0.0, abs=1e-12)
+    assert r.proximity_y == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_wall_at_the_left_and_behind():

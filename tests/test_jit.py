@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from mercator_design import jit
+from mercator_design.fsm.behaviours import behave
+from mercator_design.fsm.conditions import probability
 
 SCRIPT = """
 from mercator_design import jit
@@ -67,34 +69,15 @@ def test_a_dispatcher_calls_by_number():
     assert [call(0, 5), call(1, 5)] == [6, 50]
 
 
-WORLD = """
-import hashlib, sys
-import numpy as np
-from mercator_design.fsm import Readings, ReferenceModel, parse
-from mercator_design.fsm.behaviours import behave
-from mercator_design.fsm.conditions import probability
-from mercator_design.jit import compiled
-from mercator_design.missions.mission import load_mission
-from mercator_design.sim.simulate import Simulator
-if sys.argv[1] == "others first":
-    compiled(behave)(0, ReferenceModel(), Readings(), (3.0, 0.0), np.zeros(4), 0.5)
-    compiled(probability)(0, ReferenceModel(), Readings(), (3.0, 0.0))
-fsm = parse("--nstates 2 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 0 --c0x1 3 --p0x1 1 --w0x1 5 "
-            "--s1 1 --n1 2 --n1x0 0 --c1x0 1 --p1x0 0.2 --n1x1 0 --c1x1 4 --p1x1 1 --w1x1 0.5")
-outcome = Simulator(load_mission("aggregation", ["duration=20"])).run(fsm, 1)
-print(hashlib.sha256(outcome.trace.poses.tobytes()).hexdigest(), len(np.unique(outcome.trace.states)))
-"""
+def test_compiled_closures_are_named_by_what_they_call():
+    """numba links code from the cache by name and a number that differs between processes.
 
-
-def test_code_from_the_cache_is_not_mixed_up_with_code_compiled_here(tmp_path):
-    """Each process numbers what it compiles; an experiment from the cache must not pick up another's closures."""
-    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
-
-    def outcome(order):
-        command = [sys.executable, "-c", WORLD, order]
-        return subprocess.run(command, env=given, capture_output=True, text=True, check=True).stdout
-
-    compiled_here = outcome("experiment first")
-    assert compiled_here.split()[1] == "2"
-    assert outcome("experiment first") == compiled_here
-    assert outcome("others first") == compiled_here
+    When all links were called alike, an experiment from the cache could run another chain's: conditions were mixed up.
+    """
+    names = []
+    for chained in (behave, probability):
+        for first in range(len(chained.links)):
+            called = [function.__name__ for function in chained.links[first:]]
+            names.append(jit._chain(chained.links[first:]).py_func.__qualname__)
+            assert names[-1] == "_".join(["chain", *called])
+    assert len(set(names)) == len(names)

@@ -18,6 +18,7 @@ WALL_THICKNESS = 0.01
 
 Coordinate: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
 Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
+Height: TypeAlias = Annotated[float, Range(0.001, 100.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
 Array: TypeAlias = NDArray[np.float64]
 
@@ -85,6 +86,7 @@ class Box:
     center: Point
     size: tuple[Size, Size]  # [m] along its own x and y
     angle: float = 0.0  # [rad]
+    height: Height = 0.08  # [m]
 
     def corners(self) -> Array:
         """The corners (4, 2), counter-clockwise."""
@@ -93,18 +95,21 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A point light above the floor."""
+    """A point light above the floor, or a beacon."""
 
     position: tuple[Coordinate, Coordinate, Coordinate]  # [m]
     intensity: NonNegative  # as ARGoS counts it: the farther the reach, the greater
+    seen_by: Annotated[tuple[Annotated[int, Range(0, 999)], ...], Length(1, 1000)] | None = None  # robots; None: all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arena:
-    """The walls and what stands between them."""
+    """The walls and what stands between them; what is lower than a sensor is not in its way."""
 
     walls: RegularPolygon | Polygon
+    wall_height: Height = 0.08  # [m]
     obstacles: tuple[Box, ...] = ()
+    room: RegularPolygon | Polygon | None = None  # its walls, beyond the arena's, reach to the ceiling
 
     def corners(self) -> Array:
         """The corners of the walls' inner face (n, 2), counter-clockwise."""

@@ -77,6 +77,7 @@ class Mission:
             found = f"{self.robots} robots x {self.cycles} cycles"
             raise FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
         self._check_obstacles()
+        self._check_lights()
         self._check_zones()
         self._check_placement()
 
@@ -93,6 +94,17 @@ class Mission:
         centers = np.array([box.center for box in self.arena.obstacles], dtype=float).reshape(-1, 2)
         for index in np.flatnonzero(~self.arena.contains(centers))[:1]:
             raise FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
+        if self.arena.room is not None:
+            beyond = Arena(walls=self.arena.room)
+            if not beyond.contains(self.arena.corners()).all():
+                raise FieldError("arena.room", "does not contain the arena's walls")
+
+    def _check_lights(self) -> None:
+        for i, light in enumerate(self.lights):
+            for j, robot in enumerate(light.seen_by or ()):
+                if robot >= self.robots:
+                    last = f"expected a robot's number, 0 to {self.robots - 1}, found {robot}"
+                    raise FieldError(f"lights[{i}].seen_by[{j}]", last)
 
     def _check_placement(self) -> None:
         poses = getattr(self.placement, "poses", None)

@@ -12,6 +12,7 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.seeds import generator
 from mercator_design.sim import kernel
 from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
@@ -42,6 +43,12 @@ class Simulator:
         self.robot_model = robot_model or load_robot_model(mission.robot_model)
         self._world = World(mission, self.robot_model)
 
+    def _instance(self, seed: int) -> Instance:
+        """The starting situation of a seed, with the robot model that holds in it."""
+        if not self.robot_model.vary:
+            return self._world.instance(seed)
+        return World(self.mission, self.robot_model.drawn(generator(seed, "robot model"))).instance(seed)
+
     def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
         """Run one experiment.
 
@@ -57,7 +64,7 @@ class Simulator:
             MissionError: if the robots do not fit.
         """
         self.check(pfsm)
-        instance = self._world.instance(seed)
+        instance = self._instance(seed)
         trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
@@ -77,16 +84,16 @@ class Simulator:
 
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
-        return [self._world.instance(seed) for seed in range(10)][-1]
+        return [self._instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
     ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
         run = _referee if referee or not jit_wanted() else _compiled
-        run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
+        run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
         recording = Recording(
-            self.robot_model, instance.scene, history, instance.swarm.noise_keys, self.mission.control_period
+            instance.robot_model, instance.scene, history, instance.swarm.noise_keys, self.mission.control_period
         )
         trace = Trace(
             poses=history.poses,

@@ -21,6 +21,7 @@ from mercator_design.fsm.perception import perceive
 from mercator_design.fsm.pfsm import Program
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.seeds import uniform
 from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
@@ -263,7 +264,8 @@ def _disturb(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: i
 def sense_and_control(
     scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
 ) -> None:
-    """Every robot senses, decides and sets its wheels for the next cycle."""
+    """The floor changes; then every robot senses, decides and sets its wheels for the next cycle."""
+    change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
     for i in range(len(swarm.poses)):
         readings = sense(scene, model, swarm, cycle, i)
         for k in range(DRAWS):

@@ -1,4 +1,4 @@
-"""The part of an experiment that never changes, as numbers for the kernels."""
+"""The part of an experiment that never changes, but for a dynamic floor, as numbers for the kernels."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 class Scene(NamedTuple):
-    """What never changes during an experiment: the arena, the floor of this instance, and the robot's body."""
+    """What is there besides the swarm: the arena, the robot's body, and the floor of this instance, as it is now."""
 
     walls: Floats  # (walls, 6) start x, y; vector to the end x, y; unit normal x, y [m]
     boxes: Floats  # (boxes, 6) centre x, y; cosine and sine of the angle; half length, half width [m]
@@ -33,5 +33,6 @@ class Scene(NamedTuple):
     proximity_noise: Floats  # (3,) rows of noise, see sensors.py
     ground_noise: Floats
     wheel_noise: Floats
+    control_period: float  # [s]
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

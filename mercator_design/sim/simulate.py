@@ -76,12 +76,13 @@ class Simulator:
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
     ) -> tuple[Trace, History]:
         history = new_history(cycles, self.mission.robots, everything=everything)
+        floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
         run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=instance.scene.floor,
+            floor=floor,
             zone_rows=instance.zone_rows,
             control_period=self.mission.control_period,
         )

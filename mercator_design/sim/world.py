@@ -100,7 +100,7 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
-        floor = self.mission.floor.realise(generator(seed, "floor"))
+        floor = self.mission.floor.realise(generator(seed, "floor"))  # its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
@@ -137,6 +137,7 @@ class World:
             proximity_noise=_noise_row(model.proximity.noise),
             ground_noise=_noise_row(model.ground.noise),
             wheel_noise=_noise_row(model.drive.noise),
+            control_period=self.mission.control_period,
             sub_steps=self._sub_steps,
             time_step=self.mission.control_period / self._sub_steps,
         )

@@ -91,12 +91,13 @@ class Mission:
                     raise FieldError(f"lights[{i}].seen_by[{j}]", last)
 
     def _check_placement(self) -> None:
-        poses = getattr(self.placement, "poses", None)
-        if poses is not None and len(poses) < self.robots:
-            raise FieldError("placement.poses", f"expected a pose for each of {self.robots} robots")
-        field = outside(self.placement, self.arena)
-        if field is not None:
-            raise FieldError(f"placement.{field}", "lies outside the walls")
+        for field in ("poses", "waiting"):
+            poses = getattr(self.placement, field, ())
+            if poses and len(poses) < self.robots:
+                raise FieldError(f"placement.{field}", f"expected a pose for each of {self.robots} robots")
+        place = outside(self.placement, self.arena)
+        if place is not None:
+            raise FieldError(f"placement.{place}", "lies outside the walls")
 
     @property
     def cycles(self) -> int:

@@ -12,6 +12,7 @@ from mercator_design.fsm.pfsm import Pfsm, Program
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.chipmunk import Robot, new_robot
 from mercator_design.sim.kernel import Swarm, new_swarm
@@ -62,6 +63,7 @@ class World:
         ).reshape(-1, 6)
         boxes = [box.corners() for box in mission.arena.obstacles]
         self._obstacles: list[list[tuple[float, float]]] = [each.tolist() for each in [*self._wall_corners(), *boxes]]
+        self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
         self._scene = self._new_scene()
         self._check_room()
@@ -175,7 +177,7 @@ class World:
             else:
                 return placed[:, [0, 1, 4]]
             most = max(most, i)
-            if mission.placement.fixed:
+            if isinstance(mission.placement, FixedPlacement):
                 raise MissionError(
                     f"{mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
                 )
@@ -187,12 +189,13 @@ class World:
     def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:
         """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and how many were tried."""
         body, placement = self.robot_model.body, self.mission.placement
-        batches = 1 if placement.fixed else _TRIALS_A_ROBOT // _BATCH
+        batches = 1 if isinstance(placement, FixedPlacement) else _TRIALS_A_ROBOT // _BATCH
+        others = np.vstack([placed[:i], self._waiting[i + 1 :]])
         for batch in range(1, batches + 1):
-            poses = placement.candidates(random, i, _BATCH)
-            headings = poses[:, 2:]
-            places = np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
-            k = compiled(first_free)(places, placed, i, self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width)
+            places = _places_of(placement.candidates(random, i, _BATCH))
+            k = compiled(first_free)(
+                places, others, len(others), self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width
+            )
             if k >= 0:
                 return places[k], batch * _BATCH
         return None, batches * _BATCH
@@ -205,6 +208,12 @@ class World:
         robot.shape.friction = body.friction
         robot.shape.elasticity = body.elasticity
         return robot
+
+
+def _places_of(poses: Floats) -> Floats:
+    """Poses (n, 3) as the kernels want them (n, 5): x, y, cosine and sine of the heading, heading."""
+    headings = poses[:, 2:]
+    return np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
 
 
 def _noise_row(noise: Noise) -> Floats:

@@ -1,11 +1,12 @@
 """What happened in one experiment; all that an objective may look at."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import Array
 from mercator_design.missions.dynamics import change_floor
@@ -14,6 +15,15 @@ from mercator_design.missions.floor_kernels import colour_at, zone_contains
 from mercator_design.missions.plugins import When, Zones
 
 Flags = NDArray[np.bool_]
+
+
+def not_measured(device: str, every: int) -> Array:  # noqa: ARG001 - nobody to ask
+    """What a device measured, (cycles, robots, ...), in every so many-th cycle: not known of tracked robots.
+
+    Raises:
+        MissionError: always.
+    """
+    raise MissionError(f"this objective needs what the robots' {device} measured, and that was not recorded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +42,7 @@ class Trace:
     floor: FloorTable  # at the start
     zone_rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in floor.zones
     control_period: float  # [s]
+    measure: Callable[[str, int], Array] = not_measured
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape

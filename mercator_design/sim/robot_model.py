@@ -19,6 +19,7 @@ Size = Annotated[float, Range(0.01, 10.0)]
 Height = Annotated[float, Range(0.001, 100.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
 Place = Annotated[float, Range(-10.0, 10.0)]
+Channel = Annotated[int, Range(0, 255)]
 Angles = Annotated[tuple[float, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
 Friction = Annotated[float, Range(0.0, 10.0)]
@@ -205,7 +206,10 @@ class Lidar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmbientLight:
-    """One sensor of brightness; a light adds `base + exp(-decay x)` lux at x = distance / intensity, up to `reach`."""
+    """One sensor of brightness; a light adds `base + exp(-decay x)` lux at x = distance / intensity, up to `reach`.
+
+    Walls, boxes and robots hide lights, as high as they are. The defaults are argos3-rvr's.
+    """
 
     position: tuple[Place, Place] = (0.0, 0.0)  # [m] from the centre
     height: Height  # [m]
@@ -229,6 +233,12 @@ class Leds:
     """Lamps that show the state."""
 
     positions: Annotated[tuple[tuple[Place, Place], ...], Length(1, 64)]  # [m] from the centre
+    colors: Annotated[tuple[tuple[Channel, Channel, Channel], ...], Length(4, 4)] = (  # of the states
+        (0, 114, 178),
+        (230, 159, 0),
+        (0, 158, 115),
+        (204, 121, 167),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -90,6 +90,7 @@ class Simulator:
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
     ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
+        floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
         run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
         recording = Recording(
@@ -98,7 +99,7 @@ class Simulator:
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=instance.scene.floor,
+            floor=floor,
             zone_rows=instance.zone_rows,
             control_period=self.mission.control_period,
             measure=recording.measure,

@@ -43,6 +43,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         neighbours=_neighbours(model),
         light=_light(mission, model),
         lidar=_lidar(mission, model),
+        control_period=mission.control_period,
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
     )

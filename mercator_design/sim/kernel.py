@@ -23,8 +23,8 @@ from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.seeds import uniform
-from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
-from mercator_design.sim.motion import glide, mark_close
+from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
+from mercator_design.sim.motion import glide, mark_close, withdraw
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensors import NO_NOISE, NOISE_DRAWS, cast_at_box, cast_at_walls, noise
 
@@ -55,6 +55,7 @@ class Swarm(NamedTuple):
     memory: Floats  # (robots, MEMORY) of the controllers
     control_keys: NDArray[np.uint64]  # (robots,) streams of draws
     noise_keys: NDArray[np.uint64]
+    former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
     # Scratch of one robot: what it senses.
     proximity: Floats  # (sensors,)
@@ -88,6 +89,7 @@ def new_swarm(poses: Floats, control_keys: NDArray[np.uint64], noise_keys: NDArr
         memory=np.zeros((n, MEMORY)),
         control_keys=control_keys,
         noise_keys=noise_keys,
+        former=np.zeros((n, 3)),
         reach=np.zeros(n),
         proximity=np.zeros(sensors),
         distances=np.zeros(n),
@@ -137,7 +139,10 @@ def begin_motion(scene: Scene, swarm: Swarm) -> None:
     aim(scene, swarm)
     mark_close(scene, swarm.poses, swarm.velocities, swarm.targets, swarm.reach, swarm.close)
     for i in range(len(swarm.poses)):
-        if not swarm.close[i]:
+        if swarm.close[i]:
+            for k in range(3):
+                swarm.former[i, k] = swarm.poses[i, k]
+        else:
             glide(scene, swarm.poses, swarm.velocities, swarm.targets, i)
 
 
@@ -165,6 +170,8 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
         for i in range(n):
             if swarm.held[i]:
                 read_state(bridge, i, swarm.poses, swarm.velocities)
+                if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
+                    write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable

@@ -33,5 +33,6 @@ class Scene(NamedTuple):
     proximity_noise: Floats  # (3,) rows of noise, see sensors.py
     ground_noise: Floats
     wheel_noise: Floats
+    wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

@@ -137,6 +137,7 @@ class World:
             proximity_noise=_noise_row(model.proximity.noise),
             ground_noise=_noise_row(model.ground.noise),
             wheel_noise=_noise_row(model.drive.noise),
+            wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
             sub_steps=self._sub_steps,
             time_step=self.mission.control_period / self._sub_steps,
         )

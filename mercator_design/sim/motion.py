@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.jit import jittable
-from mercator_design.sim.overlaps import box_overlap, is_inside, wall_overlap
+from mercator_design.sim.overlaps import is_inside, obstacle_overlap
 from mercator_design.sim.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -122,27 +122,20 @@ def withdraw(scene: Scene, poses: Floats, velocities: Floats, former: Floats, i:
     x, y = poses[i, 0], poses[i, 1]
     if scene.wall_overlap == math.inf or not _near_walls(scene, x, y, scene.corner):
         return False
-    walls, boxes = scene.walls, scene.boxes
-    length, width = scene.half_length, scene.half_width
     c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
     moved = False
     for _ in range(_PASSES):
         free = True
-        for k in range(len(walls) + len(boxes)):
-            if k < len(walls):
-                overlap, out_x, out_y = wall_overlap(x, y, c, s, length, width, walls, k)
-            else:
-                b = k - len(walls)
-                overlap, out_x, out_y = box_overlap(
-                    x, y, c, s, length, width,
-                    boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5],
-                )  # fmt: skip
+        for k in range(len(scene.walls) + len(scene.boxes)):
+            overlap, out_x, out_y = obstacle_overlap(
+                scene.walls, scene.boxes, k, scene.half_length, scene.half_width, scene.round, x, y, c, s
+            )
             excess = overlap - scene.wall_overlap
             if excess > _ROUNDING:
                 x += excess * out_x
                 y += excess * out_y
                 free = False
-        if free and is_inside(walls, x, y):
+        if free and is_inside(scene.walls, x, y):
             poses[i, 0], poses[i, 1] = x, y
             return moved
         moved = True

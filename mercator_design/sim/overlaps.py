@@ -15,23 +15,79 @@ Floats = NDArray[np.float64]
 
 
 @jittable
-def wall_overlap(
-    x: float, y: float, c: float, s: float, half_length: float, half_width: float, walls: Floats, i: int
+def obstacle_overlap(
+    walls: Floats,
+    boxes: Floats,
+    i: int,
+    half_length: float,
+    half_width: float,
+    round_: bool,
+    x: float,
+    y: float,
+    c: float,
+    s: float,
 ) -> tuple[float, float, float]:
-    """Overlap of a box with an outer wall, and the way out (x, y): off the wall's face, or past its ends.
-
-    There is no way past an end where the next wall goes on into the arena.
+    """Overlap of a robot with outer wall i, or if there are no more walls with a box, and the way out (x, y).
 
     Args:
-        x: Of the box's centre, which is inside the arena [m].
+        walls: (walls, 6) as in Scene.
+        boxes: (boxes, 7) as in Scene.
+        i: Which wall or box.
+        half_length: Of the robot [m]; the radius of a disc.
+        half_width: Of the robot [m].
+        round_: Whether it is a disc.
+        x: Of the robot's centre, which is inside the arena [m].
         y: The same.
         c: Cosine of its heading.
         s: Sine.
-        half_length: Of the box [m].
-        half_width: The same.
-        walls: (walls, 6) as in Scene.
-        i: Which wall.
     """
+    if i < len(walls):
+        if round_:
+            return _disc_in_wall(walls, i, x, y, half_length)
+        return _box_in_wall(walls, i, x, y, c, s, half_length, half_width)
+    i -= len(walls)
+    if round_:
+        return _disc_in_box(boxes, i, x, y, half_length)
+    return box_overlap(
+        x, y, c, s, half_length, half_width,
+        boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3], boxes[i, 4], boxes[i, 5],
+    )  # fmt: skip
+
+
+@jittable
+def _disc_in_wall(walls: Floats, i: int, x: float, y: float, radius: float) -> tuple[float, float, float]:
+    from_x, from_y = x - walls[i, 0], y - walls[i, 1]
+    along_x, along_y = walls[i, 2], walls[i, 3]
+    part = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
+    part = max(0.0, min(1.0, part))
+    away_x, away_y = from_x - part * along_x, from_y - part * along_y
+    distance = math.sqrt(away_x * away_x + away_y * away_y)
+    if distance == 0.0:
+        return radius, walls[i, 4], walls[i, 5]
+    return radius - distance, away_x / distance, away_y / distance
+
+
+@jittable
+def _disc_in_box(boxes: Floats, i: int, x: float, y: float, radius: float) -> tuple[float, float, float]:
+    c, s = boxes[i, 2], boxes[i, 3]
+    along, across = c * (x - boxes[i, 0]) + s * (y - boxes[i, 1]), c * (y - boxes[i, 1]) - s * (x - boxes[i, 0])
+    side_x, side_y = math.copysign(1.0, along), math.copysign(1.0, across)
+    over, aside = abs(along) - boxes[i, 4], abs(across) - boxes[i, 5]
+    if over > 0.0 and aside > 0.0:
+        distance = math.sqrt(over * over + aside * aside)
+        side_x, side_y = side_x * over / distance, side_y * aside / distance
+    elif over > aside:
+        distance, side_y = over, 0.0
+    else:
+        distance, side_x = aside, 0.0
+    return radius - distance, c * side_x - s * side_y, s * side_x + c * side_y
+
+
+@jittable
+def _box_in_wall(
+    walls: Floats, i: int, x: float, y: float, c: float, s: float, half_length: float, half_width: float
+) -> tuple[float, float, float]:
+    """The way out leads off the wall's face, or past an end where the next wall does not go on into the arena."""
     start_x, start_y = walls[i, 0] - x, walls[i, 1] - y
     normal_x, normal_y = walls[i, 4], walls[i, 5]
     extent = half_length * abs(c * normal_x + s * normal_y) + half_width * abs(c * normal_y - s * normal_x)
@@ -104,7 +160,7 @@ def box_overlap(
             sign = -1.0 if away > 0.0 else 1.0
             depth, out_x, out_y = along, sign * axis_x, sign * axis_y
             if depth < 0.0:
-                break
+                break  # apart
     return depth, out_x, out_y
 
 

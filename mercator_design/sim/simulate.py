@@ -8,6 +8,7 @@ import pymunk
 from numpy.typing import NDArray
 
 from mercator_design.errors import FsmError, SimulationError
+from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled, is_cached, jit_wanted
@@ -15,8 +16,8 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim import kernel, motion
 from mercator_design.sim.chipmunk import new_bridge
-from mercator_design.sim.kernel import History, new_history
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World, program_arrays
 
 Floats = NDArray[np.float64]
@@ -95,20 +96,25 @@ class Simulator:
         """Make sure that the robot has what a PFSM needs.
 
         Raises:
-            FsmError: naming the behaviour and the sensor.
+            FsmError: naming the module and the sense.
         """
         for i, state in enumerate(pfsm.states):
-            self.check_needs(f"state {i}: {state.behaviour}", state.module.needs)
+            self.check_module(state.module, f"state {i}: ")
+            for j, transition in enumerate(state.transitions):
+                self.check_module(transition.module, f"state {i}, transition {j}: ")
 
-    def check_needs(self, who: str, needs: frozenset[str]) -> None:
-        """Make sure that the robot has the sensors that someone needs.
+    def check_module(self, module: Module, place: str = "") -> None:
+        """Make sure that the robot has the senses that a module reads.
 
         Raises:
             FsmError: naming the one and the other.
         """
-        if needs:  # beyond the common sensors, none is simulated
-            missing = ", ".join(sorted(needs))
-            raise FsmError(f"{who} needs {missing}, which robot {self.robot_model.name} does not perceive")
+        missing = sorted(module.reads - self.robot_model.senses)
+        if missing:
+            needed = " and ".join(missing)
+            raise FsmError(
+                f"{place}{module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
+            )
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

@@ -252,6 +252,7 @@ class Physics:
     time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; a cycle is divided evenly
     solver_iterations: Annotated[int, Range(1, 1000)] = 10
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
+    wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] allowed at the end of a cycle; None: any
     wall_friction: Friction = 0.1
 
 

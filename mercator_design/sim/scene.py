@@ -95,5 +95,6 @@ class Scene(NamedTuple):
     light: Light
     lidar: Lidar
     control_period: float  # [s]
+    wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

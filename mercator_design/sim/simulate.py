@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pymunk
+from numpy.typing import NDArray
 
 from mercator_design.errors import FsmError, SimulationError
 from mercator_design.fsm.modules import Module
@@ -13,12 +15,14 @@ from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
-from mercator_design.sim import kernel
+from mercator_design.sim import kernel, motion
 from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World, program_arrays
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,14 +160,12 @@ def referee_motion(instance: Instance) -> None:
     for i, robot in enumerate(instance.robots):
         if robot.body.space and not swarm.close[i]:
             space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
+    withdraw = compiled(motion.withdraw)
     close = np.flatnonzero(swarm.close).tolist()
     for i in close:
         robot = instance.robots[i]
         if not robot.body.space:
-            robot.body.position = tuple(swarm.poses[i, :2].tolist())
-            robot.body.angle = float(swarm.poses[i, 2])
-            robot.body.velocity = tuple(swarm.velocities[i, :2].tolist())
-            robot.body.angular_velocity = float(swarm.velocities[i, 2])
+            _write_state(robot.body, swarm.poses[i], swarm.velocities[i])
             space.add(robot.body, robot.shape)
             space.add(robot.pivot, robot.gear)
         robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
@@ -175,3 +177,12 @@ def referee_motion(instance: Instance) -> None:
         body = instance.robots[i].body
         swarm.poses[i, :3] = *body.position, body.angle
         swarm.velocities[i] = *body.velocity, body.angular_velocity
+        if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
+            _write_state(body, swarm.poses[i], swarm.velocities[i])
+
+
+def _write_state(body: pymunk.Body, pose: Floats, velocity: Floats) -> None:
+    body.position = tuple(pose[:2].tolist())
+    body.angle = float(pose[2])
+    body.velocity = tuple(velocity[:2].tolist())
+    body.angular_velocity = float(velocity[2])

@@ -44,6 +44,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         control_period=mission.control_period,
+        wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
     )

@@ -333,7 +333,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
-        if _has_key(file, "body"):
+        if _has_key(file, "body") or _has_key(file, "base"):
             return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
         Simulator(mission).try_placement()

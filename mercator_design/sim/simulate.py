@@ -50,7 +50,7 @@ class Simulator:
             MissionError: if the robots do not fit.
         """
         self.check(pfsm)
-        instance = self._world.instance(seed)
+        instance = self.instance(seed)
         trace, history = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
@@ -68,9 +68,17 @@ class Simulator:
         trace, _ = self._run(instance, Pfsm((State("stop"),)), 1)
         self.mission.objective(trace)
 
+    def instance(self, seed: int) -> Instance:
+        """The starting situation of a seed.
+
+        Raises:
+            MissionError: if the robots do not fit.
+        """
+        return self._world.instance(seed)
+
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
-        return [self._world.instance(seed) for seed in range(10)][-1]
+        return [self.instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False

@@ -29,8 +29,10 @@ from mercator_design.fsm.control import MEMORY
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.race.executors import available_jobs
-from mercator_design.sim import kernel
+from mercator_design.sim.kernel import EVERYTHING
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.sensing import sense
+from mercator_design.sim.sight import cast
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.sim.world import Instance, World
 
@@ -118,8 +120,10 @@ def replay_perception(trace: Trace) -> Iterator[tuple[int, int, Readings, np.nda
         swarm.poses[:, 3] = np.cos(trace.poses[cycle, :, 2])
         swarm.poses[:, 4] = np.sin(trace.poses[cycle, :, 2])
         for i in range(len(swarm.poses)):
-            readings = compiled(kernel.sense)(instance.scene, trace.model, swarm, cycle, i)
-            yield cycle, i, readings, swarm.proximity.copy()
+            readings = compiled(sense)(instance.scene, trace.model, swarm, cycle, i, EVERYTHING)
+            distances = np.empty(len(swarm.proximity))
+            compiled(cast)(instance.scene, swarm.poses, i, trace.model.proximity_range, distances)
+            yield cycle, i, readings, distances
 
 
 def same_distance(recorded: float | None, ours: float, furthest: float) -> bool:

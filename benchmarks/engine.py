@@ -19,7 +19,7 @@ import pymunk
 
 from mercator_design.fsm import Controller, parse
 from mercator_design.fsm.control import DRAWS
-from mercator_design.fsm.perception import perceive
+from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import World
@@ -44,7 +44,8 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
         space.add(robot.pivot, robot.gear)
     controllers = [Controller(fsm, model) for _ in robots]
     generator = random.Random(seed)
-    rays = list(zip(scene.directions_x.tolist(), scene.directions_y.tolist(), strict=True))
+    directions = scene.proximity.directions_x.tolist(), scene.proximity.directions_y.tolist()
+    rays = list(zip(*directions, strict=True))
     commands = [(0.0, 0.0)] * len(robots)
     for _ in range(world.mission.cycles):
         for robot, (left, right) in zip(robots, commands, strict=True):
@@ -59,10 +60,10 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
             proximity = []
             for x, y in rays:
                 direction = pymunk.Vec2d(x, y).rotated(body.angle)
-                start = body.position + direction * scene.ring
+                start = body.position + direction * scene.proximity.ring
                 end = start + direction * model.proximity_range
                 hit = space.segment_query_first(start, end, 0, pymunk.ShapeFilter(group=number))
-                proximity.append(hit.alpha * model.proximity_range if hit else math.inf)
+                proximity.append(proximity_weight(model, hit.alpha * model.proximity_range) if hit else 0.0)
             found = []
             for other in robots:
                 if other is not robot:
@@ -70,14 +71,13 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
                     if offset.length < model.neighbour_range:
                         found.append((offset.length, *(offset / offset.length)))
             distances, bearings_x, bearings_y = zip(*found, strict=True) if found else ((), (), ())
-            spot = body.position + pymunk.Vec2d(scene.ground_x, scene.ground_y).rotated(body.angle)
+            spot = body.position + pymunk.Vec2d(*scene.ground.places[0].tolist()).rotated(body.angle)
             level = 0.0 if spot.length <= 0.5 else 127.0
             ground = [min(255.0, max(0.0, round(level + generator.gauss(0, 5)))) for _ in range(3)]
             readings = perceive(
                 model,
                 proximity,
-                scene.directions_x,
-                scene.directions_y,
+                *directions,
                 distances,
                 bearings_x,
                 bearings_y,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
@@ -89,8 +90,9 @@ class Designer:
     """
 
     def __init__(self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon") -> None:
-        for module in numbered(BEHAVIOURS, flavour).values():
-            simulator.check_needs(f"{flavour}'s {module.name}", module.needs)
+        for table in (BEHAVIOURS, CONDITIONS):
+            for module in numbered(table, flavour).values():
+                simulator.check_module(module, f"{flavour}: ")
         self.simulator = simulator
         self.flavour = flavour
         self.race = IteratedRace(Space.from_text(parameters_text(flavour), "grammar"), budget=budget, seed=seed)

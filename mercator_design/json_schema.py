@@ -22,24 +22,49 @@ _Records: TypeAlias = dict[Kind, Json]
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string", types.NoneType: "null"}
+_CHANGES = "-changes"
+_BASE = {"base": {"type": "string", "description": "the file, or the name of what is shipped, that this one changes"}}
 
 
-def json_schema(kind: Kind, *, title: str, given: Collection[str] = ()) -> Json:
+def json_schema(kind: Kind, *, title: str, given: Collection[str] = (), based: bool = False) -> Json:
     """The schema of the files that a dataclass describes.
 
     Args:
         kind: The dataclass.
         title: What such a file is.
         given: Keys that a file may leave out although the dataclass has no default for them.
+        based: Whether a file may say that it changes another, its `base`, and then leave out all else.
     """
     records: _Records = {}
     whole = _record(kind, records)
     for alternative in whole.get("oneOf", [whole]):
         alternative["required"] = [key for key in alternative["required"] if key not in given]
-    named = {record.__name__: found for record, found in records.items()}
+    named = {record.__name__: found for record, found in sorted(records.items(), key=lambda item: item[0].__name__)}
     if len(named) < len(records):
         raise TypeError(f"two dataclasses of one name among {list(records)}")
-    return {"$schema": _DIALECT, "title": title, **whole, "$defs": dict(sorted(named.items()))}
+    if based:
+        changes = _partial(whole)
+        changes["properties"] |= _BASE
+        whole = {"if": {"type": "object", "required": ["base"]}, "then": changes, "else": whole}
+        named |= {f"{name}{_CHANGES}": _partial(record) for name, record in named.items()}
+    return {"$schema": _DIALECT, "title": title, **whole, "$defs": named}
+
+
+def _partial(schema_: Any) -> Any:  # noqa: ANN401 - any JSON
+    """A schema of which all may be left out, as it is said elsewhere: even the key that tells alternatives apart."""
+    if isinstance(schema_, list):
+        return [_partial(item) for item in schema_]
+    if not isinstance(schema_, dict):
+        return schema_
+    changed: Json = {}
+    for key, value in schema_.items():
+        if key == "$ref":
+            changed[key] = f"{value}{_CHANGES}"
+        elif key == "properties":
+            changed[key] = {name: _partial(each) for name, each in value.items()}
+        elif key not in {"required", "default"}:
+            changed["anyOf" if key == "oneOf" else key] = _partial(value)
+    return changed
 
 
 def _schema(kind: Kind, records: _Records) -> Json:
@@ -67,8 +92,10 @@ def _schema(kind: Kind, records: _Records) -> Json:
         found = {"type": "object", "propertyNames": keys, "additionalProperties": values}
     else:
         found = {"type": _TYPES[base]}
+    form = found.get("type")
     for rule in rules:
-        found |= _keywords(rule, found.get("type"))
+        more = _keywords(rule, form)
+        found = found | more if found.keys().isdisjoint(more) else {"allOf": [found, more]}
     return found
 
 

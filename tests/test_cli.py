@@ -101,7 +101,7 @@ class TestRace:
         code, out, err = mdesign("race", "aac", "--budget", 300, "--flavour", "chocolate", "-o", tmp_path / "r", *QUICK)
         assert (code, out) == (3, "")
         assert "phototaxis" in err
-        assert "light direction" in err
+        assert "needs light" in err
 
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
         _, out, _ = mdesign("race", "foraging", "--budget", 60, "-o", tmp_path / "r", *QUICK)
@@ -308,7 +308,7 @@ class TestEvaluate:
         (tmp_path / "choco.txt").write_text("# flavour: chocolate\n--nstates 1 --s0 2\n")
         code, _, err = mdesign("evaluate", tmp_path / "choco.txt", "--mission", "aac", *QUICK)
         assert code == 3
-        assert "phototaxis needs light direction" in err
+        assert "phototaxis needs light" in err
 
     def test_lenient(self, mdesign, tmp_path):
         (tmp_path / "loose.txt").write_text("--nstates 1 --s0 0 --rwm0 20.7")

@@ -16,10 +16,10 @@ from mercator_design.loading import dump, parse
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.schema import KeywordsOf, Length
-from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 MISSION = json_schema(Mission, title="Mission", given=("name",))
-ROBOT_MODEL = json_schema(RobotModel, title="Robot model", given=("name",))
+ROBOT_MODEL = json_schema(RobotModel, title="Robot model", given=("name",), based=True)
 GOOD = """
 schema: 1
 robots: 2
@@ -113,6 +113,29 @@ def test_a_mistake_is_refused_by_both(old, new):
     assert not accepts(MISSION, broken)
 
 
+@pytest.mark.parametrize(
+    ("text", "valid"),
+    [
+        ("{schema: 1, base: mercator}", True),
+        ("{schema: 1, base: mercator, drive: {noise: {sd: 0.1}}, physics: {time_step: 0.02}}", True),
+        ("{schema: 1, base: mercator, drive: {noise: {distribution: gaussian}}}", True),
+        ("{schema: 1, base: mercator, drive: {nose: {sd: 0.1}}}", False),
+        ("{schema: 1, base: mercator, drive: {noise: {sd: -0.1}}}", False),
+        ("{schema: 1, base: mercator, body: {mass: heavy}}", False),
+        ("{schema: 1, body: {mass: 2.0}}", False),
+        ("{schema: 1, base: 7}", False),
+    ],
+)
+def test_a_robot_model_on_a_base(tmp_path, text, valid):
+    assert accepts(ROBOT_MODEL, text) is valid
+    (tmp_path / "robot.yaml").write_text(text)
+    if valid:
+        load_robot_model(str(tmp_path / "robot.yaml"))
+    else:
+        with pytest.raises(MissionError):
+            load_robot_model(str(tmp_path / "robot.yaml"))
+
+
 def test_every_objective_has_its_alternative():
     alternatives = MISSION["$defs"]["Objective"]["oneOf"]
     assert [each["properties"]["name"]["const"] for each in alternatives] == list(OBJECTIVES)
@@ -142,7 +165,7 @@ def rest(*, mood: Mood | None = None):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Task:
-    weights: Annotated[Mapping[Literal["a", "b"], float], Length(1, 1)]
+    weights: Annotated[Annotated[Mapping[Literal["a", "b"], float], Length(1)], Length(0, 1)]
     pair: tuple[str, int]
     do: str
     how: Annotated[Mapping[str, object], KeywordsOf({"walk": walk, "rest": rest}, "do")]

@@ -106,7 +106,9 @@ def repulsion(model: ReferenceModel, readings: Readings, parameters: Row, memory
     return wheels_from_vector(model, x, y)
 
 
-_LIGHT = frozenset({"light direction"})
+_OBSTACLES = frozenset({"proximity"})
+_LIGHT = frozenset({"light", "proximity"})
+_NEIGHBOURS = frozenset({"neighbours", "proximity"})
 
 BEHAVIOURS = (
     Module(
@@ -114,23 +116,25 @@ BEHAVIOURS = (
         label="Exploration",
         function=exploration,
         numbers={"watermelon": 0, "chocolate": 0},
+        reads=_OBSTACLES,
         # 0 is legal in published controllers and means the same as 1.
         parameters=(Parameter(name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1),),
     ),
     Module(name="stop", label="Stop", function=stop, numbers={"watermelon": 1, "chocolate": 1}),
-    Module(name="phototaxis", label="Phototaxis", function=phototaxis, numbers={"chocolate": 2}, needs=_LIGHT),
+    Module(name="phototaxis", label="Phototaxis", function=phototaxis, numbers={"chocolate": 2}, reads=_LIGHT),
     Module(
         name="anti-phototaxis",
         label="Anti-Phototaxis",
         function=anti_phototaxis,
         numbers={"chocolate": 3},
-        needs=_LIGHT,
+        reads=_LIGHT,
     ),
     Module(
         name="attraction",
         label="Attraction",
         function=attraction,
         numbers={"watermelon": 2, "chocolate": 4},
+        reads=_NEIGHBOURS,
         parameters=(Parameter(name="alpha", flag="att", grammar="ATT", low=1, high=5),),
     ),
     Module(
@@ -138,6 +142,7 @@ BEHAVIOURS = (
         label="Repulsion",
         function=repulsion,
         numbers={"watermelon": 3, "chocolate": 5},
+        reads=_NEIGHBOURS,
         parameters=(Parameter(name="alpha", flag="rep", grammar="REP", low=1, high=5),),
     ),
 )

@@ -1,14 +1,14 @@
 """The conditions: with which probability a transition is taken in one control cycle, and the table of them.
 
 Each is a kernel `condition(model, readings, parameters) -> probability`. The caller makes the draw: conditions never
-touch a generator. Sources as in behaviours.py; the gray level is ARGoS's (ITU-R BT.601 luma).
+touch a generator. Sources as in behaviours.py.
 """
 
 import math
 from collections.abc import Callable
 
 from mercator_design.fsm.modules import Module, Parameter
-from mercator_design.fsm.perception import Row
+from mercator_design.fsm.perception import Row, gray_level
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import dispatcher, jittable
 
@@ -19,9 +19,9 @@ _LABEL_HUES = (2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0, 0.0, math.pi / 3.0)
 
 
 @jittable
-def gray_level(readings: Readings) -> float:
+def ground_level(readings: Readings) -> float:
     """Brightness of the ground, 0 to 255."""
-    return 0.299 * readings.ground_red + 0.587 * readings.ground_green + 0.114 * readings.ground_blue
+    return gray_level(readings.ground_red, readings.ground_green, readings.ground_blue)
 
 
 @jittable
@@ -63,20 +63,20 @@ def colour_label(model: ReferenceModel, red: float, green: float, blue: float) -
 @jittable
 def black_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
     """Beta where the ground is black."""
-    return parameters[0] if gray_level(readings) <= model.black_highest else 0.0
+    return parameters[0] if ground_level(readings) <= model.black_highest else 0.0
 
 
 @jittable
 def gray_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
     """Beta where the ground is gray. Colours count by their brightness: green is gray, red is nearly."""
-    level = gray_level(readings)
+    level = ground_level(readings)
     return parameters[0] if model.gray_lowest < level < model.gray_highest else 0.0
 
 
 @jittable
 def white_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
     """Beta where the ground is white. Yellow is bright enough to count."""
-    return parameters[0] if gray_level(readings) >= model.white_lowest else 0.0
+    return parameters[0] if ground_level(readings) >= model.white_lowest else 0.0
 
 
 @jittable
@@ -117,19 +117,45 @@ def _count(suffix: str) -> tuple[Parameter, Parameter]:
     )
 
 
+_GROUND = frozenset({"ground"})
+_NEIGHBOURS = frozenset({"neighbours"})
+
+
 def _both(number: int) -> dict[str, int]:
     return {"watermelon": number, "chocolate": number}
 
 
 CONDITIONS = (
-    Module(name="black floor", label="BlackFloor", function=black_floor, numbers=_both(0), parameters=(_beta(),)),
-    Module(name="gray floor", label="GrayFloor", function=gray_floor, numbers=_both(1), parameters=(_beta(),)),
-    Module(name="white floor", label="WhiteFloor", function=white_floor, numbers=_both(2), parameters=(_beta(),)),
+    Module(
+        name="black floor",
+        label="BlackFloor",
+        function=black_floor,
+        numbers=_both(0),
+        reads=_GROUND,
+        parameters=(_beta(),),
+    ),
+    Module(
+        name="gray floor",
+        label="GrayFloor",
+        function=gray_floor,
+        numbers=_both(1),
+        reads=_GROUND,
+        parameters=(_beta(),),
+    ),
+    Module(
+        name="white floor",
+        label="WhiteFloor",
+        function=white_floor,
+        numbers=_both(2),
+        reads=_GROUND,
+        parameters=(_beta(),),
+    ),
     Module(
         name="neighbours count",
         label="NeighborsCount",
         function=neighbours_count,
         numbers=_both(3),
+        reads=_NEIGHBOURS,
         parameters=_count(""),
     ),
     Module(
@@ -137,6 +163,7 @@ CONDITIONS = (
         label="InvertedNeighborsCount",
         function=inverted_neighbours_count,
         numbers=_both(4),
+        reads=_NEIGHBOURS,
         parameters=_count("I"),
     ),
     Module(
@@ -151,6 +178,7 @@ CONDITIONS = (
         label="ProbColor",
         function=floor_colour,
         numbers={"watermelon": 6},
+        reads=_GROUND,
         parameters=(_beta(), Parameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
     ),
 )

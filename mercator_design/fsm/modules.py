@@ -4,12 +4,23 @@ Everything that lists modules (text, grammar, dispatcher, diagram, docs, tests) 
 `BEHAVIOURS` (behaviours.py) and `CONDITIONS` (conditions.py), whose rows are made of these.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 MOST_PARAMETERS = 2
 """No module has more parameters; rows of parameters are padded to this length."""
+
+SENSES = ("proximity", "neighbours", "ground", "light")
+"""What readings are made of. A robot may lack some; what an active state does not read is not sensed."""
+
+PROXIMITY, NEIGHBOURS, GROUND, LIGHT = 1, 2, 4, 8
+"""The bits of sets of senses, in the order of SENSES."""
+
+
+def senses_bits(senses: Iterable[str]) -> int:
+    """A set of senses as a number."""
+    return sum(1 << SENSES.index(sense) for sense in set(senses))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +54,7 @@ class Module:
     function: Callable[..., Any]
     numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
     parameters: tuple[Parameter, ...] = ()
-    needs: frozenset[str] = field(default_factory=frozenset)  # sensors a robot must have, beyond the common ones
+    reads: frozenset[str] = field(default_factory=frozenset)  # of SENSES
 
     def __post_init__(self) -> None:
         if len(self.parameters) > MOST_PARAMETERS:

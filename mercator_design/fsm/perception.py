@@ -14,6 +14,12 @@ class Row(Protocol):
     def __getitem__(self, index: int, /) -> Any: ...  # noqa: ANN401 - numpy says so of its elements
 
 
+class MutableRow(Row, Protocol):
+    """A row that a kernel may write to: a list, or an array."""
+
+    def __setitem__(self, index: int, value: float, /) -> None: ...
+
+
 @jittable
 def proximity_weight(model: ReferenceModel, distance: float) -> float:
     """How much an obstacle at a distance [m] counts: 0 beyond the range, growing as it gets nearer."""
@@ -21,7 +27,48 @@ def proximity_weight(model: ReferenceModel, distance: float) -> float:
         return 0.0
     if distance < model.proximity_near:
         return model.proximity_near_weight
-    return max(0.0, (1.0 / distance - model.proximity_offset) * model.proximity_scale)
+    weight = model.proximity_constant + model.proximity_inverse / distance
+    weight += distance * (model.proximity_slope + model.proximity_square * distance)
+    if model.proximity_exponential != 0.0:
+        weight += model.proximity_exponential * math.exp(-distance / model.proximity_decay)
+    return max(0.0, weight)
+
+
+@jittable
+def gray_level(red: float, green: float, blue: float) -> float:
+    """Brightness of a colour, 0 to 255 (ITU-R BT.601 luma, as in ARGoS)."""
+    return 0.299 * red + 0.587 * green + 0.114 * blue
+
+
+@jittable
+def ground_by_vote(model: ReferenceModel, blacks: float, whites: float) -> float:
+    """The ground's gray level, given how many of the latest readings were black and how many white."""
+    if blacks > model.ground_majority:
+        return 0.0
+    return 255.0 if whites > model.ground_majority else 127.5
+
+
+@jittable
+def light_direction(model: ReferenceModel, readings: Row, directions_x: Row, directions_y: Row) -> tuple[float, float]:
+    """Unit vector towards the light, forwards and to the left; no length where none is perceived.
+
+    Args:
+        model: Constants.
+        readings: (sensors,) of brightness, 0 to 1.
+        directions_x: (sensors,) where each sensor looks: unit vectors, forwards ...
+        directions_y: ... and to the left.
+    """
+    x = 0.0
+    y = 0.0
+    perceived = False
+    for i in range(len(readings)):
+        perceived = perceived or readings[i] > model.light_threshold
+        x += readings[i] * directions_x[i]
+        y += readings[i] * directions_y[i]
+    length = math.sqrt(x * x + y * y)
+    if not perceived or length == 0.0:
+        return 0.0, 0.0
+    return x / length, y / length
 
 
 @jittable
@@ -41,7 +88,7 @@ def perceive(
 
     Args:
         model: Constants.
-        proximity: (sensors,) distance to the nearest obstacle [m]; infinity where there is none.
+        proximity: (sensors,) how much the nearest obstacle counts that each sensor sees (`proximity_weight`).
         directions_x: (sensors,) where each proximity sensor looks: unit vectors, forwards ...
         directions_y: ... and to the left.
         distances: (at least n_neighbours,) of each robot in range [m].
@@ -54,9 +101,8 @@ def perceive(
     obstacle_x = 0.0
     obstacle_y = 0.0
     for i in range(len(directions_x)):
-        weight = proximity_weight(model, proximity[i])
-        obstacle_x += weight * directions_x[i]
-        obstacle_y += weight * directions_y[i]
+        obstacle_x += proximity[i] * directions_x[i]
+        obstacle_y += proximity[i] * directions_y[i]
     pull_x = 0.0
     pull_y = 0.0
     for i in range(n_neighbours):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from mercator_design.errors import FsmError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import MOST_PARAMETERS, Module, named
+from mercator_design.fsm.modules import MOST_PARAMETERS, Module, named, senses_bits
 from mercator_design.fsm.perception import Row
 
 MOST_STATES = 4
@@ -34,6 +34,7 @@ class Program(NamedTuple):
     conditions: Row  # of each transition, position in CONDITIONS
     condition_parameters: Row
     targets: Row  # of each transition, number of a state
+    reads: Row  # of each state, the senses that it and its conditions read, as bits (modules.SENSES)
 
 
 def absolute_target(state: int, relative: int) -> int:
@@ -72,6 +73,11 @@ class State:
     def module(self) -> Module:
         """The row of BEHAVIOURS."""
         return BEHAVIOURS[_BEHAVIOURS[self.behaviour]]
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """The senses that the behaviour and the conditions read."""
+        return self.module.reads.union(*(transition.module.reads for transition in self.transitions))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +129,9 @@ class Pfsm:
                 )
 
     @property
-    def needs(self) -> frozenset[str]:
-        """Sensors that a robot must have to run this PFSM, beyond the common ones."""
-        return frozenset().union(*(state.module.needs for state in self.states))
+    def reads(self) -> frozenset[str]:
+        """The senses that a robot must have to run this PFSM."""
+        return frozenset().union(*(state.reads for state in self.states))
 
     def program(self) -> Program:
         """The tables that `control_cycle` runs on."""
@@ -142,6 +148,7 @@ class Pfsm:
             conditions=tuple(_CONDITIONS[transition.condition] for transition in places),
             condition_parameters=_padded(transition.parameters for transition in places),
             targets=tuple(transition.target for transition in places),
+            reads=tuple(senses_bits(state.reads) for state in self.states),
         )
 
 

@@ -38,21 +38,38 @@ class ReferenceModel(NamedTuple):
     is silent. The differences between published variants are numbers in this table, never a second copy of a module.
     """
 
-    # Proximity: a distance d in [near, range] weighs max(0, (1/d - offset) * scale); nearer weighs near_weight.
+    # Proximity: a distance d [m] in [near, range] weighs, at least 0,
+    #     constant + inverse / d + slope * d + square * d^2 + exponential * exp(-d / decay);
+    # nearer weighs near_weight. By default that is (1/d - 1/range) / (1/near - 1/range): 0 to 1.
     proximity_near: Positive = 0.05
     proximity_range: NonNegative = 0.4
     proximity_near_weight: NonNegative = 1.0
-    proximity_offset: NonNegative = 2.5  # [1/m] 1 / range: the weight is 0 at the range ...
-    proximity_scale: Positive = 1.0 / 17.5  # [m] 1 / (1/near - 1/range): ... and 1 at `near`
+    proximity_constant: float = -1.0 / 7.0
+    proximity_inverse: float = 1.0 / 17.5  # [m]
+    proximity_slope: float = 0.0  # [1/m]
+    proximity_square: float = 0.0  # [1/m2]
+    proximity_exponential: float = 0.0
+    proximity_decay: Positive = 1.0  # [m]
 
     # Neighbours: one at distance d weighs 1 / (offset + scale * d); counted when d < range.
     neighbour_range: Positive = 0.75
     neighbour_offset: Positive = 1.0
     neighbour_scale: NonNegative = 1.0  # [1/m] 100 where a variant means centimetres
+    neighbour_memory: NonNegative = 0.0  # [cycles] that a robot stays a neighbour after it was last perceived
     # One within obstacle_range also weighs on the proximity vector, at its distance less obstacle_radius. 0: never,
     # because the proximity sensors see robots too.
     neighbour_obstacle_range: NonNegative = 0.0
     neighbour_obstacle_radius: NonNegative = 0.275
+
+    # Neighbours from a lidar: readings in [lidar_nearest, neighbour_range] are one robot's as long as each is within
+    # cluster_distance and cluster_angle of the one before; fewer than cluster_points are none.
+    lidar_nearest: NonNegative = 0.10
+    cluster_distance: NonNegative = 0.02
+    cluster_angle: NonNegative = math.radians(10.0)
+    cluster_points: NonNegative = 5.0
+
+    # Light: perceived where one of several sensors, of readings 0 to 1, reads more than this.
+    light_threshold: NonNegative = 0.2
 
     # Behaviours.
     obstacle_threshold: NonNegative = 0.1  # proximity from which exploration turns
@@ -71,6 +88,13 @@ class ReferenceModel(NamedTuple):
     gray_lowest: NonNegative = 0.3 * 255
     gray_highest: NonNegative = 0.7 * 255
     white_lowest: NonNegative = 0.78 * 255
+
+    # Where ground_vote_cycles is not 0, the ground is black, gray (127.5) or white as more than ground_majority of the
+    # ground sensors' gray levels of so many cycles say: black < ground_vote_black, white > ground_vote_white.
+    ground_vote_cycles: NonNegative = 0.0
+    ground_vote_black: NonNegative = 0.03 * 255
+    ground_vote_white: NonNegative = 0.85 * 255
+    ground_majority: NonNegative = 10.0
 
     # Colours: a label is recognised within these of its hue and of full saturation.
     hue_tolerance: NonNegative = math.radians(15.0)

@@ -27,10 +27,12 @@ from scipy import ndimage
 from mercator_design.errors import MercatorError
 from mercator_design.files import write_bytes
 from mercator_design.missions.arena import Array, Light
-from mercator_design.missions.floor_kernels import colours_at, in_zones
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator
-from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_model import DiscBody, RobotModel
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
@@ -80,8 +82,7 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
 
 def preview(simulator: Simulator, *, seed: int) -> Figure:
     """The picture of a mission, of the instance of a seed; in metres."""
-    mission, robot_model = simulator.mission, simulator.robot_model
-    instance = simulator.instance(seed)
+    mission, instance = simulator.mission, simulator.instance(seed)
     low, high = _extent(mission)
     size = high - low
     title = _title(mission)
@@ -101,7 +102,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     _draw_arena(axes, mission)
     _draw_floor(axes, mission, instance)
-    if not mission.placement.fixed:
+    if not isinstance(mission.placement, FixedPlacement):
         _draw_start_area(axes, mission)
         line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
         place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
@@ -110,7 +111,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
         )
     for box in mission.arena.obstacles:
         axes.add_patch(Area(box.corners(), facecolor=_OBSTACLE, edgecolor="white", linewidth=0.6, zorder=4))
-    _draw_robots(axes, instance, robot_model)
+    _draw_robots(axes, instance)
     _name_zones(axes, mission, instance)
     for light in mission.lights:
         _draw_light(axes, light, low, high)
@@ -120,7 +121,10 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
 def outline(robot_model: RobotModel) -> Array:
     """The outline of a robot's body (n, 2), seen from above, in its own frame [m]."""
     body = robot_model.body
-    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (body.length / 2.0, body.width / 2.0)
+    if isinstance(body, DiscBody):
+        angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+        return body.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * body.half_size
 
 
 @contextmanager
@@ -236,9 +240,9 @@ def _draw_start_area(axes: Axes, mission: Mission) -> None:
         border.set_clip_path(clip)
 
 
-def _draw_robots(axes: Axes, instance: Instance, robot_model: RobotModel) -> None:
+def _draw_robots(axes: Axes, instance: Instance) -> None:
     """The bodies as they are, with an arrow towards their heading."""
-    body = outline(robot_model)
+    body = outline(instance.robot_model)
     arrow = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]]) * np.abs(body).max(axis=0)
     for x, y, heading in instance.swarm.poses[:, :3]:
         turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
@@ -254,11 +258,19 @@ def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
     grid = _within(mission, _CELLS)
     inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])
     for name, rows in instance.zone_rows.items():
-        zone = in_zones(instance.scene.floor.zones, rows, grid) & inside
+        zone = _covered(instance.scene.floor, rows, grid) & inside
         if ndimage.label(zone)[1] == 1:
             x, y = grid[_roomiest(zone)]
             text = axes.text(x, y, name, ha="center", va="center", size=7.0, color="black", zorder=7)
             text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+
+
+def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Array) -> NDArray[np.bool_]:
+    """Which cells some rows of a floor cover, painted over or not."""
+    zones = floor.zones[list(rows)]
+    zones[:, 6:] = 1.0
+    nothing = floor._replace(zones=zones, background=np.zeros(3), extent=np.zeros(4))
+    return np.asarray(colours_at(nothing, grid)[..., 0] > 0.0, dtype=np.bool_)
 
 
 def _roomiest(zone: NDArray[np.bool_]) -> tuple[int, int]:

@@ -71,8 +71,10 @@ class Robot:
     goal: pymunk.Body  # kinematic: has the velocity that the drive aims at; in no space
 
 
-def new_robot(*, size: tuple[float, float], mass: float, inertia: float, force: float, torque: float) -> Robot:
-    """A box-shaped robot with its drive, in no space yet."""
+def new_robot(
+    *, half_size: tuple[float, float], round_: bool, mass: float, inertia: float, force: float, torque: float
+) -> Robot:
+    """A robot, box or disc, with its drive, in no space yet."""
     body = pymunk.Body(mass, inertia)
     goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
     pivot = pymunk.PivotJoint(goal, body, (0.0, 0.0), (0.0, 0.0))
@@ -80,7 +82,9 @@ def new_robot(*, size: tuple[float, float], mass: float, inertia: float, force: 
     for joint, limit in ((pivot, force), (gear, torque)):
         joint.max_bias = 0.0  # velocities are to agree, not positions
         joint.max_force = limit
-    return Robot(body, pymunk.Poly.create_box(body, size), pivot, gear, goal)
+    length, width = half_size
+    shape = pymunk.Circle(body, length) if round_ else pymunk.Poly.create_box(body, (2.0 * length, 2.0 * width))
+    return Robot(body, shape, pivot, gear, goal)
 
 
 def new_bridge(space: pymunk.Space, robots: list[Robot]) -> Bridge:

@@ -11,103 +11,23 @@ senses and decides. So a command moves the robot one cycle later, and nothing mo
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mercator_design.fsm.control import DRAWS, MEMORY, STATE, control_cycle
-from mercator_design.fsm.perception import perceive
+from mercator_design.fsm.control import DRAWS, STATE, control_cycle
+from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.pfsm import Program
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
-from mercator_design.missions.floor_kernels import colour_at
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
 from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
 from mercator_design.sim.motion import glide, mark_close
+from mercator_design.sim.noise import NO_NOISE, WHEELS, noise
 from mercator_design.sim.scene import Scene
-from mercator_design.sim.sensors import NO_NOISE, NOISE_DRAWS, cast_at_box, cast_at_walls, noise
+from mercator_design.sim.sensing import sense
+from mercator_design.sim.swarm import History, Swarm
 
-Floats = NDArray[np.float64]
-
-_NO_LIGHT = (0.0, 0.0)
-"""What a robot that does not perceive the direction of light reads."""
-
-_NOISY_VALUES = 5
-"""Of a robot in a cycle, beside its proximity sensors: three channels of the ground, two treads."""
-
-
-@jittable
-def _noise_counter(cycle: int, sensors: int, value: int) -> int:
-    """Where in a robot's stream the draws for a noisy value begin: proximity sensors, then ground, then treads."""
-    return NOISE_DRAWS * (cycle * (sensors + _NOISY_VALUES) + value)
-
-
-class Swarm(NamedTuple):
-    """What changes: one row a robot."""
-
-    poses: Floats  # (robots, 5) x [m], y [m], heading [rad], its cosine and sine
-    velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
-    commands: Floats  # (robots, 2) speed of the left and right tread [m/s]
-    targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
-    close: NDArray[np.bool_]  # (robots,) whether a robot could touch something in this cycle
-    held: NDArray[np.bool_]  # (robots,) whether it is in Chipmunk's space
-    memory: Floats  # (robots, MEMORY) of the controllers
-    control_keys: NDArray[np.uint64]  # (robots,) streams of draws
-    noise_keys: NDArray[np.uint64]
-    reach: Floats  # (robots,) scratch of motion.mark_close
-    # Scratch of one robot: what it senses.
-    proximity: Floats  # (sensors,)
-    distances: Floats  # (robots,) of neighbours
-    bearings_x: Floats  # (robots,)
-    bearings_y: Floats  # (robots,)
-    ground: Floats  # (3,)
-    draws: Floats  # (DRAWS,)
-
-
-class History(NamedTuple):
-    """What is recorded; the last three have no rows unless all is recorded."""
-
-    poses: Floats  # (cycles + 1, robots, 3)
-    states: NDArray[np.int8]  # (cycles, robots)
-    readings: Floats  # (cycles, robots, fields of Readings)
-    draws: Floats  # (cycles, robots, DRAWS)
-    wheels: Floats  # (cycles, robots, 2) fractions of the maximum speed
-
-
-def new_swarm(poses: Floats, control_keys: NDArray[np.uint64], noise_keys: NDArray[np.uint64], sensors: int) -> Swarm:
-    """A swarm at rest at its poses (robots, 3), before its first cycle."""
-    n = len(poses)
-    return Swarm(
-        poses=np.hstack([poses, np.zeros((n, 2))]),
-        velocities=np.zeros((n, 3)),
-        commands=np.zeros((n, 2)),
-        targets=np.zeros((n, 3)),
-        close=np.zeros(n, dtype=np.bool_),
-        held=np.zeros(n, dtype=np.bool_),
-        memory=np.zeros((n, MEMORY)),
-        control_keys=control_keys,
-        noise_keys=noise_keys,
-        reach=np.zeros(n),
-        proximity=np.zeros(sensors),
-        distances=np.zeros(n),
-        bearings_x=np.zeros(n),
-        bearings_y=np.zeros(n),
-        ground=np.zeros(3),
-        draws=np.zeros(DRAWS),
-    )
-
-
-def new_history(cycles: int, robots: int, *, everything: bool) -> History:
-    """Room for what an experiment records."""
-    rows = cycles if everything else 0
-    return History(
-        poses=np.empty((cycles + 1, robots, 3)),
-        states=np.empty((cycles, robots), dtype=np.int8),
-        readings=np.empty((rows, robots, len(Readings._fields))),
-        draws=np.empty((rows, robots, DRAWS)),
-        wheels=np.empty((rows, robots, 2)),
-    )
+EVERYTHING = PROXIMITY | NEIGHBOURS | GROUND | LIGHT
+"""All senses; those that a robot lacks give nothing."""
 
 
 @jittable
@@ -168,123 +88,47 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
 
 
 @jittable
-def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> Readings:
-    """What robot i perceives."""
-    poses, seen, boxes = swarm.poses, swarm.proximity, scene.boxes
-    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
-    for k in range(len(seen)):
-        seen[k] = math.inf
-    reach = scene.ring + model.proximity_range
-    cast_at_walls(scene, x, y, c, s, reach, seen)
-    for b in range(len(boxes)):
-        cast_at_box(
-            scene,
-            boxes[b, 0],
-            boxes[b, 1],
-            boxes[b, 2],
-            boxes[b, 3],
-            boxes[b, 4],
-            boxes[b, 5],
-            x,
-            y,
-            c,
-            s,
-            seen,
-        )
-    meets = (reach + scene.corner) * (reach + scene.corner)
-    in_range = model.neighbour_range * model.neighbour_range
-    n = 0
-    for j in range(len(poses)):
-        to_x = poses[j, 0] - x
-        to_y = poses[j, 1] - y
-        squared = to_x * to_x + to_y * to_y
-        if j == i or squared >= max(meets, in_range):
-            continue
-        if squared < meets:
-            cast_at_box(
-                scene,
-                poses[j, 0],
-                poses[j, 1],
-                poses[j, 3],
-                poses[j, 4],
-                scene.half_length,
-                scene.half_width,
-                x,
-                y,
-                c,
-                s,
-                seen,
-            )
-        if 0.0 < squared < in_range:
-            distance = math.sqrt(squared)
-            swarm.distances[n] = distance
-            swarm.bearings_x[n] = (c * to_x + s * to_y) / distance
-            swarm.bearings_y[n] = (c * to_y - s * to_x) / distance
-            n += 1
-    ground_x = x + c * scene.ground_x - s * scene.ground_y
-    ground_y = y + s * scene.ground_x + c * scene.ground_y
-    red, green, blue = colour_at(scene.floor, ground_x, ground_y)
-    swarm.ground[0] = red
-    swarm.ground[1] = green
-    swarm.ground[2] = blue
-    _disturb(scene, model, swarm, cycle, i)
-    return perceive(
-        model,
-        seen,
-        scene.directions_x,
-        scene.directions_y,
-        swarm.distances,
-        swarm.bearings_x,
-        swarm.bearings_y,
-        n,
-        swarm.ground,
-        _NO_LIGHT,
-    )
-
-
-@jittable
-def _disturb(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
-    """Add noise to what robot i senses: proximity readings that hit something, and the ground's channels."""
-    key = swarm.noise_keys[i]
-    sensors = len(swarm.proximity)
-    if scene.proximity_noise[0] != NO_NOISE:
-        for k in range(sensors):
-            if swarm.proximity[k] <= model.proximity_range:
-                disturbed = swarm.proximity[k] + noise(scene.proximity_noise, key, _noise_counter(cycle, sensors, k))
-                swarm.proximity[k] = max(0.0, disturbed)
-    if scene.ground_noise[0] != NO_NOISE:
-        for k in range(3):
-            disturbed = swarm.ground[k] + noise(scene.ground_noise, key, _noise_counter(cycle, sensors, sensors + k))
-            # A colour sensor delivers whole numbers from 0 to 255.
-            swarm.ground[k] = max(0.0, min(255.0, float(math.floor(disturbed + 0.5))))
-
-
-@jittable
 def sense_and_control(
     scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
 ) -> None:
-    """Every robot senses, decides and sets its wheels for the next cycle."""
+    """The floor changes; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
+    records = len(history.readings) > 0
+    read = 0
+    for state in range(len(program.reads)):
+        read |= program.reads[state]
+    always = EVERYTHING if records else read & _remembered(model)
     for i in range(len(swarm.poses)):
-        readings = sense(scene, model, swarm, cycle, i)
+        senses = program.reads[int(swarm.memory[i, STATE])] | always
+        readings = sense(scene, model, swarm, cycle, i, senses)
         for k in range(DRAWS):
             swarm.draws[k] = uniform(swarm.control_keys[i], cycle * DRAWS + k)
         wheels = control_cycle(model, program, readings, swarm.memory[i], swarm.draws)
         history.states[cycle, i] = int(swarm.memory[i, STATE])
-        sensors = len(swarm.proximity)
         for side in range(2):
             speed = wheels[side] * scene.maximum_speed
             if scene.wheel_noise[0] != NO_NOISE:
-                speed += speed * noise(
-                    scene.wheel_noise, swarm.noise_keys[i], _noise_counter(cycle, sensors, sensors + 3 + side)
-                )
+                speed += speed * noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS, 2 * cycle + side)
             swarm.commands[i, side] = speed
-        if len(history.readings) > 0:
+        if records:
             for k in range(len(readings)):
                 history.readings[cycle, i, k] = readings[k]
             for k in range(DRAWS):
                 history.draws[cycle, i, k] = swarm.draws[k]
             for side in range(2):
                 history.wheels[cycle, i, side] = wheels[side]
+                history.commands[cycle, i, side] = swarm.commands[i, side]
+
+
+@jittable
+def _remembered(model: ReferenceModel) -> int:
+    """The senses that remember, which must sense in every cycle if they are read at all."""
+    senses = 0
+    if model.neighbour_memory > 0.0:
+        senses |= NEIGHBOURS
+    if model.ground_vote_cycles > 0.0:
+        senses |= GROUND
+    return senses
 
 
 @jittable

@@ -1,4 +1,4 @@
-"""The part of an experiment that never changes, as numbers for the kernels."""
+"""The part of an experiment that never changes, but for a dynamic floor, as numbers for the kernels."""
 
 from typing import NamedTuple
 
@@ -10,28 +10,90 @@ from mercator_design.missions.floor import FloorTable
 Floats = NDArray[np.float64]
 
 
+class Proximity(NamedTuple):
+    """The ring of proximity sensors."""
+
+    ring: float  # its radius [m]
+    directions_x: Floats  # (sensors,) unit vector of each, forwards ...
+    directions_y: Floats  # ... and to the left
+    noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
+    weight_noise: Floats  # of what they count
+
+
+class Ground(NamedTuple):
+    """The ground sensors."""
+
+    places: Floats  # (sensors, 2) in the robot's frame [m]
+    noise: Floats
+
+
+class Neighbours(NamedTuple):
+    """How robots perceive each other."""
+
+    by_lidar: bool
+    range: float  # [m]
+    occlusion: bool
+    loss: float
+    noise: Floats
+
+
+class Light(NamedTuple):
+    """The lights, and the sensors of their direction."""
+
+    lights: Floats  # (lights, 4) x, y, z [m], intensity
+    seen: NDArray[np.bool_]  # (lights, robots) by which robots
+    by_camera: bool  # else by a ring of sensors
+    angles: Floats  # (sensors,) of the ring [rad]
+    directions_x: Floats  # (sensors,) as in Proximity
+    directions_y: Floats
+    decay: float  # a light reads exp(-decay x) at x = distance / intensity ...
+    reach: float  # ... up to this x
+    height: float  # [m] of the sensors
+    range: float  # [m]
+    occlusion: bool
+    noise: Floats
+
+
+class Lidar(NamedTuple):
+    """The lidar."""
+
+    beams_x: Floats  # (beams,) unit vector of each, forwards ...
+    beams_y: Floats  # ... and to the left
+    first_angle: float  # [rad]
+    angle_step: float  # [rad]
+    ring: float  # [m] from where distances count
+    head: float  # [m] radius of what other lidars see; 0: nothing
+    nearest: float  # [m]
+    furthest: float  # [m]
+    outlines: Floats  # (walls, 6) what stands in its way, as Scene.walls
+    sees_bodies: bool
+    noise: Floats
+
+
 class Scene(NamedTuple):
-    """What never changes during an experiment: the arena, the floor of this instance, and the robot's body."""
+    """What is there besides the swarm: the arena, the robot, and the floor of this instance, as it is now."""
 
     walls: Floats  # (walls, 6) start x, y; vector to the end x, y; unit normal x, y [m]
-    boxes: Floats  # (boxes, 6) centre x, y; cosine and sine of the angle; half length, half width [m]
+    wall_height: float  # [m]
+    boxes: Floats  # (boxes, 7) centre x, y; cosine and sine of the angle; half length, half width, height [m]
     floor: FloorTable
-    half_length: float  # of a robot [m]
+    round: bool  # whether robots are discs; else boxes
+    half_length: float  # of a robot [m]; the radius of a disc
     half_width: float
-    corner: float  # distance from the centre to a corner [m]
+    corner: float  # distance from the centre to the farthest point [m]
+    body_height: float  # [m]
     tread_distance: float  # [m]
     maximum_speed: float  # of a tread [m/s]
     mass: float  # [kg]
     inertia: float  # [kg m2]
     force: float  # most that the drive exerts [N]
     torque: float  # [N m]
-    ring: float  # radius of the ring of proximity sensors [m]
-    directions_x: Floats  # (sensors,) unit vector of each, forwards ...
-    directions_y: Floats  # ... and to the left
-    ground_x: float  # the ground sensor in the robot's frame [m]
-    ground_y: float
-    proximity_noise: Floats  # (3,) rows of noise, see sensors.py
-    ground_noise: Floats
     wheel_noise: Floats
+    proximity: Proximity
+    ground: Ground
+    neighbours: Neighbours
+    light: Light
+    lidar: Lidar
+    control_period: float  # [s]
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

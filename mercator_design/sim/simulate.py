@@ -6,15 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from mercator_design.errors import FsmError, SimulationError
+from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.seeds import generator
 from mercator_design.sim import kernel
 from mercator_design.sim.chipmunk import new_bridge
-from mercator_design.sim.kernel import History, new_history
+from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World, program_arrays
 
 
@@ -24,7 +27,12 @@ class Outcome:
 
     score: float  # in the mission's own sense
     trace: Trace
-    history: History  # with readings, draws and wheels if all was recorded
+    recording: Recording  # with readings, draws and wheels if all was recorded
+
+    @property
+    def history(self) -> History:
+        """What happened, cycle by cycle."""
+        return self.recording.history
 
 
 class Simulator:
@@ -34,6 +42,12 @@ class Simulator:
         self.mission = mission
         self.robot_model = robot_model or load_robot_model(mission.robot_model)
         self._world = World(mission, self.robot_model)
+
+    def instance(self, seed: int) -> Instance:
+        """The starting situation of a seed, with the robot model that holds in it."""
+        if not self.robot_model.vary:
+            return self._world.instance(seed)
+        return World(self.mission, self.robot_model.drawn(generator(seed, "robot model"))).instance(seed)
 
     def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
         """Run one experiment.
@@ -51,10 +65,10 @@ class Simulator:
         """
         self.check(pfsm)
         instance = self.instance(seed)
-        trace, history = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
+        trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
-        return Outcome(score=self.mission.objective(trace), trace=trace, history=history)
+        return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
 
     def rehearse(self, announce: Callable[[str], None]) -> None:
         """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
@@ -68,51 +82,53 @@ class Simulator:
         trace, _ = self._run(instance, Pfsm((State("stop"),)), 1)
         self.mission.objective(trace)
 
-    def instance(self, seed: int) -> Instance:
-        """The starting situation of a seed.
-
-        Raises:
-            MissionError: if the robots do not fit.
-        """
-        return self._world.instance(seed)
-
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
         return [self.instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
-    ) -> tuple[Trace, History]:
+    ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
+        floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
-        run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
+        run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+        recording = Recording(
+            instance.robot_model, instance.scene, history, instance.swarm.noise_keys, self.mission.control_period
+        )
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=instance.scene.floor,
+            floor=floor,
             zone_rows=instance.zone_rows,
             control_period=self.mission.control_period,
+            measure=recording.measure,
         )
-        return trace, history
+        return trace, recording
 
     def check(self, pfsm: Pfsm) -> None:
         """Make sure that the robot has what a PFSM needs.
 
         Raises:
-            FsmError: naming the behaviour and the sensor.
+            FsmError: naming the module and the sense.
         """
         for i, state in enumerate(pfsm.states):
-            self.check_needs(f"state {i}: {state.behaviour}", state.module.needs)
+            self.check_module(state.module, f"state {i}: ")
+            for j, transition in enumerate(state.transitions):
+                self.check_module(transition.module, f"state {i}, transition {j}: ")
 
-    def check_needs(self, who: str, needs: frozenset[str]) -> None:
-        """Make sure that the robot has the sensors that someone needs.
+    def check_module(self, module: Module, place: str = "") -> None:
+        """Make sure that the robot has the senses that a module reads.
 
         Raises:
             FsmError: naming the one and the other.
         """
-        if needs:  # beyond the common sensors, none is simulated
-            missing = ", ".join(sorted(needs))
-            raise FsmError(f"{who} needs {missing}, which robot {self.robot_model.name} does not perceive")
+        missing = sorted(module.reads - self.robot_model.senses)
+        if missing:
+            needed = " and ".join(missing)
+            raise FsmError(
+                f"{place}{module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
+            )
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

@@ -12,13 +12,14 @@ from mercator_design.fsm.pfsm import Pfsm, Program
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.chipmunk import Robot, new_robot
-from mercator_design.sim.kernel import Swarm, new_swarm
 from mercator_design.sim.placing import first_free
-from mercator_design.sim.robot_model import Gaussian, Noise, RobotModel, Uniform
+from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.scene import Scene
-from mercator_design.sim.sensors import GAUSSIAN, NO_NOISE, UNIFORM
+from mercator_design.sim.staging import new_scene
+from mercator_design.sim.swarm import Swarm, new_swarm
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ _BATCH = 20  # poses tried at a time
 class Instance:
     """A starting situation: a space with all robots at their places, and the streams of their draws."""
 
+    robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
     robots: list[Robot]
     scene: Scene
@@ -50,27 +52,18 @@ class World:
         self.robot_model = robot_model
         # A cycle is divided evenly.
         self._sub_steps = math.ceil(mission.control_period / robot_model.physics.time_step - 1e-9)
-        self._vertices: Floats = mission.arena.corners()
-        along = np.roll(self._vertices, -1, axis=0) - self._vertices
-        inwards = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
-        self._walls = np.ascontiguousarray(np.hstack([self._vertices, along, inwards]))
-        self._boxes = np.array(
-            [
-                [*box.center, math.cos(box.angle), math.sin(box.angle), 0.5 * box.size[0], 0.5 * box.size[1]]
-                for box in mission.arena.obstacles
-            ]
-        ).reshape(-1, 6)
+        self._scene = new_scene(mission, robot_model, self._sub_steps)
         boxes = [box.corners() for box in mission.arena.obstacles]
         self._obstacles: list[list[tuple[float, float]]] = [each.tolist() for each in [*self._wall_corners(), *boxes]]
+        self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
-        self._scene = self._new_scene()
         self._check_room()
         self._check_steps()
         self._check_walls()
 
     def _check_room(self) -> None:
         mission, body = self.mission, self.robot_model.body
-        needed = mission.robots * body.length * body.width
+        needed = mission.robots * body.area
         if needed > mission.arena.area:
             raise MissionError(
                 f"{mission.name}: the robots do not fit: {mission.robots} of them need {needed:.2f} m2; "
@@ -81,7 +74,7 @@ class World:
         """Bodies are pushed apart the short way, which is the right one as long as they overlap by less than half."""
         model = self.robot_model
         travel = model.fastest * self.mission.control_period / self._sub_steps
-        if travel > 0.25 * min(model.body.length, model.body.width):
+        if travel > 0.5 * min(model.body.half_size):
             raise MissionError(
                 f"robot model {model.name}: physics.time_step: a corner travels {travel:.3f} m in a step, too far to "
                 "meet walls and robots reliably; expected a smaller step"
@@ -100,45 +93,21 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
-        floor = self.mission.floor.realise(generator(seed, "floor"))
+        floor = self.mission.floor.realise(generator(seed, "floor"))  # its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
             poses=poses,
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
-            sensors=len(self.robot_model.proximity.angles),
+            model=self.robot_model.reference_model,
+            sensors=len(self._scene.proximity.directions_x),
+            light_sensors=len(self._scene.light.directions_x),
+            beams=len(self._scene.lidar.beams_x) if self._scene.neighbours.by_lidar else 0,
         )
         robots = [self._robot() for _ in poses]
-        return Instance(self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows)
-
-    def _new_scene(self) -> Scene:
-        """The scene of all instances; each puts its own floor into it."""
-        model = self.robot_model
-        angles = np.array(model.proximity.angles)
-        return Scene(
-            walls=self._walls,
-            boxes=self._boxes,
-            floor=self.mission.floor.realise(generator(0, "floor")),
-            half_length=0.5 * model.body.length,
-            half_width=0.5 * model.body.width,
-            corner=model.corner,
-            tread_distance=model.drive.tread_distance,
-            maximum_speed=model.drive.maximum_speed,
-            mass=model.body.mass,
-            inertia=model.body.inertia,
-            force=model.drive.force,
-            torque=model.drive.torque,
-            ring=model.proximity.ring_radius,
-            directions_x=np.cos(angles),
-            directions_y=np.sin(angles),
-            ground_x=model.ground.position[0],
-            ground_y=model.ground.position[1],
-            proximity_noise=_noise_row(model.proximity.noise),
-            ground_noise=_noise_row(model.ground.noise),
-            wheel_noise=_noise_row(model.drive.noise),
-            sub_steps=self._sub_steps,
-            time_step=self.mission.control_period / self._sub_steps,
+        return Instance(
+            self.robot_model, self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows
         )
 
     def _empty_space(self) -> pymunk.Space:
@@ -155,9 +124,10 @@ class World:
 
     def _wall_corners(self) -> Floats:
         """The outer walls (walls, 4, 2): the two corners of the inner face, then those outside."""
-        ends = np.roll(self._vertices, -1, axis=0)
-        outwards = -WALL_THICKNESS * self._walls[:, 4:6]
-        return np.stack([self._vertices, ends, ends + outwards, self._vertices + outwards], axis=1)
+        walls = self._scene.walls
+        starts, ends = walls[:, :2], np.roll(walls[:, :2], -1, axis=0)
+        outwards = -WALL_THICKNESS * walls[:, 4:6]
+        return np.stack([starts, ends, ends + outwards, starts + outwards], axis=1)
 
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""
@@ -174,24 +144,25 @@ class World:
             else:
                 return placed[:, [0, 1, 4]]
             most = max(most, i)
-            if mission.placement.fixed:
+            if isinstance(mission.placement, FixedPlacement):
                 raise MissionError(
                     f"{mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
                 )
         raise MissionError(
             f"{mission.name}: the robots do not fit: at seed {seed}, {most} of {mission.robots} found a free place of "
-            f"{body.length:g} x {body.width:g} m within the placement; use fewer robots, or a larger arena or placement"
+            f"{body.measures} within the placement; use fewer robots, or a larger arena or placement"
         )
 
     def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:
         """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and how many were tried."""
-        body, placement = self.robot_model.body, self.mission.placement
-        batches = 1 if placement.fixed else _TRIALS_A_ROBOT // _BATCH
+        scene, placement = self._scene, self.mission.placement
+        batches = 1 if isinstance(placement, FixedPlacement) else _TRIALS_A_ROBOT // _BATCH
+        others = np.vstack([placed[:i], self._waiting[i + 1 :]])
         for batch in range(1, batches + 1):
-            poses = placement.candidates(random, i, _BATCH)
-            headings = poses[:, 2:]
-            places = np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
-            k = compiled(first_free)(places, placed, i, self._walls, self._boxes, 0.5 * body.length, 0.5 * body.width)
+            places = _places_of(placement.candidates(random, i, _BATCH))
+            k = compiled(first_free)(
+                places, others, len(others), scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
+            )
             if k >= 0:
                 return places[k], batch * _BATCH
         return None, batches * _BATCH
@@ -199,19 +170,22 @@ class World:
     def _robot(self) -> Robot:
         body, drive = self.robot_model.body, self.robot_model.drive
         robot = new_robot(
-            size=(body.length, body.width), mass=body.mass, inertia=body.inertia, force=drive.force, torque=drive.torque
+            half_size=body.half_size,
+            round_=self._scene.round,
+            mass=body.mass,
+            inertia=body.inertia,
+            force=drive.force,
+            torque=drive.torque,
         )
         robot.shape.friction = body.friction
         robot.shape.elasticity = body.elasticity
         return robot
 
 
-def _noise_row(noise: Noise) -> Floats:
-    if isinstance(noise, Gaussian):
-        return np.array([GAUSSIAN, noise.mean, noise.sd])
-    if isinstance(noise, Uniform):
-        return np.array([UNIFORM, noise.mean, noise.half_width])
-    return np.array([NO_NOISE, 0.0, 0.0])
+def _places_of(poses: Floats) -> Floats:
+    """Poses (n, 3) as the kernels want them (n, 5): x, y, cosine and sine of the heading, heading."""
+    headings = poses[:, 2:]
+    return np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
 
 
 def program_arrays(pfsm: Pfsm) -> Program:

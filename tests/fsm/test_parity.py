@@ -10,9 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design.fsm.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
-from mercator_design.fsm.conditions import CONDITIONS, colour_label, gray_level, logistic, probability
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.conditions import CONDITIONS, colour_label, ground_level, logistic, probability
 from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
-from mercator_design.fsm.perception import perceive, proximity_weight
+from mercator_design.fsm.perception import (
+    gray_level,
+    ground_by_vote,
+    light_direction,
+    perceive,
+    proximity_weight,
+)
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled
 from mercator_design.schema import NonNegative
@@ -37,8 +44,8 @@ DRAW = st.floats(0, 1, exclude_max=True)
 # The simulated original's numbers (argos3-rvr, demiurge-rvr-dao), as far from the defaults as published variants get.
 ORIGINAL = ReferenceModel(
     proximity_near_weight=0.0,
-    proximity_offset=0.0,
-    proximity_scale=1.0,
+    proximity_constant=0.0,
+    proximity_inverse=1.0,
     neighbour_scale=100.0,
     strength_step=1.0,
     repulsion_power=2.0,
@@ -87,8 +94,7 @@ def test_conditions_are_probabilities(module, data):
 @given(st.data())
 def test_perception(data):
     model = data.draw(MODELS)
-    distance = st.one_of(st.just(math.inf), st.floats(0, 2), st.floats(0.05, 0.4))
-    proximity = data.draw(st.lists(distance, min_size=8, max_size=8))
+    proximity = data.draw(st.lists(st.floats(0, 20), min_size=8, max_size=8))
     angles = np.linspace(-3, 3, 8)
     row = st.tuples(st.floats(0.001, 0.75), st.floats(-1, 1), st.floats(-1, 1))
     neighbours = data.draw(st.lists(row, min_size=1, max_size=5))
@@ -121,6 +127,52 @@ def test_control_cycles(pfsm, cycles, model):
         assert int(memory[0]) == controller.state
 
 
+@settings(max_examples=200)
+@given(st.data())
+def test_lidar_neighbours(data):
+    model = data.draw(MODELS)
+    reading = st.one_of(st.just(0.0), st.floats(0.05, 0.8), st.sampled_from([0.5, 0.51]))
+    ranges = data.draw(st.lists(reading, min_size=1, max_size=40))
+    step = 2 * math.pi / len(ranges)
+    plain_rows = [[0.0] * len(ranges) for _ in range(3)]
+    fast_rows = [np.zeros(len(ranges)) for _ in range(3)]
+    n = lidar_neighbours(model, ranges, -math.pi, step, *plain_rows)
+    assert compiled(lidar_neighbours)(model, np.array(ranges), -math.pi, step, *fast_rows) == n
+    assert [row.tolist() for row in fast_rows] == plain_rows
+    assert all(model.lidar_nearest <= distance <= model.neighbour_range for distance in plain_rows[0][:n])
+
+
+@settings(max_examples=200)
+@given(MODELS, st.lists(st.floats(0, 1), min_size=8, max_size=8), st.floats(0, 16), st.floats(0, 16))
+def test_light_and_votes(model, readings, blacks, whites):
+    angles = np.linspace(-3, 3, 8)
+    plain = light_direction(model, readings, np.cos(angles).tolist(), np.sin(angles).tolist())
+    fast = compiled(light_direction)(model, np.array(readings), np.cos(angles), np.sin(angles))
+    assert tuple(fast) == tuple(plain)
+    assert math.hypot(*plain) == pytest.approx(1.0) or plain == (0.0, 0.0)
+    assert compiled(ground_by_vote)(model, blacks, whites) == ground_by_vote(model, blacks, whites)
+
+
+@pytest.mark.parametrize(
+    ("law", "distance", "weight"),
+    [
+        ({"proximity_constant": 0.0, "proximity_inverse": 1.0}, 0.2, 5.0),
+        ({"proximity_constant": 1.0, "proximity_inverse": 0.0, "proximity_slope": -0.5}, 0.4, 0.8),
+        ({"proximity_constant": 0.0, "proximity_inverse": 0.0, "proximity_exponential": 1.0}, 0.3, math.exp(-0.3)),
+        (
+            {"proximity_constant": 1.0, "proximity_inverse": 0.0, "proximity_slope": -40, "proximity_square": 400},
+            0.06,
+            0.04,
+        ),
+    ],
+    ids=["inverse", "linear", "exponential", "square"],
+)
+def test_other_proximity_laws(law, distance, weight):
+    model = ReferenceModel(**law)
+    assert proximity_weight(model, distance) == pytest.approx(weight)
+    assert compiled(proximity_weight)(model, distance) == proximity_weight(model, distance)
+
+
 def test_proximity_laws():
     paper = ReferenceModel()
     assert proximity_weight(paper, 0.04) == 1.0
@@ -139,6 +191,10 @@ KERNELS = [
     wheels_from_vector,
     strength,
     gray_level,
+    ground_level,
+    ground_by_vote,
+    light_direction,
+    lidar_neighbours,
     logistic,
     colour_label,
 ]
@@ -157,4 +213,4 @@ def test_kernels_keep_to_the_subset(kernel):
     for node in ast.walk(tree.body[0].body and ast.Module(tree.body[0].body, [])):
         assert isinstance(node, allowed), ast.dump(node)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "math":
-            assert node.attr in {"sqrt", "exp", "floor", "pi"}, node.attr
+            assert node.attr in {"sqrt", "exp", "floor", "pi", "cos", "sin", "inf"}, node.attr

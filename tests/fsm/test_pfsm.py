@@ -41,8 +41,8 @@ def test_unknown_flavour():
 
 
 def test_what_a_machine_needs():
-    assert Pfsm((State("phototaxis"),), "chocolate").needs == {"light direction"}
-    assert Pfsm((STOP,), "chocolate").needs == set()
+    assert Pfsm((State("phototaxis"),), "chocolate").reads == {"light", "proximity"}
+    assert Pfsm((STOP,), "chocolate").reads == set()
 
 
 @given(pfsms())

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from mercator_design.fsm import Readings, parse
 from mercator_design.sim.robot_model import Gaussian, Ground, Uniform, load_robot_model
-from mercator_design.sim.sensors import distance_to_box, distance_to_wall
+from mercator_design.sim.sight import distance_to_box, distance_to_wall
 from tests.sim.worlds import at, simulator
 
 STOP = parse("--nstates 1 --s0 1")
 MERCATOR = load_robot_model("mercator")
-QUIET = dataclasses.replace(MERCATOR, ground=Ground(position=(0.05, 0.0)))
+QUIET = dataclasses.replace(MERCATOR, ground=Ground(positions=((0.05, 0.0),)))
 HALF = 0.143
 
 
@@ -162,7 +162,7 @@ class TestNoise:
         assert channels.std() == pytest.approx(sd, abs=6 * sd / math.sqrt(2 * n))
 
     def test_uniform(self):
-        ground = Ground(position=(0.05, 0.0), noise=Uniform(half_width=20.0, mean=3.0))
+        ground = Ground(positions=((0.05, 0.0),), noise=Uniform(half_width=20.0, mean=3.0))
         channels = self.readings(ground=ground)[..., 5:8].ravel()
         assert channels.min() >= 110
         assert channels.max() <= 150

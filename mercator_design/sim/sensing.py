@@ -1,0 +1,231 @@
+"""What a robot perceives in a control cycle: its senses, as far as they are read. Kernels."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.fsm.perception import gray_level, ground_by_vote, light_direction, perceive, proximity_weight
+from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.jit import jittable
+from mercator_design.missions.floor_kernels import colour_at
+from mercator_design.sim import noise as device
+from mercator_design.sim.lidar import scan
+from mercator_design.sim.noise import NO_NOISE, draw, noise
+from mercator_design.sim.scene import Scene
+from mercator_design.sim.sight import cast, is_hidden, is_lit
+from mercator_design.sim.swarm import Swarm
+
+Floats = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+
+
+@jittable
+def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
+    """What robot i perceives with some of its senses (bits of modules.SENSES); what it does not sense is neutral."""
+    n = 0
+    light_x, light_y = 0.0, 0.0
+    if senses & PROXIMITY:
+        _sense_obstacles(scene, model, swarm, cycle, i)
+    else:
+        for k in range(len(swarm.proximity)):
+            swarm.proximity[k] = 0.0
+    if senses & NEIGHBOURS:
+        if scene.neighbours.by_lidar:
+            scan(scene, swarm.poses, i, swarm.noise_keys[i], cycle, swarm.scan)
+            lidar = scene.lidar
+            n = lidar_neighbours(
+                model,
+                swarm.scan,
+                lidar.first_angle,
+                lidar.angle_step,
+                swarm.distances,
+                swarm.bearings_x,
+                swarm.bearings_y,
+            )
+        else:
+            n = _sense_robots(scene, model, swarm, cycle, i)
+    if senses & GROUND:
+        _sense_ground(scene, model, swarm, cycle, i)
+    else:
+        for k in range(3):
+            swarm.ground[k] = 255.0
+    if senses & LIGHT:
+        light_x, light_y = _sense_light(scene, model, swarm, cycle, i)
+    return perceive(
+        model,
+        swarm.proximity,
+        scene.proximity.directions_x,
+        scene.proximity.directions_y,
+        swarm.distances,
+        swarm.bearings_x,
+        swarm.bearings_y,
+        n,
+        swarm.ground,
+        (light_x, light_y),
+    )
+
+
+@jittable
+def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
+    """Fill in how much what the proximity sensors of robot i see counts. A distance has noise where there is one."""
+    seen = swarm.proximity
+    sensors, key = len(seen), swarm.noise_keys[i]
+    row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
+    cast(scene, swarm.poses, i, model.proximity_range, seen)
+    for k in range(sensors):
+        if row[0] != NO_NOISE and seen[k] <= model.proximity_range:
+            seen[k] = max(0.0, seen[k] + noise(row, key, device.PROXIMITY, cycle * sensors + k))
+        seen[k] = proximity_weight(model, seen[k])
+        if weight_row[0] != NO_NOISE:
+            disturbed = seen[k] + noise(weight_row, key, device.PROXIMITY_WEIGHT, cycle * sensors + k)
+            seen[k] = max(0.0, min(1.0, disturbed))
+
+
+@jittable
+def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
+    """Fill in where the robots are that robot i perceives with its camera, and count them."""
+    poses, camera = swarm.poses, scene.neighbours
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    robots = len(poses)
+    noisy = camera.noise[0] != NO_NOISE
+    remembers = model.neighbour_memory > 0.0
+    in_range = model.neighbour_range * model.neighbour_range
+    seen = camera.range * camera.range
+    near = seen if noisy else min(seen, in_range)
+    n = 0
+    for j in range(robots):
+        if j == i:
+            continue
+        to_x = poses[j, 0] - x
+        to_y = poses[j, 1] - y
+        squared = to_x * to_x + to_y * to_y
+        number = cycle * robots + j
+        perceived = (
+            0.0 < squared < near
+            and (camera.loss == 0.0 or draw(swarm.noise_keys[i], device.NEIGHBOURS_LOSS, number) >= camera.loss)
+            and not (camera.occlusion and is_hidden(scene, poses, i, j, x, y, 0.0, poses[j, 0], poses[j, 1], 0.0))
+        )
+        ahead = c * to_x + s * to_y
+        aside = c * to_y - s * to_x
+        if perceived and noisy:
+            size = math.sqrt(squared) * noise(camera.noise, swarm.noise_keys[i], device.NEIGHBOURS, number)
+            angle = _TURN * draw(swarm.noise_keys[i], device.NEIGHBOURS_ANGLE, number)
+            ahead += size * math.cos(angle)
+            aside += size * math.sin(angle)
+            squared = ahead * ahead + aside * aside
+            perceived = 0.0 < squared < in_range
+        if remembers:
+            if perceived:
+                swarm.heard[i, j, 0] = model.neighbour_memory
+                swarm.heard[i, j, 1] = ahead
+                swarm.heard[i, j, 2] = aside
+            elif swarm.heard[i, j, 0] > 0.0:
+                swarm.heard[i, j, 0] -= 1.0
+            if swarm.heard[i, j, 0] > 0.0:
+                perceived = True
+                ahead = swarm.heard[i, j, 1]
+                aside = swarm.heard[i, j, 2]
+                squared = ahead * ahead + aside * aside
+        if perceived:
+            distance = math.sqrt(squared)
+            swarm.distances[n] = distance
+            swarm.bearings_x[n] = ahead / distance
+            swarm.bearings_y[n] = aside / distance
+            n += 1
+    return n
+
+
+@jittable
+def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
+    """Fill in the colour of the ground under robot i: the mean of its sensors, or what they vote for."""
+    places, row, ground = scene.ground.places, scene.ground.noise, swarm.ground
+    x, y, c, s = swarm.poses[i, 0], swarm.poses[i, 1], swarm.poses[i, 3], swarm.poses[i, 4]
+    sensors = len(places)
+    if sensors == 0:
+        for channel in range(3):
+            ground[channel] = 255.0
+        return
+    for channel in range(3):
+        ground[channel] = 0.0
+    blacks, whites = 0.0, 0.0
+    for k in range(sensors):
+        ahead, aside = places[k, 0], places[k, 1]
+        colour = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
+        red, green, blue = colour[0], colour[1], colour[2]
+        if row[0] != NO_NOISE:
+            number = 3 * (cycle * sensors + k)
+            red = _channel(red + noise(row, swarm.noise_keys[i], device.GROUND, number))
+            green = _channel(green + noise(row, swarm.noise_keys[i], device.GROUND, number + 1))
+            blue = _channel(blue + noise(row, swarm.noise_keys[i], device.GROUND, number + 2))
+        level = gray_level(red, green, blue)
+        blacks += 1.0 if level < model.ground_vote_black else 0.0
+        whites += 1.0 if level > model.ground_vote_white else 0.0
+        ground[0] += red / sensors
+        ground[1] += green / sensors
+        ground[2] += blue / sensors
+    if model.ground_vote_cycles > 0.0:
+        ages = int(model.ground_vote_cycles)
+        swarm.votes[i, cycle % ages, 0] = blacks
+        swarm.votes[i, cycle % ages, 1] = whites
+        for age in range(1, ages):
+            blacks += swarm.votes[i, (cycle + age) % ages, 0]
+            whites += swarm.votes[i, (cycle + age) % ages, 1]
+        level = ground_by_vote(model, blacks, whites)
+        for channel in range(3):
+            ground[channel] = level
+
+
+@jittable
+def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
+    """Unit vector towards the lights that robot i perceives, forwards and to the left, or no vector."""
+    poses, light, readings = swarm.poses, scene.light, swarm.light
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    sensors, lights = len(readings), len(light.lights)
+    key = swarm.noise_keys[i]
+    for k in range(sensors):
+        readings[k] = 0.0
+    sum_x = 0.0
+    sum_y = 0.0
+    for n in range(lights):
+        if not light.seen[n, i] or not is_lit(scene, poses, i, n, x, y, light.height, light.range, light.occlusion):
+            continue
+        to_x, to_y = light.lights[n, 0] - x, light.lights[n, 1] - y
+        ahead = c * to_x + s * to_y
+        aside = c * to_y - s * to_x
+        if light.by_camera:
+            away = math.sqrt(ahead * ahead + aside * aside)
+            if light.noise[0] != NO_NOISE:
+                size = away * noise(light.noise, key, device.LIGHT, cycle * lights + n)
+                angle = _TURN * draw(key, device.LIGHT_ANGLE, cycle * lights + n)
+                ahead += size * math.cos(angle)
+                aside += size * math.sin(angle)
+                away = math.sqrt(ahead * ahead + aside * aside)
+            if away > 0.0:
+                sum_x += ahead / away
+                sum_y += aside / away
+        else:
+            rise = light.lights[n, 2] - light.height
+            away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / light.lights[n, 3]
+            if away <= light.reach:
+                towards = math.atan2(aside, ahead)
+                for k in range(sensors):
+                    off = abs((towards - light.angles[k] + math.pi) % _TURN - math.pi)
+                    readings[k] += math.exp(-light.decay * away) * max(0.0, 1.0 - 2.0 * off / math.pi)
+    if light.by_camera:
+        length = math.sqrt(sum_x * sum_x + sum_y * sum_y)
+        return (sum_x / length, sum_y / length) if length > 0.0 else (0.0, 0.0)
+    for k in range(sensors):
+        if light.noise[0] != NO_NOISE:
+            readings[k] += noise(light.noise, key, device.LIGHT, cycle * sensors + k)
+        readings[k] = max(0.0, min(1.0, readings[k]))
+    return light_direction(model, readings, light.directions_x, light.directions_y)
+
+
+@jittable
+def _channel(value: float) -> float:
+    """What a colour sensor delivers: a whole number from 0 to 255."""
+    return max(0.0, min(255.0, float(math.floor(value + 0.5))))

@@ -1,0 +1,99 @@
+"""The part of an experiment that changes, and what is recorded of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.fsm.control import DRAWS, MEMORY
+from mercator_design.fsm.reference import Readings, ReferenceModel
+
+Floats = NDArray[np.float64]
+
+
+class Swarm(NamedTuple):
+    """What changes: one row a robot."""
+
+    poses: Floats  # (robots, 5) x [m], y [m], heading [rad], its cosine and sine
+    velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
+    commands: Floats  # (robots, 2) speed of the left and right tread [m/s]
+    targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
+    close: NDArray[np.bool_]  # (robots,) whether a robot could touch something in this cycle
+    held: NDArray[np.bool_]  # (robots,) whether it is in Chipmunk's space
+    memory: Floats  # (robots, MEMORY) of the controllers
+    control_keys: NDArray[np.uint64]  # (robots,) streams of draws
+    noise_keys: NDArray[np.uint64]
+    # What robots remember of what they perceived; without rows where the reference model remembers nothing.
+    heard: Floats  # (robots, robots, 3) of each other: cycles that it still counts, place ahead, place to the left [m]
+    votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
+    reach: Floats  # (robots,) scratch of motion.mark_close
+    # Scratch of one robot: what it senses.
+    proximity: Floats  # (sensors,)
+    light: Floats  # (sensors,) of the ring of light sensors
+    scan: Floats  # (beams,) of the lidar, if neighbours are found with it
+    distances: Floats  # (robots or more,) of neighbours
+    bearings_x: Floats  # (the same,)
+    bearings_y: Floats  # (the same,)
+    ground: Floats  # (3,)
+    draws: Floats  # (DRAWS,)
+
+
+class History(NamedTuple):
+    """What is recorded; the last four have no rows unless all is recorded."""
+
+    poses: Floats  # (cycles + 1, robots, 3)
+    states: NDArray[np.int8]  # (cycles, robots)
+    readings: Floats  # (cycles, robots, fields of Readings)
+    draws: Floats  # (cycles, robots, DRAWS)
+    wheels: Floats  # (cycles, robots, 2) fractions of the maximum speed
+    commands: Floats  # (cycles, robots, 2) what the treads then do [m/s], noise included
+
+
+def new_swarm(
+    poses: Floats,
+    control_keys: NDArray[np.uint64],
+    noise_keys: NDArray[np.uint64],
+    *,
+    model: ReferenceModel,
+    sensors: int,
+    light_sensors: int,
+    beams: int,
+) -> Swarm:
+    """A swarm at rest at its poses (robots, 3), before its first cycle."""
+    n = len(poses)
+    most = max(n, beams)  # clusters of beams may be anything
+    return Swarm(
+        poses=np.hstack([poses, np.zeros((n, 2))]),
+        velocities=np.zeros((n, 3)),
+        commands=np.zeros((n, 2)),
+        targets=np.zeros((n, 3)),
+        close=np.zeros(n, dtype=np.bool_),
+        held=np.zeros(n, dtype=np.bool_),
+        memory=np.zeros((n, MEMORY)),
+        control_keys=control_keys,
+        noise_keys=noise_keys,
+        heard=np.zeros((n, n, 3) if model.neighbour_memory > 0.0 else (0, 0, 3)),
+        votes=np.zeros((n, int(model.ground_vote_cycles), 2)),
+        reach=np.zeros(n),
+        proximity=np.zeros(sensors),
+        light=np.zeros(light_sensors),
+        scan=np.zeros(beams),
+        distances=np.zeros(most),
+        bearings_x=np.zeros(most),
+        bearings_y=np.zeros(most),
+        ground=np.zeros(3),
+        draws=np.zeros(DRAWS),
+    )
+
+
+def new_history(cycles: int, robots: int, *, everything: bool) -> History:
+    """Room for what an experiment records."""
+    rows = cycles if everything else 0
+    return History(
+        poses=np.empty((cycles + 1, robots, 3)),
+        states=np.empty((cycles, robots), dtype=np.int8),
+        readings=np.empty((rows, robots, len(Readings._fields))),
+        draws=np.empty((rows, robots, DRAWS)),
+        wheels=np.empty((rows, robots, 2)),
+        commands=np.empty((rows, robots, 2)),
+    )

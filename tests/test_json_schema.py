@@ -117,8 +117,7 @@ def test_a_mistake_is_refused_by_both(old, new):
     ("text", "valid"),
     [
         ("{schema: 1, base: mercator}", True),
-        ("{schema: 1, base: mercator, drive: {noise: {sd: 0.1}}, physics: {time_step: 0.02}}", True),
-        ("{schema: 1, base: mercator, drive: {noise: {distribution: gaussian}}}", True),
+        ("{schema: 1, base: epuck, drive: {noise: {sd: 0.1}}, physics: {time_step: 0.02}}", True),
         ("{schema: 1, base: mercator, drive: {nose: {sd: 0.1}}}", False),
         ("{schema: 1, base: mercator, drive: {noise: {sd: -0.1}}}", False),
         ("{schema: 1, base: mercator, body: {mass: heavy}}", False),

@@ -47,7 +47,7 @@ class Simulator:
         self.robot_model = robot_model or load_robot_model(mission.robot_model)
         self._world = World(mission, self.robot_model)
 
-    def _instance(self, seed: int) -> Instance:
+    def instance(self, seed: int) -> Instance:
         """The starting situation of a seed, with the robot model that holds in it."""
         if not self.robot_model.vary:
             return self._world.instance(seed)
@@ -68,7 +68,7 @@ class Simulator:
             MissionError: if the robots do not fit.
         """
         self.check(pfsm)
-        instance = self._instance(seed)
+        instance = self.instance(seed)
         trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
@@ -88,7 +88,7 @@ class Simulator:
 
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
-        return [self._instance(seed) for seed in range(10)][-1]
+        return [self.instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False

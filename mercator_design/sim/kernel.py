@@ -17,9 +17,10 @@ from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.pfsm import Program
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
-from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
-from mercator_design.sim.motion import glide, mark_close
+from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
+from mercator_design.sim.motion import glide, mark_close, withdraw
 from mercator_design.sim.noise import NO_NOISE, WHEELS, noise
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensing import sense
@@ -56,7 +57,10 @@ def begin_motion(scene: Scene, swarm: Swarm) -> None:
     aim(scene, swarm)
     mark_close(scene, swarm.poses, swarm.velocities, swarm.targets, swarm.reach, swarm.close)
     for i in range(len(swarm.poses)):
-        if not swarm.close[i]:
+        if swarm.close[i]:
+            for k in range(3):
+                swarm.former[i, k] = swarm.poses[i, k]
+        else:
             glide(scene, swarm.poses, swarm.velocities, swarm.targets, i)
 
 
@@ -84,13 +88,16 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
         for i in range(n):
             if swarm.held[i]:
                 read_state(bridge, i, swarm.poses, swarm.velocities)
+                if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
+                    write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable
 def sense_and_control(
     scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
 ) -> None:
-    """Every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    """The floor changes; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
     records = len(history.readings) > 0
     read = 0
     for state in range(len(program.reads)):

@@ -26,6 +26,7 @@ from mercator_design.missions.floor import rgb
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Outcome, Simulator
+from mercator_design.sim.swarm import History
 
 COLOURS = ("black", "gray", "green", "red", "yellow")
 MOST_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
@@ -39,8 +40,12 @@ Columns = dict[str, np.ndarray]  # name of a statistic -> its value in each run;
 
 def statistics(outcome: Outcome) -> dict[str, float]:
     """Score and statistics of a recorded experiment: averages over all robots and cycles."""
-    poses, after = outcome.trace.poses, outcome.history.states
-    readings = outcome.history.readings
+    return statistics_of(outcome.score, outcome.recording.history, outcome.trace.control_period)
+
+
+def statistics_of(score: float, history: History, control_period: float) -> dict[str, float]:
+    """The same of a history with readings."""
+    poses, after, readings = history.poses, history.states, history.readings
     x, y = readings[..., 0], readings[..., 1]  # proximity
     near = np.hypot(x, y) >= 0.1 - 1e-12
     ground = readings[..., Readings._fields.index("ground_red") :][..., :3]
@@ -50,11 +55,11 @@ def statistics(outcome: Outcome) -> dict[str, float]:
     steps = np.hypot(*np.moveaxis(np.diff(poses[..., :2], axis=0), -1, 0))
     found = {name: np.mean(np.all(ground == rgb(name), axis=-1)) for name in COLOURS}
     found |= {
-        "score": outcome.score,
+        "score": score,
         "prox": np.mean(near),
         "front": np.mean(near & (x >= 0.0)),
         "nn": np.mean(neighbours),
-        "speed_mps": np.mean(steps) / outcome.trace.control_period,
+        "speed_mps": np.mean(steps) / control_period,
         "trans": np.mean(before != after),
         "r": np.mean(away),
         "spot": np.mean(away <= 0.5),

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.sim.robot_model import RobotModel, load_robot_model

@@ -15,17 +15,19 @@ common here too.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.argos.recordings import RecordingError, mission_and_robot
+from benchmarks.argos.repeat import Original
 from mercator_design.errors import FsmError, MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
 from mercator_design.missions.floor import rgb
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.seeds import instance_seed
-from mercator_design.sim.simulate import Outcome, Simulator
+from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.swarm import History
 
 COLOURS = ("black", "gray", "green", "red", "yellow")
@@ -38,13 +40,8 @@ RESAMPLES = 500
 Columns = dict[str, np.ndarray]  # name of a statistic -> its value in each run; "score" among them
 
 
-def statistics(outcome: Outcome) -> dict[str, float]:
-    """Score and statistics of a recorded experiment: averages over all robots and cycles."""
-    return statistics_of(outcome.score, outcome.recording.history, outcome.trace.control_period)
-
-
-def statistics_of(score: float, history: History, control_period: float) -> dict[str, float]:
-    """The same of a history with readings."""
+def statistics(score: float, history: History, control_period: float) -> dict[str, float]:
+    """Score and statistics of an experiment that was recorded: averages over all robots and cycles."""
     poses, after, readings = history.poses, history.states, history.readings
     x, y = readings[..., 0], readings[..., 1]  # proximity
     near = np.hypot(x, y) >= 0.1 - 1e-12
@@ -116,6 +113,7 @@ class Controller:
     name: str
     theirs: Columns
     ours: Columns  # in the order of our seeds, which all controllers of a mission share
+    repeated: Columns | None = None  # from the recorded seeds with the original's random numbers, in theirs' order
 
 
 @dataclass
@@ -168,6 +166,7 @@ def compare(
                 raise RecordingError(f"mission '{name}': expected an object")
             simulator = Simulator(*mission_and_robot(name, settings))
             simulator.try_placement()
+            original = Original(simulator)
         except MercatorError as error:
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")
             continue
@@ -181,22 +180,54 @@ def compare(
                 continue
             failed = len(run["scores"]) - len(theirs["score"])
             if failed:
-                comparison.left_out.append(f"{name}: {run['name']}: {failed} of {len(run['scores'])} runs have no score")
+                comparison.left_out.append(
+                    f"{name}: {run['name']}: {failed} of {len(run['scores'])} runs have no score"
+                )
             if not len(theirs["score"]):
                 continue
-            wanted = experiments or 5 * len(run["scores"])
-            comparison.controllers.append(
-                Controller(str(run["name"]), theirs, _ours(simulator, pfsm, wanted, seed, jobs))
-            )
+            seeds = [
+                instance_seed(seed, "evaluation", instance) for instance in range(experiments or 5 * len(run["scores"]))
+            ]
+            ours = _columns(seeds, partial(_ours, simulator, pfsm), jobs)
+            again = recorded_seeds(run)
+            repeated = _columns(again, partial(_repeated, original, pfsm), jobs) if again else None
+            comparison.controllers.append(Controller(str(run["name"]), theirs, ours, repeated))
     return found
 
 
-def _ours(simulator: Simulator, pfsm: Pfsm, experiments: int, seed: int, jobs: int) -> Columns:
-    def measured(instance: int) -> dict[str, float]:
-        return statistics(simulator.run(pfsm, instance_seed(seed, "evaluation", instance), record=True))
+def recorded_seeds(run: Mapping[str, Any]) -> list[int]:
+    """Those of the runs that have a score; none if they are not all recorded, or one was taken from the clock (0)."""
+    seeds = run.get("seeds")
+    if not isinstance(seeds, list) or len(seeds) != len(run["scores"]):
+        return []
+    if not all(isinstance(seed, int) and 0 < seed < 2**32 for seed in seeds):
+        return []
+    return [seed for seed, score in zip(seeds, run["scores"], strict=True) if score is not None]
 
+
+def same(theirs: Columns, ours: Columns, names: Sequence[str]) -> np.ndarray:
+    """Whether runs (n,) have the same values, as far as they are recorded: six digits of scores, six decimals."""
+    agree = [
+        np.isclose(theirs[name], ours[name], rtol=1e-5 if name == "score" else 0.0, atol=1.5e-6, equal_nan=False)
+        | np.isnan(theirs[name])
+        for name in names
+    ]
+    return np.all(agree, axis=0)
+
+
+def _ours(simulator: Simulator, pfsm: Pfsm, seed: int) -> dict[str, float]:
+    outcome = simulator.run(pfsm, seed, record=True)
+    return statistics(outcome.score, outcome.recording.history, simulator.mission.control_period)
+
+
+def _repeated(original: Original, pfsm: Pfsm, seed: int) -> dict[str, float]:
+    score, history = original.run(pfsm, seed)
+    return statistics(score, history, original.mission.control_period)
+
+
+def _columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], jobs: int) -> Columns:
     with ThreadExecutor(jobs) as executor:
-        rows = [row for some in executor.run(measured, range(experiments)) for row in some]
+        rows = [row for some in executor.run(measure, seeds) for row in some]
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -276,9 +307,7 @@ def bias(comparison: Comparison, name: str) -> tuple[float, float]:
     The error is that over seeds, which the controllers share, so that their common luck is counted once.
     """
     n = comparison.recorded_runs
-    pairs = [
-        (c.theirs[name], c.ours[name]) for c in comparison.controllers if len(c.theirs.get(name, ())) == n
-    ]
+    pairs = [(c.theirs[name], c.ours[name]) for c in comparison.controllers if len(c.theirs.get(name, ())) == n]
     if not pairs or n < 2:
         return math.nan, math.nan
     theirs, ours = (np.nanmean(side, axis=0) for side in zip(*pairs, strict=True))

@@ -5,12 +5,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pymunk
 
 from benchmarks.argos.recordings import RecordingError, mission_and_robot
+from benchmarks.argos.repeat import set_scene, twisters
 from mercator_design.fsm import Readings, parse
 from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE
 from mercator_design.fsm.control import MEMORY
 from mercator_design.jit import compiled
+from mercator_design.missions.floor import Tiles
 from mercator_design.sim.kernel import EVERYTHING
 from mercator_design.sim.sensing import sense
 from mercator_design.sim.sight import cast
@@ -18,8 +21,7 @@ from mercator_design.sim.simulate import referee_motion
 from mercator_design.sim.world import Instance, World
 
 NEAR, BEYOND = -9.0, 9.0  # how a trace writes minus and plus infinity
-ROUNDING = 1e-5
-"""[m], [rad] The last digit of recorded poses."""
+ROUNDING = 5e-6  # [m], [rad] of recorded poses
 
 
 class Trace:
@@ -43,12 +45,14 @@ class Trace:
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"run '{self.name}': robots: no table of a trace: {error!r}") from None
         settings = {"n": len(robots), "velocity": 30.0, **run.get("settings", {}), "n_robots": len(robots), "length": 1}
-        mission, model = mission_and_robot(run["mission"], settings)
+        self._mission, model = mission_and_robot(run["mission"], settings)
         self.range = model.reference_model.proximity_range if settings.get("prox_range", 1.0) else 0.0
-        self._world = World(mission, model)
+        self._world = World(self._mission, model)
         self.model = model.reference_model
         self.top_speed = model.drive.maximum_speed
-        self.paints_tiles = run["mission"] == "color_aggregation"
+        self._seed = run.get("seed")
+        paints_tiles = any(isinstance(zone, Tiles) for zone in self._mission.floor.zones)
+        self.knows_floor = self._seed is not None or not paints_tiles  # the tiles' colours are not recorded
 
     @property
     def cycles(self) -> int:
@@ -61,6 +65,9 @@ class Trace:
     def instance(self, shift: np.ndarray | float = 0.0) -> Instance:
         """The recorded start, moved by `shift` (robots, 3)."""
         instance = self._world.instance(0)
+        if self._seed is not None:
+            _, loop = twisters(self._seed, self.robots)
+            set_scene(self._mission, instance.scene, instance.swarm, loop)
         put(instance, self.poses[0] + shift)
         return instance
 
@@ -72,17 +79,30 @@ def put(instance: Instance, poses: np.ndarray) -> None:
     instance.swarm.poses[:, 4] = np.sin(poses[:, 2])
 
 
-def drive(trace: Trace, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Poses (cycles, robots, 3) of our robots when the recorded commands drive them from the recorded start."""
+def drive(trace: Trace, shift: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Let the recorded commands drive our robots from the recorded start, moved by `shift` (robots, 3).
+
+    Returns:
+        Poses (cycles, robots, 3), and the cycles (2,) in which a robot first touched a wall, and another robot; the
+        number of cycles where none ever did.
+    """
     instance = trace.instance(shift)
     swarm = instance.swarm
+    first = np.full(2, trace.cycles)
+    cycle = 0
+
+    def note(arbiter: pymunk.Arbiter, *_: object) -> None:
+        kind = int(all(shape.body.body_type == pymunk.Body.DYNAMIC for shape in arbiter.shapes))
+        first[kind] = min(first[kind], cycle)
+
+    instance.space.on_collision(begin=note)
     found = [swarm.poses[:, :3].copy()]
-    for commands in trace.commands[:-1]:
+    for cycle, commands in enumerate(trace.commands[:-1], start=1):  # noqa: B007 - read by `note`
         swarm.commands[:] = commands
         referee_motion(instance)
         put(instance, swarm.poses[:, :3].copy())
         found.append(swarm.poses[:, :3].copy())
-    return np.array(found)
+    return np.array(found), first
 
 
 def apart(some: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,20 +112,12 @@ def apart(some: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return np.hypot(difference[..., 0], difference[..., 1]), turns
 
 
-def replay_motion(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of position [m] and heading [rad], (cycles, robots), when the recorded commands drive our robots."""
-    return apart(drive(trace), trace.poses)
-
-
-def sensitivity(trace: Trace, copies: int, seed: int = 1) -> np.ndarray:
-    """How far apart [m] (copies, cycles, robots) our own robots get if they start elsewhere within the rounding.
-
-    Where this grows as the distance to the recording does, the recording does not say more than our replay does.
-    """
+def copies_apart(trace: Trace, distance: float, copies: int = 8, seed: int = 1) -> np.ndarray:
+    """How far apart [m] (copies, cycles, robots) our own robots get if each starts up to `distance` [m] elsewhere."""
     random = np.random.default_rng(seed)
-    ours = drive(trace)
-    shifts = random.uniform(-0.5 * ROUNDING, 0.5 * ROUNDING, (copies, *trace.poses[0].shape))
-    return np.array([apart(drive(trace, shift), ours)[0] for shift in shifts])
+    ours, _ = drive(trace)
+    shifts = random.uniform(-distance, distance, (copies, *ours[0].shape)) * (1.0, 1.0, 0.0)
+    return np.array([apart(drive(trace, shift)[0], ours)[0] for shift in shifts])
 
 
 def replay_perception(trace: Trace) -> Iterator[tuple[int, int, Readings, np.ndarray]]:
@@ -146,7 +158,7 @@ def agreements(trace: Trace) -> dict[str, tuple[int, int]]:
             pairs = zip(recorded, distances, strict=True)
             count("proximity", all(same_distance(a, b, trace.range) for a, b in pairs))
         count("neighbours", readings.neighbours == trace.neighbours[cycle, i])
-        if not trace.paints_tiles:  # which tile has which colour is not recorded
+        if trace.knows_floor:
             count("ground", readings[5:8] == tuple(trace.ground[cycle, i]))
         count("wheels", same_wheels(trace, cycle, i, readings, memory[i]))
     return {name: (agreed, total) for name, (agreed, total) in counts.items() if total}
@@ -173,5 +185,3 @@ def same_wheels(trace: Trace, cycle: int, i: int, readings: Readings, memory: li
         u = min(0.999999, (turning + 0.5) / max(1.0, state.parameters[0]))
     wheels = state.module.function(trace.model, readings, (*state.parameters, 0.0), memory, u)
     return bool(np.abs(np.array(wheels) * trace.top_speed - trace.commands[cycle, i]).max() < 2e-3)
-
-

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.argos.scores import Columns, statistics_of
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import Pfsm
 from mercator_design.fsm.behaviours import BEHAVIOURS, TURN_CYCLES
@@ -28,8 +27,9 @@ from mercator_design.fsm.modules import MOST_PARAMETERS
 from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Program
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import add_kernel_file, compiled, jittable
+from mercator_design.missions.floor import Tiles
+from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.race.executors import ThreadExecutor
 from mercator_design.sim import kernel
 from mercator_design.sim.chipmunk import Bridge, leave, new_bridge
 from mercator_design.sim.placing import first_free
@@ -111,6 +111,13 @@ def deal_tiles(zones: np.ndarray, generator: np.random.MT19937) -> None:
         for _ in range(4):
             x, y = left.pop(int(generator.random_raw() / HIGHEST * len(left)))
             zones[(zones[:, 1] == x) & (zones[:, 2] == y), 6:9] = colour
+
+
+def set_scene(mission: Mission, scene: Scene, swarm: Swarm, generator: np.random.MT19937) -> None:
+    """All that the loop function does before a run: robots to their places, colours to the tiles."""
+    swarm.poses[:, :3] = starts(scene, np.array(mission.placement.waiting), generator)
+    if any(isinstance(zone, Tiles) for zone in mission.floor.zones):
+        deal_tiles(scene.floor.zones, generator)
 
 
 @jittable
@@ -206,19 +213,16 @@ class Original:
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
-        mission = simulator.mission
-        self._waiting = np.array(mission.placement.waiting)
+        self.mission = mission = simulator.mission
         self._shuffles = c_library_rand(mission.cycles * mission.robots * (MOST_TRANSITIONS - 1))
 
     def run(self, pfsm: Pfsm, seed: int) -> tuple[float, History]:
         """Score and full history of a run."""
-        mission, model = self._simulator.mission, self._simulator.robot_model
+        mission, model = self.mission, self._simulator.robot_model
         instance = self._simulator.instance(0)
         robots, loop = twisters(seed, mission.robots)
         scene, swarm = instance.scene, instance.swarm
-        swarm.poses[:, :3] = starts(scene, self._waiting, loop)
-        if any(getattr(zone, "shape", None) == "tiles" for zone in mission.floor.zones):
-            deal_tiles(scene.floor.zones, loop)
+        set_scene(mission, scene, swarm, loop)
         history = new_history(mission.cycles, mission.robots, everything=True)
         stream = np.array([robot.random_raw(mission.cycles * DRAWS // 2 + mission.cycles) for robot in robots], float)
         bridge = new_bridge(instance.space, instance.robots)
@@ -236,13 +240,3 @@ class Original:
             control_period=mission.control_period,
         )
         return mission.objective(trace), history
-
-    def columns(self, pfsm: Pfsm, seeds: list[int], jobs: int) -> Columns:
-        """Score and statistics of each seed."""
-
-        def measured(seed: int) -> dict[str, float]:
-            return statistics_of(*self.run(pfsm, seed), self._simulator.mission.control_period)
-
-        with ThreadExecutor(jobs) as executor:
-            rows = [row for some in executor.run(measured, seeds) for row in some]
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}

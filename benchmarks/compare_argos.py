@@ -65,7 +65,7 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
             spread = traces.copies_apart(trace, DISPLACED).mean(axis=(1, 2))
             later &= bool(position.mean() <= spread.max())
             touching, copies = f"{touch / 10:g}", f"{1e3 * spread.min():.2g} to {1e3 * spread.max():.2g}"
-        replayed.append((trace, ours, touch))
+        replayed.append(trace)
         cells = [trace.name, str(trace.robots), f"{trace.cycles / 10:g}", touching]
         cells += [f"{1e3 * position.mean():.3f}", f"{1e3 * position.max():.3f}", f"{heading.max():.5f}", copies]
         counts = traces.agreements(trace)
@@ -96,7 +96,7 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
     if figures:
         from benchmarks.argos.figures import contacts
 
-        print("wrote", contacts(replayed, figures / "agreement_contacts.png"))
+        print("wrote", contacts(replayed, DISPLACED, figures / "agreement_contacts.png"))
 
 
 def print_scores(

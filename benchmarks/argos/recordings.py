@@ -25,6 +25,16 @@ Found from the recorded starts: they are those of the original's generator with 
 written for other numbers of robots (`n` in the file's settings) put all of them at the first.
 """
 
+WALL_SIZE = (0.01, 0.66)  # [m]
+WALLS = tuple(
+    ((sign * x, sign * y), number * math.pi / 6)
+    for sign in (1, -1)
+    for number, (x, y) in enumerate(
+        ((1.231, 0.0), (1.066, 0.615), (0.615, 1.066), (0.0, 1.231), (-0.615, 1.066), (-1.066, 0.615))
+    )
+)
+"""Centres [m], rounded to millimetres as they are in its files, and angles."""
+
 _SETTINGS = {"base", "n_robots", "n", "prox_range", "velocity", "length", "walls", "scale", "arena"}
 
 
@@ -42,12 +52,11 @@ def read(file: Path) -> dict[str, Any]:
     """
     try:
         content = file.read_bytes()
-        if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
-        data = json.loads(content)
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except (EOFError, zlib.error) as error:
+    try:
+        data = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
+    except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f"{file}: damaged gzip: {error}") from None
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"{file}: expected JSON, gzip'd or not: {error}") from None
@@ -66,14 +75,13 @@ def read(file: Path) -> dict[str, Any]:
 
 
 def walls(scale: float = 1.0) -> str:
-    """The original's twelve walls: boxes of 1 cm by 66 cm whose places are rounded to millimetres, ends and all."""
-    centers = [(1.231, 0), (1.066, 0.615), (0.615, 1.066), (0, 1.231), (-0.615, 1.066), (-1.066, 0.615)]
-    centers += [(-x, -y) for x, y in centers]
-    boxes = [
-        {"center": [scale * x, scale * y], "size": [0.01, scale * 0.66], "angle": number * math.pi / 6}
-        for number, (x, y) in enumerate(centers)
-    ]
-    return json.dumps(boxes)
+    """The original's twelve walls, ends and all, as obstacles of a mission."""
+    return json.dumps(
+        [
+            {"center": [scale * x, scale * y], "size": [WALL_SIZE[0], scale * WALL_SIZE[1]], "angle": angle}
+            for (x, y), angle in WALLS
+        ]
+    )
 
 
 def robot_model(proximity_range: float, velocity: float = 30.0) -> RobotModel:

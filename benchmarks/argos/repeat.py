@@ -14,7 +14,6 @@ All of the original's draws follow from the seed of a run, and which draw serves
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from mercator_design.fsm.control import CYCLES, DRAWS, STATE, control_cycle
 from mercator_design.fsm.modules import MOST_PARAMETERS
 from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Program
 from mercator_design.fsm.reference import Readings, ReferenceModel
-from mercator_design.jit import add_kernel_file, compiled, jittable
+from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import Tiles
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
@@ -38,8 +37,6 @@ from mercator_design.sim.sensing import sense
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.swarm import History, Swarm, new_history
 from mercator_design.sim.world import program_arrays
-
-add_kernel_file(Path(__file__))
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister
 RADIUS = 1.2  # [m] of the disc where robots start

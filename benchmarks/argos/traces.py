@@ -50,9 +50,21 @@ class Trace:
         self._world = World(self._mission, model)
         self.model = model.reference_model
         self.top_speed = model.drive.maximum_speed
-        self._seed = run.get("seed")
-        paints_tiles = any(isinstance(zone, Tiles) for zone in self._mission.floor.zones)
-        self.knows_floor = self._seed is not None or not paints_tiles  # the tiles' colours are not recorded
+        self._zones = self._floor(run.get("seed"))
+        self.knows_floor = self._zones is not None
+
+    def _floor(self, seed: object) -> np.ndarray | None:
+        """The zones of the floor. Colours of tiles are not recorded, but follow from the seed as the starts do."""
+        instance = self._world.instance(0)
+        zones = instance.scene.floor.zones.copy()
+        if not any(isinstance(zone, Tiles) for zone in self._mission.floor.zones):
+            return zones
+        if not isinstance(seed, int) or not 0 < seed < 2**32:
+            return None
+        _, loop = twisters(seed, self.robots)
+        set_scene(self._mission, instance.scene, instance.swarm, loop)
+        found, _ = apart(instance.swarm.poses[:, :3], self.poses[0])
+        return instance.scene.floor.zones if found.max() < 1e-4 else None
 
     @property
     def cycles(self) -> int:
@@ -65,9 +77,8 @@ class Trace:
     def instance(self, shift: np.ndarray | float = 0.0) -> Instance:
         """The recorded start, moved by `shift` (robots, 3)."""
         instance = self._world.instance(0)
-        if self._seed is not None:
-            _, loop = twisters(self._seed, self.robots)
-            set_scene(self._mission, instance.scene, instance.swarm, loop)
+        if self._zones is not None:
+            instance.scene.floor.zones[:] = self._zones
         put(instance, self.poses[0] + shift)
         return instance
 

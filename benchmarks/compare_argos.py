@@ -149,10 +149,10 @@ def _score_cells(c: Comparison) -> list[str]:
         str(len(c.controllers)),
         f"{c.recorded_runs}, {len(c.controllers[0].ours['score'])}",
         f"{theirs.mean():.5g}",
-        f"{difference:+.3g} ± {error:.2g}",
-        f"{scores.correlation(theirs, ours):.4f}",
-        f"{median:.4f}, {lowest:.4f}",
-        f"{scores.halves(c):.4f}",
+        f"{difference:+.3g} ± {error:.2g}" if np.isfinite(error) else "-",
+        _number(scores.correlation(theirs, ours)),
+        f"{_number(median)}, {_number(lowest)}",
+        _number(scores.halves(c)),
         f"{min(test.p for test in tests):.2g}",
         str(len(scores.rejected(tests))),
     ]
@@ -189,7 +189,7 @@ def _print_replays(compared: Sequence[Comparison]) -> None:
         everything = np.concatenate([scores.same(theirs, ours, list(theirs)) for theirs, ours in pairs])
         theirs, ours = np.array([(a["score"].mean(), b["score"].mean()) for a, b in pairs]).T
         cells = [c.mission, str(len(score)), f"{score.mean():.1%}", f"{everything.mean():.1%}"]
-        cells += [f"{theirs.mean():.5g}", f"{ours.mean():.5g}", f"{scores.correlation(theirs, ours):.4f}"]
+        cells += [f"{theirs.mean():.5g}", f"{ours.mean():.5g}", _number(scores.correlation(theirs, ours))]
         print(f"| {' | '.join(cells)} |")
 
 
@@ -217,6 +217,10 @@ def _verdicts(c: Comparison) -> Iterator[bool]:
 def _verdict(text: str, *, reached: bool) -> bool:
     print(f"{'reached' if reached else 'NOT reached'}: {text}")
     return reached
+
+
+def _number(value: float) -> str:
+    return f"{value:.4f}" if np.isfinite(value) else "-"
 
 
 def positive(text: str) -> int:

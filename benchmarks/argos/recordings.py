@@ -71,6 +71,10 @@ def read(file: Path) -> dict[str, Any]:
         for key in wanted[data["kind"]]:
             if key not in run:
                 raise RecordingError(f"{file}: runs[{number}]: no '{key}', which each of a file of {data['kind']} has")
+            if key in {"name", "mission", "fsm"} and not isinstance(run[key], str):
+                raise RecordingError(f"{file}: runs[{number}].{key}: expected text, found {run[key]!r:.40}")
+        if not isinstance(run.setdefault("settings", {}), dict):
+            raise RecordingError(f"{file}: runs[{number}].settings: expected an object")
     return data
 
 

@@ -156,7 +156,7 @@ def compare(
     """
     known = meta.get("missions", {})
     found = []
-    for name in dict.fromkeys(str(run["mission"]) for run in runs):
+    for name in dict.fromkeys(run["mission"] for run in runs):
         comparison = Comparison(name)
         found.append(comparison)
         of_mission = [run for run in runs if run["mission"] == name]
@@ -175,7 +175,7 @@ def compare(
             try:
                 pfsm = parse(run["fsm"], tolerate=lambda _: None)
                 theirs = recorded_columns(run)
-            except (FsmError, RecordingError, AttributeError) as error:
+            except (FsmError, RecordingError) as error:
                 comparison.left_out.append(f"{name}: {run['name']}: {error}")
                 continue
             failed = len(run["scores"]) - len(theirs["score"])
@@ -191,7 +191,7 @@ def compare(
             ours = _columns(seeds, partial(_ours, simulator, pfsm), jobs)
             again = recorded_seeds(run)
             repeated = _columns(again, partial(_repeated, original, pfsm), jobs) if again else None
-            comparison.controllers.append(Controller(str(run["name"]), theirs, ours, repeated))
+            comparison.controllers.append(Controller(run["name"], theirs, ours, repeated))
     return found
 
 

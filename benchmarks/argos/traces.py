@@ -32,7 +32,7 @@ class Trace:
     """
 
     def __init__(self, run: dict[str, Any]) -> None:
-        self.name = str(run["name"])
+        self.name = run["name"]
         self.fsm = parse(run["fsm"], tolerate=lambda _: None)
         try:
             robots = list(run["robots"].values())
@@ -44,7 +44,7 @@ class Trace:
             self.ground = np.stack([np.array(r["ground"], dtype=float) for r in robots], axis=1)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"run '{self.name}': robots: no table of a trace: {error!r}") from None
-        settings = {"n": len(robots), "velocity": 30.0, **run.get("settings", {}), "n_robots": len(robots), "length": 1}
+        settings = {"n": len(robots), "velocity": 30.0, **run["settings"], "n_robots": len(robots), "length": 1}
         self._mission, model = mission_and_robot(run["mission"], settings)
         self.range = model.reference_model.proximity_range if settings.get("prox_range", 1.0) else 0.0
         self._world = World(self._mission, model)

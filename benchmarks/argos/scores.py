@@ -36,6 +36,7 @@ SINGLE = (*COLOURS, "prox", "front", "nn", "speed_mps", "trans", "r", "spot")
 FALSE_DISCOVERIES = 0.01
 WANTED_CORRELATION = 0.97
 RESAMPLES = 500
+_NOT_RECORDED = 2**31  # seeds from here on
 
 Columns = dict[str, np.ndarray]  # name of a statistic -> its value in each run; "score" among them
 
@@ -114,6 +115,9 @@ class Controller:
     theirs: Columns
     ours: Columns  # in the order of our seeds, which all controllers of a mission share
     repeated: Columns | None = None  # from the recorded seeds with the original's random numbers, in theirs' order
+    # Of one whose samples differ: from seeds of ours, but with the original's generators. What then no longer differs
+    # comes from rand(), which is the same in all runs of the original, so that they are not independent.
+    shuffled: Columns | None = None
 
 
 @dataclass
@@ -171,6 +175,7 @@ def compare(
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")
             continue
         tell(f"{name}: {len(of_mission)} controllers")
+        pfsms = []
         for run in of_mission:
             try:
                 pfsm = parse(run["fsm"], tolerate=lambda _: None)
@@ -192,6 +197,12 @@ def compare(
             again = recorded_seeds(run)
             repeated = _columns(again, partial(_repeated, original, pfsm), jobs) if again else None
             comparison.controllers.append(Controller(run["name"], theirs, ours, repeated))
+            pfsms.append(pfsm)
+        differing = {test.controller for kind in (True, False) for test in rejected(tests(comparison, of_scores=kind))}
+        for pfsm, controller in zip(pfsms, comparison.controllers, strict=True):
+            if controller.name in differing:
+                seeds = [_NOT_RECORDED + k for k in range(len(controller.ours["score"]))]
+                controller.shuffled = _columns(seeds, partial(_repeated, original, pfsm), jobs)
     return found
 
 
@@ -241,22 +252,32 @@ class Test:
 
 
 def tests(comparison: Comparison, *, of_scores: bool) -> list[Test]:
-    """Mann-Whitney tests of a mission's scores, or of all its statistics."""
+    """Tests of a mission's scores, or of all its statistics."""
+    return [
+        Test(controller.name, name, p_value(name, column, controller.ours[name]))
+        for controller in comparison.controllers
+        for name, column in controller.theirs.items()
+        if (name == "score") == of_scores and np.isfinite(column).any()
+    ]
+
+
+def p_value(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
+    """Of the Mann-Whitney test, to as many digits as are recorded: six of scores, six decimals of statistics."""
     from scipy.stats import mannwhitneyu
 
-    found = []
-    for controller in comparison.controllers:
-        for name, column in controller.theirs.items():
-            theirs = column[np.isfinite(column)]
-            if (name == "score") != of_scores or not len(theirs):
-                continue
-            # Six decimals are recorded, scores with six digits.
-            digits = 6 if not of_scores else 5 - math.floor(math.log10(max(1.0, np.abs(theirs).max())))
-            theirs, ours = np.round(theirs, digits), np.round(controller.ours[name], digits)
-            same = len({*theirs, *ours}) == 1
-            p = 1.0 if same else float(mannwhitneyu(theirs, ours).pvalue)
-            found.append(Test(controller.name, name, p))
-    return found
+    theirs = theirs[np.isfinite(theirs)]
+    digits = 5 - math.floor(math.log10(max(1.0, np.abs(theirs).max()))) if name == "score" else 6
+    theirs, ours = np.round(theirs, digits), np.round(ours, digits)
+    return 1.0 if len({*theirs, *ours}) == 1 else float(mannwhitneyu(theirs, ours).pvalue)
+
+
+def comes_from_shuffling(comparison: Comparison, test: Test) -> bool:
+    """Whether a rejected test would not be, had our runs been shuffled as all of the original's."""
+    one = next(c for c in comparison.controllers if c.name == test.controller)
+    if one.shuffled is None:
+        return False
+    p = p_value(test.statistic, one.theirs[test.statistic], one.shuffled[test.statistic])
+    return p > FALSE_DISCOVERIES
 
 
 def rejected(tests: Sequence[Test], rate: float = FALSE_DISCOVERIES) -> list[Test]:

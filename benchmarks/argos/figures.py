@@ -124,7 +124,7 @@ def means(comparisons: Sequence[Comparison], file: Path) -> Path:
 
 def statistics(comparisons: Sequence[Comparison], file: Path) -> Path:
     """Means of the statistics of the controllers, ours against theirs, a panel a statistic, a colour a mission."""
-    with_them = [name for name in SINGLE if any(np.ptp(c.means(name), initial=0.0) > 0 for c in comparisons)]
+    with_them = [name for name in SINGLE if any(len({*c.means(name).ravel()}) > 1 for c in comparisons)]
     figure = Figure(figsize=(12.4, 2.9 * max(1, -(-len(with_them) // 4)) + 0.5), dpi=80, layout="constrained")
     if not with_them:
         figure.text(0.5, 0.5, "no statistics were recorded", ha="center")

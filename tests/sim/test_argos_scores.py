@@ -82,6 +82,19 @@ def test_rejections_are_those_of_benjamini_and_hochberg():
     assert scores.rejected(tests, 0.001) == []
 
 
+def test_difference_that_comes_from_shuffling():
+    c = artificial([0.0, 100.0], spread=1.0)
+    one, other = c.controllers
+    one.shuffled = {"score": one.ours["score"]}
+    one.theirs["score"], other.theirs["score"] = one.ours["score"][:20], one.ours["score"][:20]
+    other.shuffled = {"score": other.ours["score"]}
+    first, second = scores.tests(c, of_scores=True)
+    assert scores.comes_from_shuffling(c, first)
+    assert not scores.comes_from_shuffling(c, second)
+    other.shuffled = None
+    assert not scores.comes_from_shuffling(c, second)
+
+
 def test_runs_repeated_from_their_seeds(comparisons):
     """Runs in which no robots collide are the recorded ones to the last digit, score and statistics."""
     for c in comparisons:

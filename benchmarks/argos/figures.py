@@ -85,6 +85,7 @@ def _errors(axes: Axes, trace: Trace, ours: np.ndarray, first: np.ndarray, displ
 
 def means(comparisons: Sequence[Comparison], file: Path) -> Path:
     """Mean scores of the controllers, ours against theirs, a panel a mission; bars are standard errors."""
+    comparisons = [c for c in comparisons if len({*c.means("score").ravel()}) > 1] or comparisons
     columns = min(4, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure = Figure(figsize=(3.1 * columns, 3.1 * rows + 0.4), dpi=80, layout="constrained")

@@ -48,6 +48,26 @@ _JOBS = click.option(
     help="Experiments run at once.  [default: the cores of this machine]",
 )
 
+
+def _load_plugins(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
+    if files and not context.resilient_parsing:
+        from mercator_design.missions.plugins import load_plugin
+
+        for file in files:
+            load_plugin(file)
+
+
+_PLUGIN = click.option(
+    "--plugin",
+    multiple=True,
+    type=_FILE,
+    metavar="FILE.py",
+    expose_value=False,
+    is_eager=True,  # before any argument is looked at
+    callback=_load_plugins,
+    help="Python file with more objectives or floor dynamics for missions. May be repeated.",
+)
+
 _FLAVOUR = click.option(
     "--flavour",
     type=click.Choice(FLAVOURS),
@@ -115,6 +135,7 @@ def cli() -> None:
     help="Modules to design with.",
 )
 @_SET
+@_PLUGIN
 def race(
     mission: str,
     budget: int,
@@ -172,6 +193,7 @@ def race(
 @_FLAVOUR
 @_LENIENT
 @_SET
+@_PLUGIN
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate(
     fsm: Path,
@@ -218,9 +240,60 @@ def evaluate(
 
 
 @cli.command()
+@click.argument("fsm", type=_FILE)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
+)
+@click.option(
+    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+)
+@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Record every so many-th cycle.")
+@click.option("--mission", help="As for evaluate.")
+@_SEED
+@click.option("--robot-model", help="As for evaluate.")
+@_FLAVOUR
+@_LENIENT
+@_SET
+@_PLUGIN
+def record(
+    fsm: Path,
+    output: Path,
+    devices: str,
+    every: int,
+    mission: str | None,
+    seed: int,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+) -> None:
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    --seed is the instance's own, as evaluate --json lists them.
+    """
+    from mercator_design.files import write_bytes
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    if output.suffix not in FORMATS:
+        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
+    loaded = _mission_of(fsm, file, mission, overrides)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    simulator.rehearse(announce=_tell)
+    outcome = simulator.run(file.pfsm, seed, record=True)
+    names = [name.strip() for name in devices.split(",") if name.strip()]
+    write_bytes(output, recording_bytes(outcome.recording, names, every=every, suffix=output.suffix))
+    click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
+
+
+@cli.command()
 @click.argument("files", nargs=-1, required=True, type=_FILE)
 @_FLAVOUR
 @_LENIENT
+@_PLUGIN
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
     """Check missions and robot models (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
 
@@ -310,7 +383,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
-        if _has_key(file, "body"):
+        if _has_key(file, "body") or _has_key(file, "base"):
             return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
         Simulator(mission).try_placement()
@@ -344,6 +417,7 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
 
     if given is not None:
         return load_mission(given, overrides)
+    _check_plugins(fsm, file)
     named, digest = file.header.get("mission"), file.header.get("mission digest")
     if named is None:
         raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
@@ -370,6 +444,19 @@ def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
         raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {text!r}")
     return found
+
+
+def _check_plugins(fsm: Path, file: "FsmFile") -> None:
+    """Make sure that the plugins that a controller was designed with are loaded, and are what they were."""
+    from mercator_design.missions.plugins import loaded_plugins
+
+    loaded = loaded_plugins()
+    for word in file.header.get("plugins", "").split(", "):
+        name, _, digest = word.rpartition(" ")
+        if name and name not in loaded:
+            raise MissionError(f"{fsm}: was designed with the plugin {name}; give --plugin {name}, or --mission")
+        if name and loaded[name] != digest:
+            raise MissionError(f"{fsm}: {name} is not what it was when this was designed; give --mission")
 
 
 def _free_folder(mission: str) -> Path:

@@ -27,19 +27,31 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 _waiting: list[Callable[..., Any]] = []
+_marked = 0
+_more_files: list[Path] = []
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
 _lock = threading.RLock()
 
 
 def jittable(function: F) -> F:
     """Mark a function as callable from compiled code. It stays the plain function it is."""
+    global _marked  # noqa: PLW0603 - a count of what this process has
+    _marked += 1
     _waiting.append(function)
     return function
 
 
+def marked() -> int:
+    """How many functions are marked `@jittable` so far."""
+    return _marked
+
+
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
-    """A kernel `call(which, *arguments)` that calls the function number `which`."""
-    table = tuple(functions)
+    """A kernel `call(which, *arguments)` that calls the function number `which`.
+
+    A list may grow until something that calls the kernel is compiled.
+    """
+    table = functions if isinstance(functions, list) else tuple(functions)
 
     def call(which: int, *arguments: Any) -> R:
         return table[which](*arguments)
@@ -61,7 +73,7 @@ def compiled(function: F) -> F:
         if function not in _compiled:
             while _waiting:
                 _register(_waiting.pop(0))
-            _compiled[function] = _chain(function.links) if hasattr(function, "links") else _compile(function)
+            _compiled[function] = _chain(tuple(function.links)) if hasattr(function, "links") else _compile(function)
     return cast("F", _compiled[function])
 
 
@@ -133,8 +145,16 @@ def cache_folder() -> Path:
 def kernel_files() -> list[Path]:
     """The source files that compiled code is made from."""
     folders = ("fsm", "missions", "sim")
-    files = [file for folder in folders for file in sorted((_PACKAGE / folder).glob("*.py"))]
-    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py"]
+    files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
+    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *_more_files]
+
+
+def add_kernel_file(file: Path) -> bool:
+    """Count a file outside this package among the kernel files; False if something was compiled without it."""
+    if cache_folder.cache_info().currsize and jit_wanted():
+        return False
+    _more_files.append(file)
+    return True
 
 
 def fingerprint(files: Iterable[Path]) -> str:
@@ -154,7 +174,7 @@ def _register(function: Callable[..., Any]) -> None:
         register_jitable(function)
         return
 
-    chain = _chain(links)
+    chain = _chain(tuple(links))
 
     def dispatch(which: Any, *arguments: Any) -> Any:
         return chain(which, *arguments)

@@ -31,6 +31,7 @@ from mercator_design.files import write_text
 from mercator_design.fsm.text import fsm_file_text, to_text
 from mercator_design.jit import fingerprint, kernel_files
 from mercator_design.loading import dump
+from mercator_design.missions.plugins import loaded_plugins
 
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 
@@ -53,6 +54,7 @@ class RunFolder:
             "budget": designer.race.budget,
             "seed": designer.race.seed,
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
+            "plugins": loaded_plugins(),
             "kernels": fingerprint(kernel_files()),
             "python": sys.version.split()[0],
             "libraries": {name: version(name) for name in _LIBRARIES},
@@ -116,6 +118,8 @@ class RunFolder:
             "mercator_design": __version__,
             "kernels": self._provenance["kernels"][:16],
         }
+        if plugins := self._provenance["plugins"]:
+            header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
         with self._naming_the_folder():
             write_text(self.path / "fsm.txt", fsm_file_text(design.winner, header))
             write_text(self.path / "results.csv", _results(self._designer, design))

@@ -5,6 +5,7 @@ walls, so that the numbers in a mission file are what a tape measure between the
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
@@ -53,23 +54,7 @@ class Polygon:
     vertices: Annotated[tuple[Point, ...], Length(3, 360)]
 
     def __post_init__(self) -> None:
-        if len(self.vertices) < 3:
-            raise FieldError("vertices", f"expected at least 3 corners, found {len(self.vertices)}")
-        for index, vertex in enumerate(self.vertices):
-            if vertex in self.vertices[:index]:
-                raise FieldError(f"vertices[{index}]", "a corner for the second time; the last wall closes by itself")
-        corners = np.array(self.vertices, dtype=float)
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        if lengths.min() < _SHORTEST_WALL:
-            raise FieldError(
-                f"vertices[{int(np.argmin(lengths))}]", f"the wall from here is shorter than {_SHORTEST_WALL:g} m"
-            )
-        crossing = _crossing(corners)
-        if crossing is not None:
-            first, second = crossing
-            raise FieldError(f"vertices[{second}]", f"the wall from here crosses or touches wall {first}")
-        if abs(_signed_area(corners)) < _SMALLEST_AREA:
-            raise FieldError("vertices", "the corners enclose no area")
+        check_polygon(self.vertices, side="wall")
 
     def corners(self) -> Array:
         """The corners (n, 2), counter-clockwise, beginning with the first vertex."""
@@ -130,6 +115,35 @@ class Arena:
         left_of_wall = x < start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
         crossings = np.sum(straddles & left_of_wall, axis=1)
         return np.asarray(crossings % 2 == 1, dtype=np.bool_)
+
+
+def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
+    """Make sure that corners are those of a simple polygon.
+
+    Args:
+        vertices: The corners, in either sense.
+        side: What a side of it is called.
+
+    Raises:
+        FieldError: naming the corner.
+    """
+    if len(vertices) < 3:
+        raise FieldError("vertices", f"expected at least 3 corners, found {len(vertices)}")
+    for index, vertex in enumerate(vertices):
+        if vertex in vertices[:index]:
+            raise FieldError(f"vertices[{index}]", f"a corner for the second time; the last {side} closes by itself")
+    corners = np.array(vertices, dtype=float)
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    if lengths.min() < _SHORTEST_WALL:
+        raise FieldError(
+            f"vertices[{int(np.argmin(lengths))}]", f"the {side} from here is shorter than {_SHORTEST_WALL:g} m"
+        )
+    crossing = _crossing(corners)
+    if crossing is not None:
+        first, second = crossing
+        raise FieldError(f"vertices[{second}]", f"the {side} from here crosses or touches {side} {first}")
+    if abs(_signed_area(corners)) < _SMALLEST_AREA:
+        raise FieldError("vertices", "the corners enclose no area")
 
 
 def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Array:

@@ -1,22 +1,25 @@
 """What the floor looks like: a background, an image, and painted zones, the later over the earlier.
 
-What is decided here: the colours and their RGB values, how a zone is written, and how the floor of one
-instance (tiles may be drawn at random) becomes a `FloorTable` of numbers. What a table means at a point is
+What is decided here: the colours and their RGB values, how a zone and what changes it are written, and how the floor
+of one instance (tiles may be drawn at random) becomes a `FloorTable` of numbers. What a table means at a point is
 said once, in floor_kernels.py, for sensors and objectives alike.
 """
 
+import inspect
 import math
 import os.path
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import FieldError, FilePath, Length, Name, Range
-from mercator_design.missions.arena import Array, Point, Size
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
+from mercator_design.missions.arena import Array, Point, Size, check_polygon
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
 Channel: TypeAlias = Annotated[int, Range(0, 255)]
@@ -37,7 +40,7 @@ COLOURS: Mapping[ColourName, RGB] = {
     "orange": (255.0, 140.0, 0.0),
 }
 
-DISC, RECTANGLE, HALF_PLANE = 0.0, 1.0, 2.0
+DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
 """The first number of a row of a table."""
 
 LARGEST_IMAGE = 4_000_000
@@ -48,12 +51,22 @@ _FORMATS = ("PNG", "JPEG", "BMP", "PPM")
 
 
 class FloorTable(NamedTuple):
-    """The floor of one instance, as numbers for the kernels."""
+    """The floor of one instance, as numbers for the kernels.
+
+    Only what changes it may write into it: into `zones` and `numbers`.
+    """
 
     zones: Array  # (zones, 9): kind, five numbers of the shape, red, green, blue
     background: Array  # (3,) red, green, blue in 0 .. 255
     image: NDArray[np.uint8]  # (rows, columns, 3), the first row at the top (+y); (1, 1, 3) if there is none
     extent: Array  # (4,) left, bottom, width, height of the image [m]; widths 0 if there is none
+    vertices: Array  # (vertices, 2) of the polygons among the zones [m]
+    changes: NDArray[np.int64]  # (dynamics, 3) number of the kernel, its first row in `numbers`, and the row after them
+    numbers: Array  # (rows, columns) what the dynamics keep
+
+    def copy(self) -> "FloorTable":
+        """A floor that stays as it is when this one changes."""
+        return self._replace(zones=self.zones.copy(), numbers=self.numbers.copy())
 
 
 ZoneRow: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
@@ -77,8 +90,27 @@ class Disc:
     color: Colour
     name: Name | None = None
 
-    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
+    def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         return [(DISC, *self.center, self.radius, 0.0, 0.0, *rgb(self.color))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ring:
+    """The points at least `inner_radius` and at most `radius` from `center`."""
+
+    shape: Literal["ring"] = "ring"
+    center: Point
+    radius: Size
+    inner_radius: Size
+    color: Colour
+    name: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.inner_radius >= self.radius:
+            raise FieldError("inner_radius", f"expected less than the radius {self.radius:g}")
+
+    def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
+        return [(RING, *self.center, self.radius, self.inner_radius, 0.0, *rgb(self.color))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +124,7 @@ class Rectangle:
     color: Colour
     name: Name | None = None
 
-    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
+    def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         width, height = self.size
         return [(RECTANGLE, *self.center, width / 2.0, height / 2.0, self.angle, *rgb(self.color))]
 
@@ -111,8 +143,26 @@ class HalfPlane:
         if math.hypot(*self.normal) < 1e-6:
             raise FieldError("normal", "expected a direction, found no length")
 
-    def rows(self, _rng: np.random.Generator) -> list[ZoneRow]:
+    def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         return [(HALF_PLANE, *self.point, *self.normal, 0.0, *rgb(self.color))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolygonZone:
+    """A simple polygon, its corners in either sense; the last side closes it."""
+
+    shape: Literal["polygon"] = "polygon"
+    vertices: Annotated[tuple[Point, ...], Length(3, 360)]
+    color: Colour
+    name: Name | None = None
+
+    def __post_init__(self) -> None:
+        check_polygon(self.vertices, side="side")
+
+    def rows(self, _rng: np.random.Generator, corners: list[Point]) -> list[ZoneRow]:
+        first = len(corners)
+        corners.extend(self.vertices)
+        return [(POLYGON, float(first), float(len(corners)), 0.0, 0.0, 0.0, *rgb(self.color))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +180,7 @@ class Tiles:
             found = f"{sum(self.colors.values())} for {len(self.centers)} centers"
             raise FieldError("colors", f"expected one tile for each center, found {found}")
 
-    def rows(self, rng: np.random.Generator) -> list[ZoneRow]:
+    def rows(self, rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         half = self.size / 2.0
         deck = [colour for colour, count in self.colors.items() for _ in range(count)]
         drawn = zip(self.centers, rng.permutation(len(deck)), strict=True)
@@ -158,42 +208,109 @@ class Image:
         return np.array([self.center[0] - width / 2.0, self.center[1] - height / 2.0, width, height])
 
 
-Zone: TypeAlias = Disc | Rectangle | HalfPlane | Tiles
+Zone: TypeAlias = Disc | Ring | Rectangle | HalfPlane | PolygonZone | Tiles
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dynamics:
+    """A function of DYNAMICS with its parameters: what changes the floor during an experiment."""
+
+    name: str
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(DYNAMICS, "name")]
+
+    def __post_init__(self) -> None:
+        check_call(DYNAMICS, self.name, self.parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
-    """Background, image over it, zones over both in their order."""
+    """Background, image over it, zones over both in their order, and what changes them, in its order."""
 
     background: Colour = "gray"
     image: Image | None = None
     zones: Annotated[tuple[Zone, ...], Length(high=1000)] = ()
+    dynamics: Annotated[tuple[Dynamics, ...], Length(high=100)] = ()
 
     def __post_init__(self) -> None:
         names = [zone.name for zone in self.zones]
         for index, name in enumerate(names):
             if name is not None and name in names[:index]:
                 raise FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
+        for index, dynamics in enumerate(self.dynamics):
+            self.check_references(f"dynamics[{index}]", DYNAMICS[dynamics.name], dynamics.parameters)
+            try:
+                self._numbers(dynamics, np.zeros((self._count(), 9)), np.random.default_rng(0))
+            except FieldError as wrong:
+                raise FieldError(f"dynamics[{index}].{wrong.field}", wrong.message) from None
+
+    def check_references(self, field: str, function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:
+        """Make sure that the zones that a function is given are there.
+
+        Raises:
+            FieldError: with the place, which begins with `field`.
+        """
+        known = list(self.zone_rows())
+        for place, zone in zone_references(function, parameters):
+            if zone not in known:
+                near = get_close_matches(zone, known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
+                raise FieldError(f"{field}.{place}", f"no zone is called '{zone}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:
-        """The floor of one instance; the only draws are the colours of tiles, in the order of the zones."""
-        rows = [row for zone in self.zones for row in zone.rows(rng)]
+        """The floor of one instance, when it starts.
+
+        The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
+        """
+        corners: list[Point] = []
+        rows = [row for zone in self.zones for row in zone.rows(rng, corners)]
+        zones = np.array(rows, dtype=float).reshape(-1, 9)
+        kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
+        ends = np.cumsum([0, *map(len, kept)])
+        numbers = np.zeros((ends[-1], max((len(row) for table in kept for row in table), default=0)))
+        for first, table in zip(ends, kept, strict=False):
+            for k, row in enumerate(table):
+                numbers[first + k, : len(row)] = row
+        kernels = [change_of(dynamics.name) for dynamics in self.dynamics]
         return FloorTable(
-            zones=np.array(rows, dtype=float).reshape(-1, 9),
+            zones=zones,
             background=np.array(rgb(self.background)),
             image=self.image.pixels if self.image else np.zeros((1, 1, 3), dtype=np.uint8),
             extent=self.image.extent() if self.image else np.zeros(4),
+            vertices=np.array(corners, dtype=float).reshape(-1, 2),
+            changes=np.column_stack([np.array(kernels, dtype=np.int64), ends[:-1], ends[1:]]),
+            numbers=numbers,
         )
+
+    def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
+        site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
+        return DYNAMICS[dynamics.name](site, **dynamics.parameters)
+
+    def _count(self) -> int:
+        return sum(len(zone.rows(np.random.default_rng(0), [])) for zone in self.zones)
 
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of every table of this floor that a named zone is made of."""
         rows, first = {}, 0
         for zone in self.zones:
-            count = len(zone.rows(np.random.default_rng(0)))  # what is drawn does not matter
+            count = len(zone.rows(np.random.default_rng(0), []))  # what is drawn does not matter
             if zone.name is not None:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
         return rows
+
+
+def check_call(functions: Mapping[str, Callable[..., Any]], name: str, parameters: Mapping[str, Any]) -> None:
+    """Make sure that there is a function of a name, and that it takes such parameters beside its first argument.
+
+    Raises:
+        FieldError: naming the one or the others.
+    """
+    if name not in functions:
+        raise FieldError("name", f"expected one of {', '.join(functions)}, found '{name}'")
+    try:
+        inspect.signature(functions[name]).bind(None, **parameters)
+    except TypeError as error:
+        raise FieldError("parameters", f"of {name}: {error}") from None
 
 
 def _pixels(path: str) -> NDArray[np.uint8]:

@@ -7,22 +7,26 @@ other functions serve whole arrays of points, compiled.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.arena import Array
-from mercator_design.missions.floor import DISC, RECTANGLE, RGB, FloorTable
+from mercator_design.missions.floor import DISC, POLYGON, RECTANGLE, RGB, RING, FloorTable
 
 
 @jittable
-def zone_contains(zones: Array, index: int, x: float, y: float) -> bool:
+def zone_contains(floor: FloorTable, index: int, x: float, y: float) -> bool:
     """Whether the zone in a row of `FloorTable.zones` contains a point; borders belong to it."""
+    zones = floor.zones
     kind = zones[index, 0]
     dx = x - zones[index, 1]
     dy = y - zones[index, 2]
     p, q = zones[index, 3], zones[index, 4]
     if kind == DISC:  # p: radius
         return bool(dx * dx + dy * dy <= p * p)
+    if kind == RING:  # p, q: radius and inner radius
+        return bool(q * q <= dx * dx + dy * dy <= p * p)
+    if kind == POLYGON:
+        return _polygon_contains(floor.vertices, int(zones[index, 1]), int(zones[index, 2]), x, y)
     if kind == RECTANGLE:  # p, q: half width and height
         angle = zones[index, 5]
         along = dx
@@ -35,10 +39,27 @@ def zone_contains(zones: Array, index: int, x: float, y: float) -> bool:
 
 
 @jittable
-def zone_at(zones: Array, x: float, y: float) -> int:
+def _polygon_contains(vertices: Array, first: int, end: int, x: float, y: float) -> bool:
+    """Whether a ray from a point crosses an odd number of sides, or the point lies on one."""
+    inside = False
+    last = end - 1
+    for k in range(first, end):
+        from_x, from_y = vertices[last, 0] - x, vertices[last, 1] - y
+        to_x, to_y = vertices[k, 0] - x, vertices[k, 1] - y
+        turn = from_x * to_y - to_x * from_y
+        if turn == 0.0 and from_x * to_x <= 0.0 and from_y * to_y <= 0.0:
+            return True
+        if (from_y > 0.0) != (to_y > 0.0) and (turn > 0.0) == (to_y > 0.0):
+            inside = not inside
+        last = k
+    return inside
+
+
+@jittable
+def zone_at(floor: FloorTable, x: float, y: float) -> int:
     """The row of the zone seen at a point, the last painted one there; -1 if none is."""
-    for index in range(len(zones) - 1, -1, -1):
-        if zone_contains(zones, index, x, y):
+    for index in range(len(floor.zones) - 1, -1, -1):
+        if zone_contains(floor, index, x, y):
             return index
     return -1
 
@@ -46,7 +67,7 @@ def zone_at(zones: Array, x: float, y: float) -> int:
 @jittable
 def colour_at(floor: FloorTable, x: float, y: float) -> RGB:
     """Red, green and blue at a point, each in 0 .. 255."""
-    index = zone_at(floor.zones, x, y)
+    index = zone_at(floor, x, y)
     if index >= 0:
         return floor.zones[index, 6], floor.zones[index, 7], floor.zones[index, 8]
     right = x - floor.extent[0]
@@ -61,27 +82,12 @@ def colour_at(floor: FloorTable, x: float, y: float) -> RGB:
     return floor.background[0], floor.background[1], floor.background[2]
 
 
-def in_zones(zones: Array, rows: tuple[int, ...], points: Array) -> NDArray[np.bool_]:
-    """Whether each of the points (..., 2) lies in one of some rows' zones, painted over or not."""
-    flat = np.ascontiguousarray(points.reshape(-1, 2))
-    inside = np.zeros(len(flat), dtype=np.bool_)
-    compiled(_mark_inside)(zones, np.array(rows, dtype=np.int64), flat, inside)
-    return inside.reshape(points.shape[:-1])
-
-
 def colours_at(floor: FloorTable, points: Array) -> Array:
     """The colours (..., 3) at points (..., 2)."""
     flat = np.ascontiguousarray(points.reshape(-1, 2))
     colors = np.zeros((len(flat), 3))
     compiled(_fill_colors)(floor, flat, colors)
     return colors.reshape(*points.shape[:-1], 3)
-
-
-def _mark_inside(zones: Array, rows: NDArray[np.int64], points: Array, inside: NDArray[np.bool_]) -> None:
-    for i in range(len(points)):
-        for row in rows:
-            if zone_contains(zones, row, points[i, 0], points[i, 1]):
-                inside[i] = True
 
 
 def _fill_colors(floor: FloorTable, points: Array, colors: Array) -> None:

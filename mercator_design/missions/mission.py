@@ -5,11 +5,9 @@ The files in `scenarios/` are found by being there.
 """
 
 import hashlib
-import inspect
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,8 +17,8 @@ from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
 from mercator_design.missions.arena import Arena, Light
-from mercator_design.missions.floor import Floor
-from mercator_design.missions.objectives import OBJECTIVES, zone_parameters
+from mercator_design.missions.floor import Floor, check_call
+from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.trace import Trace
 
@@ -38,16 +36,11 @@ class Objective:
     parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
 
     def __post_init__(self) -> None:
-        if self.name not in OBJECTIVES:
-            raise FieldError("name", f"expected one of {', '.join(OBJECTIVES)}, found '{self.name}'")
-        try:
-            inspect.signature(OBJECTIVES[self.name]).bind(None, **self.parameters)
-        except TypeError as error:
-            raise FieldError("parameters", f"of {self.name}: {error}") from None
+        check_call(OBJECTIVES, self.name, self.parameters)
 
     def __call__(self, trace: Trace) -> float:
         """The score of an experiment."""
-        return OBJECTIVES[self.name](trace, **self.parameters)
+        return float(OBJECTIVES[self.name](trace, **self.parameters))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,17 +71,8 @@ class Mission:
             raise FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
         self._check_obstacles()
         self._check_lights()
-        self._check_zones()
+        self.floor.check_references("objective", OBJECTIVES[self.objective.name], self.objective.parameters)
         self._check_placement()
-
-    def _check_zones(self) -> None:
-        known = list(self.floor.zone_rows())
-        for parameter in zone_parameters(OBJECTIVES[self.objective.name]):
-            for index, zone in enumerate(self.objective.parameters[parameter]):
-                if zone not in known:
-                    near = get_close_matches(zone, known, n=1)
-                    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
-                    raise FieldError(f"objective.{parameter}[{index}]", f"no zone is called '{zone}'; {hint}")
 
     def _check_obstacles(self) -> None:
         centers = np.array([box.center for box in self.arena.obstacles], dtype=float).reshape(-1, 2)
@@ -107,12 +91,13 @@ class Mission:
                     raise FieldError(f"lights[{i}].seen_by[{j}]", last)
 
     def _check_placement(self) -> None:
-        poses = getattr(self.placement, "poses", None)
-        if poses is not None and len(poses) < self.robots:
-            raise FieldError("placement.poses", f"expected a pose for each of {self.robots} robots")
-        field = outside(self.placement, self.arena)
-        if field is not None:
-            raise FieldError(f"placement.{field}", "lies outside the walls")
+        for field in ("poses", "waiting"):
+            poses = getattr(self.placement, field, ())
+            if poses and len(poses) < self.robots:
+                raise FieldError(f"placement.{field}", f"expected a pose for each of {self.robots} robots")
+        place = outside(self.placement, self.arena)
+        if place is not None:
+            raise FieldError(f"placement.{place}", "lies outside the walls")
 
     @property
     def cycles(self) -> int:

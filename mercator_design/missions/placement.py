@@ -9,37 +9,61 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.loading import FieldError, Length, Range
 from mercator_design.missions.arena import Arena, Array, Coordinate, Point, Size
 
 Heading: TypeAlias = float | Literal["uniform"]
+Pose: TypeAlias = tuple[Coordinate, Coordinate, float]  # x, y [m], heading [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HalfPlaneLimit:
+    """The side of the line through `point` to which `normal` points, with the line."""
+
+    point: Point
+    normal: Point
+
+    def __post_init__(self) -> None:
+        if math.hypot(*self.normal) < 1e-6:
+            raise FieldError("normal", "expected a direction, found no length")
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Of points (n, 2)."""
+        return np.asarray((points - self.point) @ np.array(self.normal) >= 0.0, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscPlacement:
-    """Anywhere on a disc or ring, uniform by area (as CoreLoopFunctions of the ARGoS missions)."""
+    """Anywhere on a disc or ring, uniform by area (as CoreLoopFunctions of the ARGoS missions) or by radius."""
 
-    fixed: ClassVar[bool] = False  # whether each call of `candidates` gives the same
+    draws: ClassVar[int] = 3  # for a pose
 
     shape: Literal["disc"] = "disc"
     center: Point = (0.0, 0.0)
     radius: Size
     inner_radius: Annotated[float, Range(0.0, 1000.0)] = 0.0
+    uniform_in: Literal["area", "radius"] = "area"  # by radius: the denser, the nearer to the centre
     heading: Heading = "uniform"
+    half_plane: HalfPlaneLimit | None = None  # only there
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand until they are placed, and block
 
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
             raise FieldError("inner_radius", f"expected less than the radius {self.radius:g}")
 
-    def points(self, u: Array, v: Array) -> Array:
-        """The points (n, 2) of the region that pairs of uniform draws from [0, 1) stand for."""
-        radius = np.sqrt(self.inner_radius**2 + u * (self.radius**2 - self.inner_radius**2))
-        angle = 2.0 * math.pi * v
+    def points(self, u: Array) -> Array:
+        """The points (n, 2) that uniform draws (2 or more, n) from [0, 1) stand for."""
+        if self.uniform_in == "radius":
+            radius = self.inner_radius + u[0] * (self.radius - self.inner_radius)
+        else:
+            radius = np.sqrt(self.inner_radius**2 + u[0] * (self.radius**2 - self.inner_radius**2))
+        angle = 2.0 * math.pi * u[1]
         return np.column_stack([self.center[0] + radius * np.cos(angle), self.center[1] + radius * np.sin(angle)])
 
     def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
-        """Poses (n, 3) for a robot; new ones at each call."""
+        """At most n poses (poses, 3) for a robot; new ones at each call."""
         return _poses(self, rng, n)
 
 
@@ -47,20 +71,51 @@ class DiscPlacement:
 class RectanglePlacement:
     """Anywhere on a rectangle, uniform by area."""
 
-    fixed: ClassVar[bool] = False
+    draws: ClassVar[int] = 3
 
     shape: Literal["rectangle"] = "rectangle"
     center: Point = (0.0, 0.0)
     size: tuple[Size, Size]
     heading: Heading = "uniform"
+    half_plane: HalfPlaneLimit | None = None
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
 
-    def points(self, u: Array, v: Array) -> Array:
+    def points(self, u: Array) -> Array:
         """As in `DiscPlacement`."""
         (x, y), (width, height) = self.center, self.size
-        return np.column_stack([x + width * (u - 0.5), y + height * (v - 0.5)])
+        return np.column_stack([x + width * (u[0] - 0.5), y + height * (u[1] - 0.5)])
 
     def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
-        """Poses (n, 3) for a robot; new ones at each call."""
+        """As in `DiscPlacement`."""
+        return _poses(self, rng, n)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnPlacement:
+    """Anywhere on one of several regions, which is drawn for each pose, all alike."""
+
+    draws: ClassVar[int] = 4
+
+    shape: Literal["one_of"] = "one_of"
+    regions: Annotated[tuple[DiscPlacement | RectanglePlacement, ...], Length(1, 100)]
+    heading: Heading = "uniform"
+    half_plane: HalfPlaneLimit | None = None
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
+
+    def __post_init__(self) -> None:
+        for index, region in enumerate(self.regions):
+            for field, usual in (("heading", "uniform"), ("half_plane", None), ("waiting", ())):
+                if getattr(region, field) != usual:
+                    raise FieldError(f"regions[{index}].{field}", "expected beside the regions, not in one")
+
+    def points(self, u: Array) -> Array:
+        """As in `DiscPlacement`; the last row of draws says which region."""
+        which = (u[-1] * len(self.regions)).astype(int)
+        points = np.array([region.points(u) for region in self.regions], dtype=np.float64)
+        return np.asarray(points[which, np.arange(len(which))], dtype=np.float64)
+
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+        """As in `DiscPlacement`."""
         return _poses(self, rng, n)
 
 
@@ -68,29 +123,40 @@ class RectanglePlacement:
 class FixedPlacement:
     """The same poses in each instance, in the order of the robots."""
 
-    fixed: ClassVar[bool] = True
+    waiting: ClassVar[tuple[Pose, ...]] = ()
 
     shape: Literal["poses"] = "poses"
-    poses: Annotated[tuple[tuple[Coordinate, Coordinate, float], ...], Length(1, 1000)]
+    poses: Annotated[tuple[Pose, ...], Length(1, 1000)]
 
     def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Array:
         """The pose (1, 3) of a robot; the same at each call."""
         return np.array([self.poses[robot]], dtype=float)
 
 
-Placement: TypeAlias = DiscPlacement | RectanglePlacement | FixedPlacement
+Region: TypeAlias = DiscPlacement | RectanglePlacement | DrawnPlacement
+Placement: TypeAlias = Region | FixedPlacement
 
 
-def _poses(placement: DiscPlacement | RectanglePlacement, rng: np.random.Generator, n: int) -> Array:
-    u, v, turns = rng.random((3, n))  # three draws a pose whatever the heading, so that fixing it moves no robot
-    headings = 2.0 * math.pi * turns if placement.heading == "uniform" else np.full(n, placement.heading)
-    return np.column_stack([placement.points(u, v), headings])
+def _poses(placement: Region, rng: np.random.Generator, n: int) -> Array:
+    # As many draws a pose whatever the heading and the half plane, so that neither moves a robot that it allows.
+    u = rng.random((placement.draws, n))
+    headings = 2.0 * math.pi * u[2] if placement.heading == "uniform" else np.full(n, placement.heading)
+    poses = np.column_stack([placement.points(u), headings])
+    return poses if placement.half_plane is None else poses[placement.half_plane.contains(poses[:, :2])]
 
 
 def outside(placement: Placement, arena: Arena) -> str | None:
-    """The field of a placement that lies outside the walls, if one does; a region only if all of it does."""
+    """The field of a placement that leaves no place inside the walls, if one does; of fixed poses, one outside."""
     if isinstance(placement, FixedPlacement):
         inside = arena.contains(np.array(placement.poses, dtype=float)[:, :2])
         return None if inside.all() else f"poses[{int(np.argmin(inside))}]"
-    u, v = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(64) + 0.5) / 64)
-    return None if arena.contains(placement.points(u.ravel(), v.ravel())).any() else "center"
+    grid = (np.arange(64) + 0.5) / 64
+    last = (np.arange(4096) % 97 + 0.5) / 97  # all regions of a drawn one, if there are fewer than that
+    u, v = np.meshgrid(grid, grid)
+    points = placement.points(np.stack([u.ravel(), v.ravel(), last]))
+    inside = arena.contains(points)
+    if not inside.any():
+        return "regions" if isinstance(placement, DrawnPlacement) else "center"
+    if placement.half_plane is not None and not placement.half_plane.contains(points[inside]).any():
+        return "half_plane"
+    return None

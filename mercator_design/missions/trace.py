@@ -1,19 +1,37 @@
 """What happened in one experiment; all that an objective may look at."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import MissionError
+from mercator_design.jit import compiled
 from mercator_design.missions.arena import Array
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import FloorTable
-from mercator_design.missions.floor_kernels import in_zones
+from mercator_design.missions.floor_kernels import colour_at, zone_contains
+from mercator_design.missions.plugins import When, Zones
+
+Flags = NDArray[np.bool_]
+
+
+def not_measured(device: str, every: int) -> Array:  # noqa: ARG001 - nobody to ask
+    """What a device measured, (cycles, robots, ...), in every so many-th cycle: not known of tracked robots.
+
+    Raises:
+        MissionError: always.
+    """
+    raise MissionError(f"this objective needs what the robots' {device} measured, and that was not recorded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trace:
     """Where the robots were, from the simulator or from a tracking camera.
+
+    Of a floor that changes, only the start is kept: what happens to it follows from the poses, and is played again by
+    whoever looks at it later. It is then seen in each cycle as the robots sensed it, after they had moved.
 
     Raises:
         ValueError: if the arrays do not fit together.
@@ -21,9 +39,10 @@ class Trace:
 
     poses: Array  # (cycles + 1, robots, 3) x [m], y [m], heading [rad]; row 0 is the start
     states: NDArray[np.int8]  # (cycles, robots) state of each robot's PFSM after each cycle
-    floor: FloorTable
+    floor: FloorTable  # at the start
     zone_rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in floor.zones
     control_period: float  # [s]
+    measure: Callable[[str, int], Array] = not_measured
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape
@@ -48,7 +67,65 @@ class Trace:
         """After the last cycle (robots, 2)."""
         return self.poses[-1, :, :2]
 
-    def inside(self, zones: tuple[str, ...], positions: Array) -> NDArray[np.bool_]:
-        """Whether each of the positions (..., 2) lies in one of the named zones."""
-        rows = tuple(row for zone in zones for row in self.zone_rows[zone])
-        return in_zones(self.floor.zones, rows, positions)
+    def counted(self, when: When) -> Array:
+        """The positions that count (cycles, robots, 2): of all cycles, or of the last alone."""
+        return self.positions if when == "always" else self.positions[-1:]
+
+    def inside(self, zones: Zones, when: When) -> Flags:
+        """Whether each robot's centre lies in one of the named zones (cycles, robots); at the end: (1, robots)."""
+        rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
+        inside = np.zeros(self.counted(when).shape[:2], dtype=np.bool_)
+        compiled(_mark_inside)(self.floor.copy(), self._poses, self.control_period, rows, inside)
+        return inside
+
+    def colors(self, when: When) -> Array:
+        """The floor's colours (cycles, robots, 3) under the robots' centres; at the end: (1, robots, 3)."""
+        colors = np.zeros((*self.counted(when).shape[:2], 3))
+        compiled(_fill_colors)(self.floor.copy(), self._poses, self.control_period, colors)
+        return colors
+
+    def zone_colors(self, zones: Zones) -> Array:
+        """The colours that the named zones (tiles: each of them) are painted in, after each cycle (cycles, n, 3)."""
+        rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
+        colors = np.zeros((self.cycles, len(rows), 3))
+        compiled(_fill_zone_colors)(self.floor.copy(), self._poses, self.control_period, rows, colors)
+        return colors
+
+    @property
+    def _poses(self) -> Array:
+        return np.ascontiguousarray(self.poses)
+
+
+def _mark_inside(floor: FloorTable, poses: Array, period: float, rows: NDArray[np.int64], inside: Flags) -> None:
+    cycles = len(poses) - 1
+    first = cycles - len(inside)
+    for cycle in range(cycles):
+        change_floor(floor, poses[cycle + 1], (cycle + 1) * period)
+        if cycle < first:
+            continue
+        for i in range(poses.shape[1]):
+            for row in rows:
+                if zone_contains(floor, row, poses[cycle + 1, i, 0], poses[cycle + 1, i, 1]):
+                    inside[cycle - first, i] = True
+
+
+def _fill_colors(floor: FloorTable, poses: Array, period: float, colors: Array) -> None:
+    cycles = len(poses) - 1
+    first = cycles - len(colors)
+    for cycle in range(cycles):
+        change_floor(floor, poses[cycle + 1], (cycle + 1) * period)
+        if cycle < first:
+            continue
+        for i in range(poses.shape[1]):
+            red, green, blue = colour_at(floor, poses[cycle + 1, i, 0], poses[cycle + 1, i, 1])
+            colors[cycle - first, i, 0] = red
+            colors[cycle - first, i, 1] = green
+            colors[cycle - first, i, 2] = blue
+
+
+def _fill_zone_colors(floor: FloorTable, poses: Array, period: float, rows: NDArray[np.int64], colors: Array) -> None:
+    for cycle in range(len(poses) - 1):
+        change_floor(floor, poses[cycle + 1], (cycle + 1) * period)
+        for k in range(len(rows)):
+            for channel in range(3):
+                colors[cycle, k, channel] = floor.zones[rows[k], 6 + channel]

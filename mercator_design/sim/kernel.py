@@ -17,6 +17,7 @@ from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.pfsm import Program
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
 from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
 from mercator_design.sim.motion import glide, mark_close, withdraw
@@ -104,7 +105,8 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
 def sense_and_control(
     scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
 ) -> None:
-    """Every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    """The floor changes; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
     records = len(history.readings) > 0
     read = 0
     for state in range(len(program.reads)):

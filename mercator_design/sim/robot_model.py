@@ -5,20 +5,25 @@ and its assessment may differ in either (pseudo-reality) without a line of code.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
 
 from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Length, NonNegative, Range, read
+from mercator_design.loading import FieldError, Length, NonNegative, Range, is_name, read
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
 Size = Annotated[float, Range(0.01, 10.0)]
 Height = Annotated[float, Range(0.001, 100.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
 Place = Annotated[float, Range(-10.0, 10.0)]
+Channel = Annotated[int, Range(0, 255)]
 Angles = Annotated[tuple[float, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
 Friction = Annotated[float, Range(0.0, 10.0)]
@@ -205,7 +210,10 @@ class Lidar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmbientLight:
-    """One sensor of brightness; a light adds `base + exp(-decay x)` lux at x = distance / intensity, up to `reach`."""
+    """One sensor of brightness; a light adds `base + exp(-decay x)` lux at x = distance / intensity, up to `reach`.
+
+    Walls, boxes and robots hide lights, as high as they are. The defaults are argos3-rvr's.
+    """
 
     position: tuple[Place, Place] = (0.0, 0.0)  # [m] from the centre
     height: Height  # [m]
@@ -229,6 +237,12 @@ class Leds:
     """Lamps that show the state."""
 
     positions: Annotated[tuple[tuple[Place, Place], ...], Length(1, 64)]  # [m] from the centre
+    colors: Annotated[tuple[tuple[Channel, Channel, Channel], ...], Length(4, 4)] = (  # of the states
+        (0, 114, 178),
+        (230, 159, 0),
+        (0, 158, 115),
+        (204, 121, 167),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,8 +280,14 @@ class RobotModel:
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
+    vary: Mapping[str, tuple[float, float]] | None = None  # key -> bounds of its value, drawn for each instance
 
     def __post_init__(self) -> None:
+        for key, (low, high) in (self.vary or {}).items():
+            if low > high:
+                raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
+            if not isinstance(_value_at(self, key), float):
+                raise FieldError("vary", f"{key}: no number of this robot model has this key")
         if self.neighbours is not None and self.neighbours.device == "lidar" and self.lidar is None:
             raise FieldError("neighbours.device", "there is no lidar")
 
@@ -276,6 +296,13 @@ class RobotModel:
         """The highest speed of a point of the body [m/s]: a corner, driving and spinning at full speed."""
         spin = 2.0 * self.drive.maximum_speed / self.drive.tread_distance
         return self.drive.maximum_speed + spin * self.body.corner
+
+    def drawn(self, random: np.random.Generator) -> "RobotModel":
+        """The robot model of one instance: what varies has values drawn uniformly between its bounds."""
+        model: RobotModel = self
+        for key, (low, high) in (self.vary or {}).items():
+            model = _replaced(model, key.split("."), float(random.uniform(low, high)))
+        return model
 
     @property
     def senses(self) -> frozenset[str]:
@@ -290,4 +317,32 @@ def load_robot_model(name_or_path: str) -> RobotModel:
         MissionError: if there is none, or it is not valid.
     """
     path = shipped.find(name_or_path, shipped.robot_models(), "robot model")
-    return read(path, RobotModel, error=MissionError, defaults={"name": path.stem})
+    model = _read(path)
+    for key, bounds in (model.vary or {}).items():
+        for value in bounds:  # whether each may be
+            _read(path, overrides=(f"{key}={value!r}",))
+    return model
+
+
+def _read(path: Path, overrides: Sequence[str] = ()) -> RobotModel:
+    defaults = {"name": path.stem}
+    return read(path, RobotModel, error=MissionError, overrides=overrides, defaults=defaults, find_base=_find_base)
+
+
+def _find_base(name: str, folder: Path) -> Path:
+    path = name if is_name(name) else str(folder / name)
+    return shipped.find(path, shipped.robot_models(), "robot model")
+
+
+def _value_at(record: object, key: str) -> object:
+    """What a record has at the end of a way of fields, or None."""
+    for field in key.split("."):
+        record = getattr(record, field, None)
+    return record
+
+
+def _replaced(record: Any, way: Sequence[str], value: float) -> Any:  # noqa: ANN401 - dataclasses and NamedTuples
+    """A record with another value at the end of a way of fields."""
+    field, *rest = way
+    new = _replaced(getattr(record, field), rest, value) if rest else value
+    return record._replace(**{field: new}) if hasattr(record, "_replace") else replace(record, **{field: new})

@@ -1,4 +1,4 @@
-"""The part of an experiment that never changes, as numbers for the kernels."""
+"""The part of an experiment that never changes, but for a dynamic floor, as numbers for the kernels."""
 
 from typing import NamedTuple
 
@@ -71,7 +71,7 @@ class Lidar(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What never changes during an experiment: the arena, the floor of this instance, and the robot."""
+    """What is there besides the swarm: the arena, the robot, and the floor of this instance, as it is now."""
 
     walls: Floats  # (walls, 6) start x, y; vector to the end x, y; unit normal x, y [m]
     wall_height: float  # [m]
@@ -94,6 +94,7 @@ class Scene(NamedTuple):
     neighbours: Neighbours
     light: Light
     lidar: Lidar
+    control_period: float  # [s]
     wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

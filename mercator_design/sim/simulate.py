@@ -14,8 +14,10 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.seeds import generator
 from mercator_design.sim import kernel
 from mercator_design.sim.chipmunk import new_bridge
+from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World, program_arrays
@@ -29,7 +31,12 @@ class Outcome:
 
     score: float  # in the mission's own sense
     trace: Trace
-    history: History  # with readings, draws and wheels if all was recorded
+    recording: Recording  # with readings, draws and wheels if all was recorded
+
+    @property
+    def history(self) -> History:
+        """What happened, cycle by cycle."""
+        return self.recording.history
 
 
 class Simulator:
@@ -39,6 +46,12 @@ class Simulator:
         self.mission = mission
         self.robot_model = robot_model or load_robot_model(mission.robot_model)
         self._world = World(mission, self.robot_model)
+
+    def instance(self, seed: int) -> Instance:
+        """The starting situation of a seed, with the robot model that holds in it."""
+        if not self.robot_model.vary:
+            return self._world.instance(seed)
+        return World(self.mission, self.robot_model.drawn(generator(seed, "robot model"))).instance(seed)
 
     def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
         """Run one experiment.
@@ -55,11 +68,11 @@ class Simulator:
             MissionError: if the robots do not fit.
         """
         self.check(pfsm)
-        instance = self._world.instance(seed)
-        trace, history = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
+        instance = self.instance(seed)
+        trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
-        return Outcome(score=self.mission.objective(trace), trace=trace, history=history)
+        return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
 
     def rehearse(self, announce: Callable[[str], None]) -> None:
         """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
@@ -75,22 +88,27 @@ class Simulator:
 
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
-        return [self._world.instance(seed) for seed in range(10)][-1]
+        return [self.instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
-    ) -> tuple[Trace, History]:
+    ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
+        floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
-        run(instance, self.robot_model.reference_model, program_arrays(pfsm), history)
+        run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+        recording = Recording(
+            instance.robot_model, instance.scene, history, instance.swarm.noise_keys, self.mission.control_period
+        )
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=instance.scene.floor,
+            floor=floor,
             zone_rows=instance.zone_rows,
             control_period=self.mission.control_period,
+            measure=recording.measure,
         )
-        return trace, history
+        return trace, recording
 
     def check(self, pfsm: Pfsm) -> None:
         """Make sure that the robot has what a PFSM needs.

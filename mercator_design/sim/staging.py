@@ -37,12 +37,13 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         inertia=model.body.inertia,
         force=model.drive.force,
         torque=model.drive.torque,
-        wheel_noise=_noise_row(model.drive.noise),
+        wheel_noise=noise_row(model.drive.noise),
         proximity=_proximity(model),
         ground=_ground(model),
         neighbours=_neighbours(model),
         light=_light(mission, model),
         lidar=_lidar(mission, model),
+        control_period=mission.control_period,
         wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
@@ -61,7 +62,8 @@ def _box_row(box: Box) -> list[float]:
     return [*box.center, math.cos(box.angle), math.sin(box.angle), 0.5 * along, 0.5 * across, box.height]
 
 
-def _noise_row(noise: Noise) -> Floats:
+def noise_row(noise: Noise) -> Floats:
+    """Noise as the kernels want it (3,): see noise.py."""
     if isinstance(noise, Gaussian):
         return np.array([GAUSSIAN, noise.mean, noise.sd])
     if isinstance(noise, Uniform):
@@ -77,7 +79,7 @@ def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity
     if device is None:
         return scene.Proximity(0.0, _NOTHING, _NOTHING, _QUIET, _QUIET)
-    noises = _noise_row(device.noise), _noise_row(device.weight_noise)
+    noises = noise_row(device.noise), noise_row(device.weight_noise)
     return scene.Proximity(device.ring_radius, *_directions(device.angles), *noises)
 
 
@@ -85,7 +87,7 @@ def _ground(model: RobotModel) -> scene.Ground:
     device = model.ground
     if device is None:
         return scene.Ground(np.zeros((0, 2)), _QUIET)
-    return scene.Ground(np.array(device.positions), _noise_row(device.noise))
+    return scene.Ground(np.array(device.positions), noise_row(device.noise))
 
 
 def _neighbours(model: RobotModel) -> scene.Neighbours:
@@ -97,7 +99,7 @@ def _neighbours(model: RobotModel) -> scene.Neighbours:
         range=device.range,
         occlusion=device.occlusion,
         loss=device.loss,
-        noise=_noise_row(device.noise),
+        noise=noise_row(device.noise),
     )
 
 
@@ -119,7 +121,7 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
         height=device.height if device else 0.0,
         range=device.range if device else 0.0,
         occlusion=device.occlusion if device else False,
-        noise=_noise_row(device.noise if device else None),
+        noise=noise_row(device.noise if device else None),
     )
 
 
@@ -145,5 +147,5 @@ def _lidar(mission: Mission, model: RobotModel) -> scene.Lidar:
         furthest=device.range[1],
         outlines=np.vstack([edges(corners) for corners in outlines]) if outlines else np.zeros((0, 6)),
         sees_bodies=model.body.height > device.height,
-        noise=_noise_row(device.noise),
+        noise=noise_row(device.noise),
     )

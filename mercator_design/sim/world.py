@@ -12,6 +12,7 @@ from mercator_design.fsm.pfsm import Pfsm, Program
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.chipmunk import Robot, new_robot
 from mercator_design.sim.placing import first_free
@@ -31,6 +32,7 @@ _BATCH = 20  # poses tried at a time
 class Instance:
     """A starting situation: a space with all robots at their places, and the streams of their draws."""
 
+    robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
     robots: list[Robot]
     scene: Scene
@@ -53,6 +55,7 @@ class World:
         self._scene = new_scene(mission, robot_model, self._sub_steps)
         boxes = [box.corners() for box in mission.arena.obstacles]
         self._obstacles: list[list[tuple[float, float]]] = [each.tolist() for each in [*self._wall_corners(), *boxes]]
+        self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
         self._check_room()
         self._check_steps()
@@ -90,7 +93,7 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
-        floor = self.mission.floor.realise(generator(seed, "floor"))
+        floor = self.mission.floor.realise(generator(seed, "floor"))  # its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
@@ -103,7 +106,9 @@ class World:
             beams=len(self._scene.lidar.beams_x) if self._scene.neighbours.by_lidar else 0,
         )
         robots = [self._robot() for _ in poses]
-        return Instance(self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows)
+        return Instance(
+            self.robot_model, self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows
+        )
 
     def _empty_space(self) -> pymunk.Space:
         """The arena without robots."""
@@ -139,7 +144,7 @@ class World:
             else:
                 return placed[:, [0, 1, 4]]
             most = max(most, i)
-            if mission.placement.fixed:
+            if isinstance(mission.placement, FixedPlacement):
                 raise MissionError(
                     f"{mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
                 )
@@ -151,13 +156,12 @@ class World:
     def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:
         """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and how many were tried."""
         scene, placement = self._scene, self.mission.placement
-        batches = 1 if placement.fixed else _TRIALS_A_ROBOT // _BATCH
+        batches = 1 if isinstance(placement, FixedPlacement) else _TRIALS_A_ROBOT // _BATCH
+        others = np.vstack([placed[:i], self._waiting[i + 1 :]])
         for batch in range(1, batches + 1):
-            poses = placement.candidates(random, i, _BATCH)
-            headings = poses[:, 2:]
-            places = np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
+            places = _places_of(placement.candidates(random, i, _BATCH))
             k = compiled(first_free)(
-                places, placed, i, scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
+                places, others, len(others), scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
             )
             if k >= 0:
                 return places[k], batch * _BATCH
@@ -176,6 +180,12 @@ class World:
         robot.shape.friction = body.friction
         robot.shape.elasticity = body.elasticity
         return robot
+
+
+def _places_of(poses: Floats) -> Floats:
+    """Poses (n, 3) as the kernels want them (n, 5): x, y, cosine and sine of the heading, heading."""
+    headings = poses[:, 2:]
+    return np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
 
 
 def program_arrays(pfsm: Pfsm) -> Program:

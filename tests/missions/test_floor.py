@@ -17,13 +17,17 @@ from mercator_design.missions.floor import (
     Floor,
     HalfPlane,
     Image,
+    PolygonZone,
     Rectangle,
+    Ring,
     Tiles,
     rgb,
 )
-from mercator_design.missions.floor_kernels import colour_at, colours_at, in_zones, zone_at, zone_contains
+from mercator_design.missions.floor_kernels import colour_at, colours_at, zone_at, zone_contains
+from mercator_design.missions.trace import Trace
 
 RNG = seeds.generator(1, "floor")
+ARROW = ((0.0, 1.0), (-1.0, -1.0), (0.0, -0.5), (1.0, -1.0))
 CENTERS = tuple((x / 2, y / 2) for x in range(-2, 3) for y in range(-1, 2))
 
 
@@ -32,7 +36,7 @@ def table(*zones, **floor):
 
 
 def contains(zone, x, y):
-    return zone_contains(table(zone).zones, 0, x, y)
+    return zone_contains(table(zone), 0, x, y)
 
 
 class TestBorders:
@@ -68,6 +72,32 @@ class TestBorders:
         assert contains(rectangle, -0.09 * along[1], 0.09 * along[0])
         assert not contains(rectangle, -0.11 * along[1], 0.11 * along[0])
 
+    def test_ring(self):
+        ring = Ring(center=(1.0, 0.0), radius=0.5, inner_radius=0.25, color="black")
+        assert contains(ring, 1.5, 0.0)
+        assert contains(ring, 1.0, -0.25)
+        assert not contains(ring, 1.0, 0.2)
+        assert not contains(ring, 1.4, 0.4)
+        with pytest.raises(FieldError, match="inner_radius: expected less than the radius 1"):
+            Ring(center=(0.0, 0.0), radius=1.0, inner_radius=1.0, color="black")
+
+    @pytest.mark.parametrize("vertices", [ARROW, ARROW[::-1]])
+    def test_polygon(self, vertices):
+        arrow = PolygonZone(vertices=vertices, color="black")
+        for x, y in [*ARROW, (0.0, 0.0), (-0.5, 0.0), (0.5, -0.75), (-0.7, -0.8)]:
+            assert contains(arrow, x, y), (x, y)
+        for x, y in [(0.0, 1.01), (0.0, -0.51), (0.0, -1.0), (0.51, 0.0), (-2.0, -1.0), (2.0, -0.5), (-1.0, 1.0)]:
+            assert not contains(arrow, x, y), (x, y)
+
+    def test_several_polygons(self):
+        shifted = tuple((x + 5.0, y) for x, y in ARROW)
+        floor = table(PolygonZone(vertices=ARROW, color="red"), PolygonZone(vertices=shifted, color="blue"))
+        assert [zone_at(floor, x, 0.0) for x in (0.0, 5.0, 2.5)] == [0, 1, -1]
+
+    def test_a_polygon_must_be_simple(self):
+        with pytest.raises(FieldError, match=r"vertices\[2\]: the side from here crosses or touches side 0"):
+            PolygonZone(vertices=((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)), color="red")
+
     def test_half_plane(self):
         nest = HalfPlane(point=(0.0, -0.6), normal=(0.0, -2.0), color="white")
         assert contains(nest, 5.0, -0.6)
@@ -84,7 +114,7 @@ def test_later_zones_are_painted_over_earlier_ones_and_all_over_the_background()
     assert colour_at(floor, 0.0, 0.0) == (1.0, 2.0, 3.0)
     assert colour_at(floor, 0.9, 0.0) == (255.0, 255.0, 255.0)
     assert colour_at(floor, 1.1, 0.0) == (0.0, 0.0, 255.0)
-    assert [zone_at(floor.zones, x, 0.0) for x in (0.0, 0.9, 1.1)] == [1, 0, -1]
+    assert [zone_at(floor, x, 0.0) for x in (0.0, 0.9, 1.1)] == [1, 0, -1]
 
 
 def test_a_bare_floor_is_gray():
@@ -115,7 +145,7 @@ class TestTiles:
     def test_every_tile_gets_every_colour_as_often_as_it_should(self):
         """Within 5.5 standard errors at each of 15 tiles: chance of failing by luck 6e-7."""
         rng = seeds.generator(3, "floor")
-        reds = np.mean([[row[6:] == COLOURS["red"] for row in self.TILES.rows(rng)] for _ in range(4000)], axis=0)
+        reds = np.mean([[row[6:] == COLOURS["red"] for row in self.TILES.rows(rng, [])] for _ in range(4000)], axis=0)
         expected = 4 / 15
         assert np.all(np.abs(reds - expected) < 5.5 * math.sqrt(expected * (1 - expected) / 4000))
 
@@ -219,6 +249,8 @@ _zone = (
     st.builds(Disc, center=_point, radius=_size, color=_color)
     | st.builds(Rectangle, center=_point, size=st.tuples(_size, _size), angle=_angle, color=_color)
     | st.builds(HalfPlane, point=_point, normal=st.tuples(st.floats(0.1, 1), st.floats(-1, 1)), color=_color)
+    | st.builds(Ring, center=_point, radius=st.floats(1, 2), inner_radius=st.floats(0.1, 0.9), color=_color)
+    | st.builds(PolygonZone, vertices=st.sampled_from([ARROW, ARROW[::-1]]), color=_color)
     | st.just(Tiles(centers=CENTERS, size=0.3, colors={"green": 10, "red": 5}))
 )
 
@@ -238,14 +270,32 @@ def test_the_compiled_form_sees_what_the_plain_one_sees(tmp_path_factory, zones,
     colors = colours_at(floor, at)
     assert colors.tolist() == [list(colour_at(floor, x, y)) for x, y in at]
     rows = tuple(range(0, len(floor.zones), 2))
-    inside = in_zones(floor.zones, rows, at)
-    assert inside.tolist() == [any(zone_contains(floor.zones, row, x, y) for row in rows) for x, y in at]
+    inside = inside_rows(floor, rows, at)
+    assert inside.tolist() == [any(zone_contains(floor, row, x, y) for row in rows) for x, y in at]
+
+
+def inside_rows(floor, rows, points):
+    """Whether each of the points (n, 2) is in some of the rows' zones, as objectives ask."""
+    poses = np.zeros((2, len(points), 3))
+    poses[1, :, :2] = points
+    states = np.zeros((1, len(points)), dtype=np.int8)
+    trace = Trace(poses=poses, states=states, floor=floor, zone_rows={"here": rows}, control_period=0.1)
+    return trace.inside(("here",), "end")[0]
 
 
 def test_points_may_come_in_any_arrangement():
     floor = table(Disc(center=(0.0, 0.0), radius=1.0, color="red"))
     poses = RNG.uniform(-2, 2, (7, 5, 3))
-    inside = in_zones(floor.zones, (0,), poses[1:, :, :2])
-    assert np.array_equal(inside, np.hypot(poses[1:, :, 0], poses[1:, :, 1]) <= 1.0)
-    assert np.array_equal(colours_at(floor, poses[1:, :, :2])[..., 1] == 0.0, inside)
-    assert in_zones(floor.zones, (), poses[0, :, :2]).tolist() == [False] * 5
+    within = np.hypot(poses[1:, :, 0], poses[1:, :, 1]) <= 1.0
+    assert np.array_equal(colours_at(floor, poses[1:, :, :2])[..., 1] == 0.0, within)
+    trace = Trace(
+        poses=poses.transpose(0, 2, 1).copy().transpose(0, 2, 1),
+        states=np.zeros((6, 5), dtype=np.int8),
+        floor=floor,
+        zone_rows={"disc": (0,), "nothing": ()},
+        control_period=0.1,
+    )
+    assert np.array_equal(trace.inside(("disc",), "always"), within)
+    assert np.array_equal(trace.inside(("disc",), "end"), within[-1:])
+    assert not trace.inside(("nothing",), "always").any()
+    assert np.array_equal(trace.colors("always")[..., 1] == 0.0, within)

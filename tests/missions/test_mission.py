@@ -190,7 +190,7 @@ def test_overrides():
     mission = load_mission("aggregation", ["robots=20", "floor.zones[0].radius=0.3", "objective.when=always"])
     assert mission.robots == 20
     assert mission.floor.zones[0].radius == 0.3
-    assert mission.objective.parameters == {"zones": ("spot",), "when": "always"}
+    assert mission.objective.parameters == {"zones": ("spot",), "when": "always", "share": False}
 
 
 def test_direction():

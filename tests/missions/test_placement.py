@@ -10,7 +10,9 @@ from mercator_design.loading import FieldError
 from mercator_design.missions.arena import Arena, RegularPolygon
 from mercator_design.missions.placement import (
     DiscPlacement,
+    DrawnPlacement,
     FixedPlacement,
+    HalfPlaneLimit,
     RectanglePlacement,
     outside,
 )
@@ -42,6 +44,34 @@ def test_a_disc_or_ring_is_filled_evenly(inner):
     assert_uniform(x**2 + y**2, inner**2, 1.2**2)
     assert_uniform(np.arctan2(y, x) % (2 * math.pi), 0.0, 2 * math.pi)
     assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
+
+
+def test_a_disc_or_ring_may_be_filled_evenly_by_radius():
+    """As SCAaround of NEATvsEvo: the radius is uniform, so the density is not."""
+    poses = drawn(DiscPlacement(radius=1.2, inner_radius=0.35, uniform_in="radius"))
+    assert_uniform(np.hypot(poses[:, 0], poses[:, 1]), 0.35, 1.2)
+    assert_uniform(np.arctan2(poses[:, 1], poses[:, 0]) % (2 * math.pi), 0.0, 2 * math.pi)
+
+
+def test_one_of_several_regions():
+    discs = tuple(DiscPlacement(center=(x, 0.0), radius=0.3, uniform_in="radius") for x in (-0.8, 0.8))
+    poses = drawn(DrawnPlacement(regions=discs))
+    right = poses[:, 0] > 0.0
+    assert abs(right.mean() - 0.5) < FIVE_SIGMA * math.sqrt(0.25 / N)
+    assert_uniform(poses[:, 2], 0.0, 2 * math.pi)
+    from_center = np.hypot(poses[:, 0] - np.where(right, 0.8, -0.8), poses[:, 1])
+    assert_uniform(from_center, 0.0, 0.3)
+    with pytest.raises(FieldError, match=r"regions\[1\].heading: expected beside the regions"):
+        DrawnPlacement(regions=(discs[0], DiscPlacement(radius=1.0, heading=0.0)))
+
+
+def test_a_half_plane_lets_only_its_side_through_and_moves_nobody():
+    free = DiscPlacement(radius=1.0)
+    limited = DiscPlacement(radius=1.0, half_plane=HalfPlaneLimit(point=(0.0, 0.15), normal=(0.0, 2.0)))
+    all_poses = drawn(free)
+    assert np.array_equal(drawn(limited), all_poses[all_poses[:, 1] >= 0.15])
+    with pytest.raises(FieldError, match="normal: expected a direction"):
+        HalfPlaneLimit(point=(0.0, 0.0), normal=(0.0, 0.0))
 
 
 def test_a_rectangle_is_filled_evenly():
@@ -82,6 +112,10 @@ def test_a_ring_needs_width():
         (DiscPlacement(radius=0.2, center=(1.05, 0.0)), None),
         (DiscPlacement(radius=3.0, inner_radius=1.5), "center"),
         (RectanglePlacement(size=(9.0, 0.1)), None),
+        (DiscPlacement(radius=1.2, half_plane=HalfPlaneLimit(point=(0.0, 1.1), normal=(0.0, 1.0))), "half_plane"),
+        (DiscPlacement(radius=1.2, half_plane=HalfPlaneLimit(point=(0.0, 0.5), normal=(0.0, 1.0))), None),
+        (DrawnPlacement(regions=(DiscPlacement(radius=0.1), DiscPlacement(radius=0.1, center=(5.0, 0.0)))), None),
+        (DrawnPlacement(regions=(DiscPlacement(radius=0.1, center=(5.0, 0.0)),)), "regions"),
         (RectanglePlacement(size=(1.0, 1.0), center=(2.0, 0.0)), "center"),
         (FixedPlacement(poses=((0.0, 0.0, 0.0), (0.9, 0.0, 0.0))), None),
         (FixedPlacement(poses=((0.0, 0.0, 0.0), (1.1, 0.0, 0.0))), "poses[1]"),

@@ -1,0 +1,68 @@
+"""Zones take colours at times said in the mission, or drawn for each instance: signals."""
+
+import itertools
+import math
+from typing import Annotated
+
+from mercator_design.jit import jittable
+from mercator_design.loading import FieldError, Length, Positive, Range
+from mercator_design.missions.arena import Array
+from mercator_design.missions.floor import Colour, FloorTable, rgb
+from mercator_design.missions.plugins import Site, Zones, dynamic
+
+Time = Annotated[float, Range(0.0, 86_400.0)]
+
+_EARLY = 1e-6
+"""[s] Times are whole numbers of control periods but for rounding."""
+
+
+@jittable
+def repaint(floor: FloorTable, table: Array, _poses: Array, time: float) -> None:
+    """Rows of the table: when next [s], after how long again [s], row of the zone, red, green, blue."""
+    for k in range(len(table)):
+        if time > table[k, 0] - _EARLY:
+            row = int(table[k, 2])
+            for channel in range(3):
+                floor.zones[row, 6 + channel] = table[k, 3 + channel]
+            table[k, 0] += table[k, 1]
+
+
+@dynamic(change=repaint)
+def schedule(
+    site: Site,
+    *,
+    zones: Zones,
+    times: Annotated[tuple[Time, ...], Length(1, 1000)],
+    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],
+    every: Positive | None = None,
+) -> list[tuple[float, ...]]:
+    """At each of `times` [s] the zones take the colour in the same place of `colors`; all again `every` so many s."""
+    if len(times) != len(colors):
+        raise FieldError("colors", f"expected one for each of {len(times)} times, found {len(colors)}")
+    if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+        raise FieldError("times", "expected each later than the one before")
+    if every is not None and every <= times[-1] - times[0]:
+        raise FieldError("every", f"expected more than the {times[-1] - times[0]:g} s from the first time to the last")
+    again = math.inf if every is None else every
+    return [
+        (time, again, float(row), *rgb(colour))
+        for time, colour in zip(times, colors, strict=True)
+        for row in site.of(zones)
+    ]
+
+
+@dynamic(change=repaint)
+def drawn_colors(
+    site: Site,
+    *,
+    zones: Zones,
+    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],
+    earliest: Time = 0.0,
+    latest: Time = 0.0,
+) -> list[tuple[float, ...]]:
+    """The zones take one colour, drawn for each instance, at a time drawn between `earliest` and `latest` [s]."""
+    if latest < earliest:
+        raise FieldError("latest", f"expected at least the earliest, {earliest:g} s")
+    colour = colors[int(site.rng.integers(len(colors)))]
+    time = earliest + (latest - earliest) * float(site.rng.random())
+    return [(time, math.inf, float(row), *rgb(colour)) for row in site.of(zones)]

@@ -1,0 +1,40 @@
+"""Zones that take another colour when a robot has been there: trails, things taken away, fields that grow again."""
+
+from mercator_design.jit import jittable
+from mercator_design.loading import Positive
+from mercator_design.missions.arena import Array
+from mercator_design.missions.floor import Colour, FloorTable, rgb
+from mercator_design.missions.floor_kernels import zone_contains
+from mercator_design.missions.plugins import Site, Zones, dynamic
+
+_FOR_EVER = 0.0
+
+
+@jittable
+def mark_visited(floor: FloorTable, table: Array, poses: Array, time: float) -> None:
+    """Rows of the table: row of the zone, its new and its old colour, how long the new one lasts, and until when."""
+    for k in range(len(table)):
+        row = int(table[k, 0])
+        lasts, until = table[k, 7], table[k, 8]
+        if lasts == _FOR_EVER and until > 0.0:
+            continue
+        for i in range(len(poses)):
+            if zone_contains(floor, row, poses[i, 0], poses[i, 1]):
+                table[k, 8] = time + lasts
+                break
+        if table[k, 8] > 0.0:
+            colour = 1 if lasts == _FOR_EVER or time < table[k, 8] else 4
+            for channel in range(3):
+                floor.zones[row, 6 + channel] = table[k, colour + channel]
+            if colour == 4:
+                table[k, 8] = 0.0
+
+
+@dynamic(change=mark_visited)
+def visited(site: Site, *, zones: Zones, color: Colour, lasts: Positive | None = None) -> list[tuple[float, ...]]:
+    """A zone takes `color` when a robot's centre comes into it: for ever, or for `lasts` s after the last one left."""
+    new = rgb(color)
+    return [
+        (float(row), *new, *site.zones[row, 6:9].tolist(), _FOR_EVER if lasts is None else lasts, 0.0)
+        for row in site.of(zones)
+    ]

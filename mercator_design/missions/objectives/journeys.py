@@ -1,0 +1,42 @@
+"""Robots that come from one place to another."""
+
+import math
+
+import numpy as np
+
+from mercator_design.missions.arena import Point, Size
+from mercator_design.missions.plugins import Zones, objective
+from mercator_design.missions.trace import Trace
+
+
+@objective
+def trips(trace: Trace, *, sources: Zones, nests: Zones) -> float:
+    """Foraging: how often a robot that was on a source came to a nest; it carries one thing at a time.
+
+    A robot on both at once is on the source.
+    """
+    source, nest, start = 1, 2, 3
+    places = np.where(trace.inside(sources, "always"), source, 0)
+    places[(places == 0) & trace.inside(nests, "always")] = nest
+    histories = np.vstack([np.full(trace.robots, start), places]).T.ravel()  # one robot's after another's
+    visits = histories[histories > 0]
+    return float(np.sum((visits[:-1] == source) & (visits[1:] == nest)))
+
+
+@objective
+def gate_crossings(
+    trace: Trace, *, width: Size, center: Point = (0.0, 0.0), direction: float = -math.pi / 2.0
+) -> float:
+    """How often robots cross a gate's line in a direction, less how often against it, but not less than 0.
+
+    The line is `width` long, has its middle at `center`, and lies across `direction` [rad]. Whoever is on it exactly
+    has not crossed it (DirectionalGate of NEATvsEvo).
+    """
+    ahead_x, ahead_y = math.cos(direction), math.sin(direction)
+    dx = trace.positions[..., 0] - center[0]
+    dy = trace.positions[..., 1] - center[1]
+    ahead = dx * ahead_x + dy * ahead_y
+    in_gate = np.abs(dx * ahead_y - dy * ahead_x)[1:] < 0.5 * width
+    forwards = int(np.sum(in_gate & (ahead[:-1] < 0.0) & (ahead[1:] > 0.0)))
+    backwards = int(np.sum(in_gate & (ahead[:-1] > 0.0) & (ahead[1:] < 0.0)))
+    return float(max(0, forwards - backwards))

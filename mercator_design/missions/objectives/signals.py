@@ -1,0 +1,55 @@
+"""Robots that do what something found, or a colour, tells them."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import numpy as np
+
+from mercator_design.loading import Length
+from mercator_design.missions.arena import Size
+from mercator_design.missions.floor import Colour, ColourName, rgb
+from mercator_design.missions.plugins import Zone, Zones, objective
+from mercator_design.missions.trace import Flags, Trace
+
+
+@objective
+def stop_when_found(trace: Trace, *, zones: Zones, still: Size = 0.005) -> float:
+    """Stop of Gianduja: move until one robot comes to a zone, and then stand still, all of you.
+
+    From two for each robot and cycle are taken: one for each robot and cycle until a robot is in a zone, one for each
+    cycle until then in which a robot that is in none stands still, and one for each cycle after it in which a robot
+    moves. A robot moves if it goes farther than `still` [m] in a cycle. (The original compares along x and y: still
+    is less than 5 mm along both, moving is more along both.)
+    """
+    found = trace.inside(zones, "always")
+    moving = _moving(trace, still)
+    ever = found.any(axis=1)
+    searching = int(np.argmax(ever)) + 1 if ever.any() else trace.cycles
+    idle = np.sum(~moving[:searching] & ~found[:searching])
+    restless = np.sum(moving[searching:])
+    return float(2 * trace.robots * trace.cycles - searching * trace.robots - idle - restless)
+
+
+@objective
+def stop_when_told(trace: Trace, *, signal: Zone, color: Colour, still: Size = 0.005) -> float:
+    """Robots that stand still while the zone `signal` has a colour, and move while it has not, summed over cycles."""
+    told = _told(trace, signal, color)
+    return float(np.sum(_moving(trace, still) != told[:, None]))
+
+
+@objective
+def robots_where_told(trace: Trace, *, signal: Zone, places: Annotated[Mapping[ColourName, Zone], Length(1)]) -> float:
+    """Robots in that zone which belongs to the colour that the zone `signal` has, summed over cycles."""
+    there = [trace.inside((zone,), "always")[_told(trace, signal, name)] for name, zone in places.items()]
+    return float(sum(int(np.sum(each)) for each in there))
+
+
+def _told(trace: Trace, signal: str, color: Colour) -> Flags:
+    """Whether a zone has a colour, after each cycle (cycles,)."""
+    return np.asarray(np.all(trace.zone_colors((signal,))[:, 0] == rgb(color), axis=1), dtype=np.bool_)
+
+
+def _moving(trace: Trace, still: float) -> Flags:
+    """Whether each robot went farther than that in each cycle (cycles, robots)."""
+    steps = np.diff(trace.poses[..., :2], axis=0)
+    return np.asarray(np.hypot(steps[..., 0], steps[..., 1]) > still, dtype=np.bool_)

@@ -1,0 +1,286 @@
+"""What the robot's devices measured and did in an experiment, computed afterwards from where the robots were.
+
+No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. Noise is a
+function of device, cycle and value (noise.py), so that what is computed later is what would have been measured.
+Sources: the Mercator paper, sections 4.2 and 4.3; where it is silent or differs, the plugin argos3-rvr.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.errors import SimulationError
+from mercator_design.jit import compiled
+from mercator_design.sim import noise as device
+from mercator_design.sim.lidar import scan
+from mercator_design.sim.noise import NO_NOISE, noise
+from mercator_design.sim.robot_model import AmbientLight, Device, Ground, Leds, Lidar, Proximity, RobotModel
+from mercator_design.sim.scene import Scene
+from mercator_design.sim.sight import cast, is_lit
+from mercator_design.sim.staging import noise_row
+from mercator_design.sim.swarm import History
+
+Floats = NDArray[np.float64]
+Cycles = NDArray[np.int64]
+"""Numbers of cycles, from 0."""
+
+_GRAVITY = 9.81
+"""[m/s2]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One experiment, of which devices can be read: `recording.measure("imu")`."""
+
+    robot_model: RobotModel
+    scene: Scene
+    history: History
+    noise_keys: NDArray[np.uint64]  # (robots,)
+    control_period: float  # [s]
+
+    def measure(self, name: str, every: int = 1) -> Floats:
+        """What a device measured or did at the end of every so many-th cycle, from the first on.
+
+        Args:
+            name: Of DEVICES.
+            every: 1 for all cycles.
+
+        Returns:
+            (cycles, robots, ...) as the device's function in this file says.
+
+        Raises:
+            SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that.
+        """
+        if name not in DEVICES:
+            raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
+        sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
+        if sensor is None and name != "wheels":
+            raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
+        return DEVICES[name](self, sensor, np.arange(0, len(self.history.states), every))
+
+    def times(self, every: int = 1) -> Floats:
+        """When [s] that was: (cycles,)."""
+        times: Floats = self.control_period * np.arange(1.0, len(self.history.states) + 1.0)[::every]
+        return times
+
+    @property
+    def headings(self) -> Floats:
+        """(cycles + 1, robots) [rad], growing beyond a turn; row 0 is the start."""
+        return self.history.poses[..., 2]
+
+    def recorded(self, name: str) -> Floats:
+        """A part of the history that only recorded experiments have."""
+        found: Floats = getattr(self.history, name)
+        if len(found) < len(self.history.states):
+            raise SimulationError("this device can only be read of an experiment that was recorded (record=True)")
+        return found
+
+
+def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:
+    """Speed of the left and right tread [m/s], with the drive's noise, as set at the end of each cycle."""
+    return recording.recorded("commands")[cycles]
+
+
+def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
+    """Red, green, blue of the ground, 0 to 255: the mean of several sensors, or what they voted for."""
+    return recording.recorded("readings")[cycles][..., 5:8]
+
+
+def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Commanded velocity in the start's frame (eqs. 1-5) [m/s]; forwards is y, as for the RVR."""
+    return _finished(recording, sensor, device.VELOCITY, cycles, _velocities(recording)[cycles])
+
+
+def accelerometer(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Change of that velocity over a cycle along x and y, and gravity along z (eqs. 6-9) [g]."""
+    moved = _velocities(recording)
+    changes = np.diff(moved, axis=0, prepend=0.0) / (recording.control_period * _GRAVITY)
+    upright = np.concatenate([changes, np.ones((*changes.shape[:2], 1))], axis=2)
+    return _finished(recording, sensor, device.ACCELEROMETER, cycles, upright[cycles])
+
+
+def gyroscope(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Turn about x, y and z over a cycle (eqs. 10-11) [rad/s]; the floor is level."""
+    turns = np.diff(recording.headings, axis=0) / recording.control_period
+    return _finished(recording, sensor, device.GYROSCOPE, cycles, _about_z(turns)[cycles])
+
+
+def imu(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Pitch, roll and yaw against the world [rad], yaw from -pi to pi."""
+    yaws = np.arctan2(np.sin(recording.headings[1:]), np.cos(recording.headings[1:]))
+    return _finished(recording, sensor, device.IMU, cycles, _about_z(yaws)[cycles])
+
+
+def locator(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Place from the start, along the world's axes (eq. 12) [m]."""
+    places = recording.history.poses[1:, :, :2] - recording.history.poses[0, :, :2]
+    return _finished(recording, sensor, device.LOCATOR, cycles, places[cycles])
+
+
+def quaternion(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+    """Orientation against that at the start (eq. 13): w, x, y, z."""
+    half = 0.5 * (recording.headings[1:] - recording.headings[0])
+    none = np.zeros_like(half)
+    values = np.stack([np.cos(half), none, none, np.sin(half)], axis=2)
+    return _finished(recording, sensor, device.QUATERNION, cycles, values[cycles])
+
+
+def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) -> Floats:
+    """Brightness (cycles, robots, 1) [lux]: of each light that nothing hides, by its distance and intensity."""
+    found = np.zeros((len(cycles), len(recording.noise_keys), 1))
+    law = (sensor.height, sensor.base, sensor.decay, sensor.reach)
+    compiled(_fill_lux)(recording.scene, _placed(recording, cycles), *sensor.position, law, found)
+    return _finished(recording, sensor, device.AMBIENT_LIGHT, cycles, found)
+
+
+def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Floats:
+    """Distances (cycles, robots, sensors) [m]; minus infinity if too near, infinity if too far or none (4.2.9)."""
+    nearest, furthest = sensors.range
+    found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
+    scratch = np.zeros(len(sensors.angles))
+    compiled(_fill_proximity)(recording.scene, _placed(recording, cycles), furthest, scratch, found)
+    hit = (found >= nearest) & (found <= furthest)
+    disturbed = _disturbed(recording, noise_row(sensors.noise), device.PROXIMITY, cycles, found)
+    return np.where(hit, np.clip(disturbed, 0.0, None), np.where(found < nearest, -np.inf, np.inf))
+
+
+def lidar(recording: Recording, _sensor: Lidar, cycles: Cycles) -> Floats:
+    """Distances (cycles, robots, beams) [m]; 0 where nothing is in range (4.2.10)."""
+    beams = len(recording.scene.lidar.beams_x)
+    found = np.zeros((len(cycles), len(recording.noise_keys), beams))
+    poses = _placed(recording, cycles)
+    compiled(_fill_lidar)(recording.scene, poses, recording.noise_keys, cycles, np.zeros(beams), found)
+    return found
+
+
+def lidar_points(recording: Recording, sensor: Lidar, cycles: Cycles) -> Floats:
+    """Where in the world each beam ended (cycles, robots, beams, 2) [m]; NaN where nothing is in range."""
+    distances = lidar(recording, sensor, cycles)[..., np.newaxis]
+    beams = np.stack([recording.scene.lidar.beams_x, recording.scene.lidar.beams_y], axis=1)
+    poses = _placed(recording, cycles)[:, :, np.newaxis]
+    c, s = poses[..., 3], poses[..., 4]
+    directions = np.stack([c * beams[:, 0] - s * beams[:, 1], s * beams[:, 0] + c * beams[:, 1]], axis=-1)
+    ends = poses[..., :2] + (sensor.ring_radius + distances) * directions
+    return np.where(distances > 0.0, ends, np.nan)
+
+
+def leds(recording: Recording, lamps: Leds, cycles: Cycles) -> Floats:
+    """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255: they show the state."""
+    shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
+    return np.repeat(shown[:, :, np.newaxis], len(lamps.positions), axis=2)
+
+
+DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxyType(
+    {
+        function.__name__: function
+        for function in (
+            wheels,
+            leds,
+            ground,
+            proximity,
+            lidar,
+            lidar_points,
+            ambient_light,
+            velocity,
+            accelerometer,
+            gyroscope,
+            imu,
+            locator,
+            quaternion,
+        )
+    }
+)
+"""What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
+
+
+def _velocities(recording: Recording) -> Floats:
+    """Commanded velocities (cycles, robots, 2), turned by a quarter: forwards is y [m/s]."""
+    executed = np.zeros_like(recording.recorded("commands"))
+    executed[1:] = recording.recorded("commands")[:-1]  # a command moves the treads one cycle later
+    speeds = executed.mean(axis=2)
+    angles = recording.headings[1:] - recording.headings[0] + 0.5 * math.pi
+    return np.stack([speeds * np.cos(angles), speeds * np.sin(angles)], axis=2)
+
+
+def _about_z(values: Floats) -> Floats:
+    none = np.zeros_like(values)
+    return np.stack([none, none, values], axis=2)
+
+
+def _placed(recording: Recording, cycles: Cycles) -> Floats:
+    """Poses (cycles, robots, 5) as the kernels want them: with cosine and sine of the heading."""
+    poses = recording.history.poses[1:][cycles]
+    return np.concatenate([poses, np.cos(poses[..., 2:]), np.sin(poses[..., 2:])], axis=2)
+
+
+def _finished(
+    recording: Recording, sensor: Device | AmbientLight, number: int, cycles: Cycles, values: Floats
+) -> Floats:
+    """Values with the device's noise, within its range."""
+    return np.clip(_disturbed(recording, noise_row(sensor.noise), number, cycles, values), *sensor.range)
+
+
+def _disturbed(recording: Recording, row: Floats, number: int, cycles: Cycles, values: Floats) -> Floats:
+    """Values (cycles, robots, n) with noise."""
+    if row[0] == NO_NOISE:
+        return values
+    disturbed = values.copy()
+    compiled(_add_noise)(row, recording.noise_keys, number, cycles, disturbed)
+    return disturbed
+
+
+def _add_noise(row: Floats, keys: NDArray[np.uint64], number: int, cycles: Cycles, values: Floats) -> None:
+    per_cycle = values.shape[2]
+    for n in range(len(cycles)):
+        for i in range(values.shape[1]):
+            for k in range(per_cycle):
+                values[n, i, k] += noise(row, keys[i], number, cycles[n] * per_cycle + k)
+
+
+def _fill_lux(
+    scene: Scene, poses: Floats, ahead: float, aside: float, law: tuple[float, float, float, float], found: Floats
+) -> None:
+    height, base, decay, reach = law
+    lights = scene.light.lights
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            c, s = poses[n, i, 3], poses[n, i, 4]
+            x = poses[n, i, 0] + c * ahead - s * aside
+            y = poses[n, i, 1] + s * ahead + c * aside
+            for k in range(len(lights)):
+                to_x, to_y, rise = lights[k, 0] - x, lights[k, 1] - y, lights[k, 2] - height
+                away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
+                if (
+                    away <= reach
+                    and scene.light.seen[k, i]
+                    and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
+                ):
+                    found[n, i, 0] += base + math.exp(-decay * away)
+
+
+def _fill_proximity(scene: Scene, poses: Floats, furthest: float, scratch: Floats, found: Floats) -> None:
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            cast(scene, poses[n], i, furthest, scratch)
+            for k in range(len(scratch)):
+                found[n, i, k] = scratch[k]
+
+
+def _fill_lidar(
+    scene: Scene,
+    poses: Floats,
+    keys: NDArray[np.uint64],
+    cycles: Cycles,
+    scratch: Floats,
+    found: Floats,
+) -> None:
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            scan(scene, poses[n], i, keys[i], cycles[n], scratch)
+            for k in range(len(scratch)):
+                found[n, i, k] = scratch[k]

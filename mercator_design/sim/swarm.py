@@ -1,5 +1,6 @@
 """The part of an experiment that changes, and what is recorded of it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +75,7 @@ def new_swarm(
         control_keys=control_keys,
         noise_keys=noise_keys,
         heard=np.zeros((n, n, 3) if model.neighbour_memory > 0.0 else (0, 0, 3)),
-        votes=np.zeros((n, int(model.ground_vote_cycles), 2)),
+        votes=np.zeros((n, math.ceil(model.ground_vote_cycles), 2)),
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
         proximity=np.zeros(sensors),

@@ -81,6 +81,7 @@ def new_robot(
     gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
     for joint, limit in ((pivot, force), (gear, torque)):
         joint.max_bias = 0.0  # velocities are to agree, not positions
+        joint.error_bias = 0.0
         joint.max_force = limit
     length, width = half_size
     shape = pymunk.Circle(body, length) if round_ else pymunk.Poly.create_box(body, (2.0 * length, 2.0 * width))

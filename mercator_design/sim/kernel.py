@@ -65,6 +65,13 @@ def begin_motion(scene: Scene, swarm: Swarm) -> None:
 
 
 @jittable
+def end_motion(scene: Scene, swarm: Swarm) -> None:
+    """What comes after Chipmunk's part: robots in its space that reach into walls too far are moved, and marked."""
+    for i in range(len(swarm.poses)):
+        swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i)
+
+
+@jittable
 def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
     """One control cycle of motion."""
     # Robots leave with the state that they had at the end of the cycle before, and glide on from there.
@@ -88,8 +95,10 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
         for i in range(n):
             if swarm.held[i]:
                 read_state(bridge, i, swarm.poses, swarm.velocities)
-                if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
-                    write_state(bridge, i, swarm.poses, swarm.velocities)
+        end_motion(scene, swarm)
+        for i in range(n):
+            if swarm.moved[i]:
+                write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable

@@ -27,6 +27,7 @@ class Swarm(NamedTuple):
     # What robots remember of what they perceived; without rows where the reference model remembers nothing.
     heard: Floats  # (robots, robots, 3) of each other: cycles that it still counts, place ahead, place to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
+    moved: NDArray[np.bool_]  # (robots,) whether it was moved out of a wall at the end of this cycle
     former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
     # Scratch of one robot: what it senses.
@@ -76,6 +77,7 @@ def new_swarm(
         noise_keys=noise_keys,
         heard=np.zeros((n, n, 3) if model.neighbour_memory > 0.0 else (0, 0, 3)),
         votes=np.zeros((n, math.ceil(model.ground_vote_cycles), 2)),
+        moved=np.zeros(n, dtype=np.bool_),
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
         proximity=np.zeros(sensors),

@@ -34,13 +34,16 @@ def check(seed):
     while True:
         try:
             simulator = Simulator(random_mission(draw), random_robot(draw))
-            outcome = simulator.run(random_pfsm(draw, simulator.robot_model), seed)
+            pfsm = random_pfsm(draw, simulator.robot_model)
+            outcome = simulator.run(pfsm, seed)
             break
         except (FieldError, MissionError):  # walls that cross, no room for the robots, and so on
             continue
     trace, mission, body = outcome.trace, simulator.mission, simulator.robot_model.body
     assert math.isfinite(outcome.score)
     assert np.isfinite(trace.poses).all()
+    if seed % 10 == 0:
+        assert np.array_equal(trace.poses, simulator.run(pfsm, seed, referee=True).trace.poses)
     poses = trace.poses.reshape(-1, 3)
     assert mission.arena.contains(poses[:, :2]).all()
     inside_walls = depth_in_walls(poses, body, mission.arena)
@@ -57,7 +60,7 @@ def test_random_missions():
     with ThreadPoolExecutor(2) as pool:
         inside_walls, inside_robots, speed = np.max(list(pool.map(check, range(200))), axis=0)
     assert inside_walls > 0.0019  # they did push
-    assert min(inside_robots, speed) > 0.3
+    assert min(inside_robots, speed) > 0.2
 
 
 @pytest.mark.slow

@@ -15,13 +15,14 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import yaml
 
 from mercator_design import schema
 from mercator_design.errors import MercatorError
 from mercator_design.schema import (
+    Ascending,
     FieldError,
     FilePath,
     KeywordsOf,
@@ -34,9 +35,10 @@ from mercator_design.schema import (
     Range,
     Specification,
 )
-from mercator_design.yaml_tree import Fault, Node, compose, excerpt, override, read_text, steps
+from mercator_design.yaml_tree import Fault, Node, compose, excerpt, merge, override, read_text, steps
 
 __all__ = [
+    "Ascending",
     "FieldError",
     "FilePath",
     "KeywordsOf",
@@ -47,11 +49,15 @@ __all__ = [
     "Positive",
     "Range",
     "dump",
+    "is_name",
     "parse",
+    "plain",
     "read",
 ]
 
 T = TypeVar("T")
+
+FindBase: TypeAlias = Callable[[str, Path], Path]
 
 
 def read(
@@ -61,6 +67,7 @@ def read(
     error: type[MercatorError],
     overrides: Sequence[str] = (),
     defaults: Mapping[str, str] = types.MappingProxyType({}),
+    find_base: FindBase | None = None,
 ) -> T:
     """The dataclass `kind` that a YAML file describes.
 
@@ -70,6 +77,8 @@ def read(
         error: the class of errors to raise.
         overrides: assignments as `floor.zones[0].radius=0.3`, put in before anything is built.
         defaults: values of top-level keys that the file may leave out.
+        find_base: where the file of a `base` is, given what the file calls it and the file's folder. What a file with
+            that key does not say is as its base says.
 
     Raises:
         error: with file, line, path of the key, what was expected and what was found.
@@ -79,7 +88,16 @@ def read(
     except Fault as fault:
         raise error(str(fault)) from None
     folder = Path(path).parent
-    return parse(text, kind, error=error, label=str(path), folder=folder, overrides=overrides, defaults=defaults)
+    return parse(
+        text,
+        kind,
+        error=error,
+        label=str(path),
+        folder=folder,
+        overrides=overrides,
+        defaults=defaults,
+        find_base=find_base,
+    )
 
 
 def parse(
@@ -91,10 +109,13 @@ def parse(
     folder: Path | None = None,
     overrides: Sequence[str] = (),
     defaults: Mapping[str, str] = types.MappingProxyType({}),
+    find_base: FindBase | None = None,
 ) -> T:
     """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`."""
     try:
         tree = compose(text, label, folder or Path.cwd())
+        if find_base is not None:
+            tree = _on_base(tree, find_base, [label])
         for assignment in overrides:
             override(tree, assignment)
         if isinstance(tree.content, dict):
@@ -103,6 +124,22 @@ def parse(
         return typing.cast("T", _build(tree, kind, ""))
     except Fault as fault:
         raise error(str(fault)) from None
+
+
+def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
+    """A tree with what its base, and that one's base, say in addition; `labels` are the files on the way."""
+    if not isinstance(tree.content, dict) or "base" not in tree.content:
+        return tree
+    base = tree.content.pop("base")
+    name = _build(base, str, "base")
+    try:
+        path = find_base(name, tree.folder)
+    except MercatorError as error:
+        raise _fault(base, "base", str(error)) from None
+    if str(path) in labels:
+        raise _fault(base, "base", f"{path} is based on itself")
+    below = compose(read_text(path), str(path), path.parent)
+    return merge(_on_base(below, find_base, [*labels, str(path)]), tree)
 
 
 def is_name(text: str) -> bool:
@@ -260,19 +297,20 @@ def _nearest(word: str, known: Iterable[str]) -> str:
 
 def dump(value: object) -> str:
     """The YAML text of a dataclass, with every default filled in: `parse(dump(x), type(x))` equals x."""
-    return yaml.dump(_plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return yaml.dump(plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
-def _plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
+def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
+    """A dataclass, or a value of one, as YAML and JSON have it."""
     if schema.is_record(value):
         kind: Kind = type(value)
         keywords = schema.keywords_of(kind)
-        fields = {name: _plain(getattr(value, name)) for name in schema.fields_of(kind)}
+        fields = {name: plain(getattr(value, name)) for name in schema.fields_of(kind)}
         return fields | fields.pop(keywords[0]) if keywords else fields
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value
 
 

@@ -202,6 +202,22 @@ def override(tree: Node, assignment: str) -> None:
     _put(node, way[-1], value, label)
 
 
+_TAGS = ("shape", "device", "distribution")
+"""Keys that say what a mapping is; one that is something else has nothing to take over."""
+
+
+def merge(base: Node, changes: Node) -> Node:
+    """A tree with some values put in the place of the base's, key by key; lists are replaced whole."""
+    old, new = base.content, changes.content
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return changes
+    for tag in _TAGS:
+        if tag in old and tag in new and old[tag].content != new[tag].content:
+            return changes
+    merged = old | {key: merge(old[key], value) if key in old else value for key, value in new.items()}
+    return Node(content=merged, where=changes.where, folder=changes.folder)
+
+
 def _put(node: Node, step: str | int, value: Node, label: str) -> None:
     content = node.content
     if isinstance(content, dict) and isinstance(step, str):

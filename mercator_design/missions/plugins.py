@@ -111,8 +111,8 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
 
 def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The zones that parameters name, each with its place among them, as ("zones[0]", "nest")."""
-    for name, (kind, _) in parameters_of(function).items():
-        yield from _references(kind, parameters[name], name)
+    for name, (kind, default) in parameters_of(function).items():
+        yield from _references(kind, parameters.get(name, default), name)
 
 
 def _references(kind: Kind, value: Any, path: str) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - of that kind

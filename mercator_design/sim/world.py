@@ -32,6 +32,7 @@ _BATCH = 20  # poses tried at a time
 class Instance:
     """A starting situation: a space with all robots at their places, and the streams of their draws."""
 
+    robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
     robots: list[Robot]
     scene: Scene
@@ -105,7 +106,9 @@ class World:
             beams=len(self._scene.lidar.beams_x) if self._scene.neighbours.by_lidar else 0,
         )
         robots = [self._robot() for _ in poses]
-        return Instance(self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows)
+        return Instance(
+            self.robot_model, self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows
+        )
 
     def _empty_space(self) -> pymunk.Space:
         """The arena without robots."""

@@ -38,6 +38,7 @@ def instance(mission, seed=1, robots=None):
         floor=mission.floor.realise(rng),
         zone_rows=mission.floor.zone_rows(),
         control_period=mission.control_period,
+        measure=lambda _, every: rng.uniform(-1.2, 1.2, (len(range(0, mission.cycles, every)), robots, 719, 2)),
     )
 
 

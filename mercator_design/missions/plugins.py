@@ -109,7 +109,8 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
 def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The zones that parameters name, each with its place among them, as ("zones[0]", "nest")."""
     for name, (kind, _) in parameters_of(function).items():
-        yield from _references(kind, parameters[name], name)
+        if name in parameters:  # else the function's own default holds
+            yield from _references(kind, parameters[name], name)
 
 
 def _references(kind: Kind, value: Any, path: str) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - of that kind

@@ -43,7 +43,7 @@ _DPI = 160  # of a PNG
 _PIXELS = 800  # of the floor, along its longer side
 _FINER = 2  # points looked at along a pixel's side
 _CELLS = 200  # of the grid on which the start area is found, along the arena's longer side
-_CANDIDATES = 200_000
+_CANDIDATES, _ROUNDS = 200_000, 30
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING, _LIGHT = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00", "#ffd23f"
 _STYLE: dict[Any, Any] = {
@@ -221,23 +221,32 @@ def _arena_clip(axes: Axes, mission: Mission) -> Area:
 
 def _draw_start_area(axes: Axes, mission: Mission) -> None:
     """The border of where the placement's candidates fall, within the arena."""
+    points = _candidates(mission)
+    grid = _within(mission, max(10, min(_CELLS, math.isqrt(len(points) // 5))))
+    left, right, bottom, top = _bounds(grid)
+    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
+    covered = ndimage.binary_closing(np.pad(counts > 0, 2))  # no holes by luck
+    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])[::-1]
+    covered &= ndimage.binary_erosion(np.pad(inside, 2), iterations=2)  # seen beside the walls
+    smooth = ndimage.gaussian_filter(covered.astype(float), 1.5)
+    rows, columns = smooth.shape
+    cell = (right - left) / grid.shape[1]
+    x, y = left + cell * (np.arange(columns) - 1.5), bottom + cell * (np.arange(rows) - 1.5)
+    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
+        axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
+
+
+def _candidates(mission: Mission) -> Array:
+    """Places (n, 2) within the arena that the placement proposes; the more are tried, the fewer lie there."""
     random = generator(0, "preview")
     each = max(1, _CANDIDATES // mission.robots)
-    poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
-    grid = _within(mission, _CELLS)
-    left, right, bottom, top = _bounds(grid)
-    counts, _, _ = np.histogram2d(poses[:, 1], poses[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
-    covered = ndimage.binary_closing(np.pad(counts > 0, 3))[2:-2, 2:-2].astype(float)  # no holes by luck
-    smooth = ndimage.gaussian_filter(covered, 1.5)
-    cell = (right - left) / grid.shape[1]
-    x = left + cell * (np.arange(smooth.shape[1]) - 0.5)
-    y = bottom + cell * (np.arange(smooth.shape[0]) - 0.5)
-    clip = _arena_clip(axes, mission)
-    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
-        border = axes.contour(
-            x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6
-        )
-        border.set_clip_path(clip)
+    found: list[Array] = []
+    for _ in range(_ROUNDS):
+        poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
+        found.append(poses[mission.arena.contains(poses[:, :2]), :2])
+        if sum(map(len, found)) >= _CANDIDATES // 2:
+            break
+    return np.vstack(found)
 
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:

@@ -24,7 +24,6 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mercator_design.errors import MercatorError
 from mercator_design.files import write_bytes
 from mercator_design.missions.arena import Array, Light
 from mercator_design.missions.floor import FloorTable
@@ -36,8 +35,6 @@ from mercator_design.sim.robot_model import DiscBody, RobotModel
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
-FORMATS = ("png", "svg")
-
 _WIDTH = 4.6  # of the picture [inches]
 _DPI = 160  # of a PNG
 _PIXELS = 800  # of the floor, along its longer side
@@ -46,6 +43,7 @@ _CELLS = 200  # of the grid on which the start area is found, along the arena's 
 _CANDIDATES, _ROUNDS = 200_000, 30
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING, _LIGHT = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00", "#ffd23f"
+_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
@@ -56,27 +54,23 @@ _STYLE: dict[Any, Any] = {
 
 
 def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
-    """Write the picture of a mission, in the format that the path's suffix names.
+    """Write the picture of a mission.
 
     Args:
-        path: With the suffix .png or .svg.
+        path: With the suffix .png or .svg, which says what is written.
         simulator: Of the mission, with the robot.
         seed: The instance whose floor and starting poses are shown.
 
     Raises:
-        MercatorError: if the suffix is another.
         MissionError: if the robots do not fit.
     """
-    format_ = path.suffix[1:].lower()
-    if format_ not in FORMATS:
-        raise MercatorError(f"{path}: expected a name that ends in .png or .svg, found '{path.suffix or path.name}'")
+    suffix = path.suffix.lower()
     file = io.BytesIO()
     with _house_style():
         figure = preview(simulator, seed=seed)
-        if format_ == "svg":
+        if suffix == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all its pixels, to be scaled by who shows it
-        metadata = {"Date": None, "Creator": None} if format_ == "svg" else {"Software": None}
-        figure.savefig(file, format=format_, metadata=metadata, dpi=_DPI)
+        figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
     write_bytes(path, file.getvalue())
 
 
@@ -102,8 +96,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     _draw_arena(axes, mission)
     _draw_floor(axes, mission, instance)
-    if not isinstance(mission.placement, FixedPlacement):
-        _draw_start_area(axes, mission)
+    if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission):
         line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
         place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
         figure.legend(
@@ -219,8 +212,8 @@ def _arena_clip(axes: Axes, mission: Mission) -> Area:
     return Area(mission.arena.corners(), transform=axes.transData)
 
 
-def _draw_start_area(axes: Axes, mission: Mission) -> None:
-    """The border of where the placement's candidates fall, within the arena."""
+def _draw_start_area(axes: Axes, mission: Mission) -> bool:
+    """The border of where the placement's candidates fall, within the arena; False if that is too small to show."""
     points = _candidates(mission)
     grid = _within(mission, max(10, min(_CELLS, math.isqrt(len(points) // 5))))
     left, right, bottom, top = _bounds(grid)
@@ -229,11 +222,14 @@ def _draw_start_area(axes: Axes, mission: Mission) -> None:
     inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])[::-1]
     covered &= ndimage.binary_erosion(np.pad(inside, 2), iterations=2)  # seen beside the walls
     smooth = ndimage.gaussian_filter(covered.astype(float), 1.5)
+    if smooth.max() <= 0.5:
+        return False
     rows, columns = smooth.shape
     cell = (right - left) / grid.shape[1]
     x, y = left + cell * (np.arange(columns) - 1.5), bottom + cell * (np.arange(rows) - 1.5)
     for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
         axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
+    return True
 
 
 def _candidates(mission: Mission) -> Array:

@@ -83,12 +83,8 @@ def test_robots_stand_where_the_instance_has_them(labyrinth, seed):
     poses = labyrinth.instance(seed).swarm.poses
     body = load_robot_model("mercator").body
     for x, y, heading in poses[:, :3]:
-        front_left = [x, y] + np.array(
-            [
-                0.5 * (body.length * np.cos(heading) - body.width * np.sin(heading)),
-                0.5 * (body.length * np.sin(heading) + body.width * np.cos(heading)),
-            ]
-        )
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        front_left = np.array([x, y]) + turn @ [0.5 * body.length, 0.5 * body.width]
         assert any(np.allclose(each[0], front_left) for each in drawn)
 
 

@@ -243,6 +243,56 @@ def evaluate(
 
 
 @cli.command()
+@click.argument("fsm", type=_FILE)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
+)
+@click.option(
+    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+)
+@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Record every so many-th cycle.")
+@click.option("--mission", help="As for evaluate.")
+@_SEED
+@click.option("--robot-model", help="As for evaluate.")
+@_FLAVOUR
+@_LENIENT
+@_SET
+@_PLUGIN
+def record(
+    fsm: Path,
+    output: Path,
+    devices: str,
+    every: int,
+    mission: str | None,
+    seed: int,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+) -> None:
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    --seed is the instance's own, as evaluate --json lists them.
+    """
+    from mercator_design.files import write_bytes
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    if output.suffix not in FORMATS:
+        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
+    loaded = _mission_of(fsm, file, mission, overrides)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    simulator.rehearse(announce=_tell)
+    outcome = simulator.run(file.pfsm, seed, record=True)
+    names = [name.strip() for name in devices.split(",") if name.strip()]
+    write_bytes(output, recording_bytes(outcome.recording, names, every=every, suffix=output.suffix))
+    click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
+
+
+@cli.command()
 @click.argument("files", nargs=-1, required=True, type=_FILE)
 @_FLAVOUR
 @_LENIENT
@@ -478,7 +528,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
-        if _has_key(file, "body"):
+        if _has_key(file, "body") or _has_key(file, "base"):
             return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
         Simulator(mission).try_placement()

@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from mercator_design import run_folder, shipped
@@ -394,3 +396,45 @@ assert controller.state == 1 and wheels == (0, 0), wheels
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+class TestRecord:
+    def test_a_table(self, mdesign, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=2", "--seed", 3, "--every", 5]
+        out = tmp_path / "trace.csv"
+        code, text, err = mdesign("record", tmp_path / "fsm.txt", *options, "--devices", "imu, wheels", "-o", out)
+        assert (code, err) == (0, "")
+        assert "seed 3, score" in text
+        table = pd.read_csv(out)
+        assert list(table.columns) == [
+            *["time", "robot", "x", "y", "heading", "state", "imu_0", "imu_1", "imu_2", "wheels_0", "wheels_1"]
+        ]
+        assert table.time.unique().tolist() == [0.1, 0.6, 1.1, 1.6]
+        assert len(table) == 4 * 3
+
+    def test_arrays(self, mdesign, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=2", "--devices", "lidar", "--every", 10]
+        assert mdesign("record", tmp_path / "fsm.txt", *options, "-o", tmp_path / "trace.npz")[0] == 0
+        with np.load(tmp_path / "trace.npz") as arrays:
+            assert arrays["lidar"].shape == (2, 3, 719)
+            assert arrays["pose"].shape == (2, 3, 3)
+            assert arrays["time"].tolist() == [0.1, 1.1]
+
+    @pytest.mark.parametrize(
+        ("options", "code", "words"),
+        [
+            (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
+            (["-o", "trace.csv", "--devices", "radar"], 1, "no device is called 'radar'; known: wheels, leds"),
+            (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
+            (["-o", "nowhere/trace.csv"], 1, "nowhere"),
+        ],
+    )
+    def test_mistakes_are_named(self, mdesign, tmp_path, monkeypatch, options, code, words):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        found, out, err = mdesign("record", "fsm.txt", "--mission", "aggregation", "--set", "duration=1", *options)
+        assert (found, out) == (code, "")
+        assert words in err
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt"]

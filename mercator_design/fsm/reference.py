@@ -4,9 +4,9 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from mercator_design.schema import NonNegative, Positive
+from mercator_design.schema import NonNegative, Positive, Range
 
 
 class Readings(NamedTuple):
@@ -91,7 +91,7 @@ class ReferenceModel(NamedTuple):
 
     # Where ground_vote_cycles is not 0, the ground is black, gray (127.5) or white as more than ground_majority of the
     # ground sensors' gray levels of so many cycles say: black < ground_vote_black, white > ground_vote_white.
-    ground_vote_cycles: NonNegative = 0.0
+    ground_vote_cycles: Annotated[float, Range(0.0, 10_000.0)] = 0.0
     ground_vote_black: NonNegative = 0.03 * 255
     ground_vote_white: NonNegative = 0.85 * 255
     ground_majority: NonNegative = 10.0

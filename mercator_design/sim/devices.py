@@ -58,7 +58,7 @@ class Recording:
         """
         if name not in DEVICES:
             raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
-        sensor = getattr(self.robot_model, name, None)
+        sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
         if sensor is None and name != "wheels":
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
         return DEVICES[name](self, sensor, np.arange(0, len(self.history.states), every))
@@ -158,6 +158,17 @@ def lidar(recording: Recording, _sensor: Lidar, cycles: Cycles) -> Floats:
     return found
 
 
+def lidar_points(recording: Recording, sensor: Lidar, cycles: Cycles) -> Floats:
+    """Where in the world each beam ended (cycles, robots, beams, 2) [m]; NaN where nothing is in range."""
+    distances = lidar(recording, sensor, cycles)[..., np.newaxis]
+    beams = np.stack([recording.scene.lidar.beams_x, recording.scene.lidar.beams_y], axis=1)
+    poses = _placed(recording, cycles)[:, :, np.newaxis]
+    c, s = poses[..., 3], poses[..., 4]
+    directions = np.stack([c * beams[:, 0] - s * beams[:, 1], s * beams[:, 0] + c * beams[:, 1]], axis=-1)
+    ends = poses[..., :2] + (sensor.ring_radius + distances) * directions
+    return np.where(distances > 0.0, ends, np.nan)
+
+
 def leds(recording: Recording, lamps: Leds, cycles: Cycles) -> Floats:
     """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255: they show the state."""
     shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
@@ -173,6 +184,7 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
             ground,
             proximity,
             lidar,
+            lidar_points,
             ambient_light,
             velocity,
             accelerometer,
@@ -183,7 +195,7 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
         )
     }
 )
-"""The devices that can be read, by name: the keys of a robot model, and the wheels."""
+"""What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
 
 
 def _velocities(recording: Recording) -> Floats:

@@ -16,6 +16,7 @@ class Proximity(NamedTuple):
     ring: float  # its radius [m]
     directions_x: Floats  # (sensors,) unit vector of each, forwards ...
     directions_y: Floats  # ... and to the left
+    range: float  # [m] of the sensors
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of what they count
 
@@ -24,6 +25,7 @@ class Ground(NamedTuple):
     """The ground sensors."""
 
     places: Floats  # (sensors, 2) in the robot's frame [m]
+    gray: bool  # whether they see no colours
     noise: Floats
 
 
@@ -95,5 +97,6 @@ class Scene(NamedTuple):
     light: Light
     lidar: Lidar
     control_period: float  # [s]
+    wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

@@ -75,9 +75,12 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
     seen = swarm.proximity
     sensors, key = len(seen), swarm.noise_keys[i]
     row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
-    cast(scene, swarm.poses, i, model.proximity_range, seen)
+    reach = min(model.proximity_range, scene.proximity.range)
+    cast(scene, swarm.poses, i, reach, seen)
     for k in range(sensors):
-        if row[0] != NO_NOISE and seen[k] <= model.proximity_range:
+        if seen[k] > reach:
+            seen[k] = math.inf
+        elif row[0] != NO_NOISE:
             seen[k] = max(0.0, seen[k] + noise(row, key, device.PROXIMITY, cycle * sensors + k))
         seen[k] = proximity_weight(model, seen[k])
         if weight_row[0] != NO_NOISE:
@@ -120,7 +123,7 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
             perceived = 0.0 < squared < in_range
         if remembers:
             if perceived:
-                swarm.heard[i, j, 0] = model.neighbour_memory
+                swarm.heard[i, j, 0] = model.neighbour_memory + 1.0  # this cycle, and those to come
                 swarm.heard[i, j, 1] = ahead
                 swarm.heard[i, j, 2] = aside
             elif swarm.heard[i, j, 0] > 0.0:
@@ -156,8 +159,11 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ahead, aside = places[k, 0], places[k, 1]
         colour = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
         red, green, blue = colour[0], colour[1], colour[2]
-        if row[0] != NO_NOISE:
-            number = 3 * (cycle * sensors + k)
+        number = 3 * (cycle * sensors + k)
+        if scene.ground.gray:
+            level = gray_level(red, green, blue) + noise(row, swarm.noise_keys[i], device.GROUND, number)
+            red = green = blue = max(0.0, min(255.0, level))
+        elif row[0] != NO_NOISE:
             red = _channel(red + noise(row, swarm.noise_keys[i], device.GROUND, number))
             green = _channel(green + noise(row, swarm.noise_keys[i], device.GROUND, number + 1))
             blue = _channel(blue + noise(row, swarm.noise_keys[i], device.GROUND, number + 2))
@@ -167,8 +173,8 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ground[0] += red / sensors
         ground[1] += green / sensors
         ground[2] += blue / sensors
-    if model.ground_vote_cycles > 0.0:
-        ages = int(model.ground_vote_cycles)
+    ages = swarm.votes.shape[1]
+    if ages > 0:
         swarm.votes[i, cycle % ages, 0] = blacks
         swarm.votes[i, cycle % ages, 1] = whites
         for age in range(1, ages):

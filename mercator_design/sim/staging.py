@@ -10,7 +10,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim import scene
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Noise, RobotModel, Uniform
+from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Neighbours, Noise, RobotModel, Uniform
 from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
@@ -44,6 +44,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         control_period=mission.control_period,
+        wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
     )
@@ -77,24 +78,25 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity
     if device is None:
-        return scene.Proximity(0.0, _NOTHING, _NOTHING, _QUIET, _QUIET)
+        return scene.Proximity(0.0, _NOTHING, _NOTHING, 0.0, _QUIET, _QUIET)
     noises = noise_row(device.noise), noise_row(device.weight_noise)
-    return scene.Proximity(device.ring_radius, *_directions(device.angles), *noises)
+    return scene.Proximity(device.ring_radius, *_directions(device.angles), device.range[1], *noises)
 
 
 def _ground(model: RobotModel) -> scene.Ground:
     device = model.ground
     if device is None:
-        return scene.Ground(np.zeros((0, 2)), _QUIET)
-    return scene.Ground(np.array(device.positions), noise_row(device.noise))
+        return scene.Ground(np.zeros((0, 2)), gray=False, noise=_QUIET)
+    return scene.Ground(np.array(device.positions), gray=device.gray, noise=noise_row(device.noise))
 
 
 def _neighbours(model: RobotModel) -> scene.Neighbours:
     device = model.neighbours
-    if device is None:
-        return scene.Neighbours(by_lidar=False, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
+    if not isinstance(device, Neighbours):
+        by_lidar = device is not None
+        return scene.Neighbours(by_lidar=by_lidar, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
     return scene.Neighbours(
-        by_lidar=device.device == "lidar",
+        by_lidar=False,
         range=device.range,
         occlusion=device.occlusion,
         loss=device.loss,

@@ -1,5 +1,6 @@
 """The part of an experiment that changes, and what is recorded of it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ class Swarm(NamedTuple):
     # What robots remember of what they perceived; without rows where the reference model remembers nothing.
     heard: Floats  # (robots, robots, 3) of each other: cycles that it still counts, place ahead, place to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
+    moved: NDArray[np.bool_]  # (robots,) whether it was moved out of a wall at the end of this cycle
+    former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
     # Scratch of one robot: what it senses.
     proximity: Floats  # (sensors,)
@@ -73,7 +76,9 @@ def new_swarm(
         control_keys=control_keys,
         noise_keys=noise_keys,
         heard=np.zeros((n, n, 3) if model.neighbour_memory > 0.0 else (0, 0, 3)),
-        votes=np.zeros((n, int(model.ground_vote_cycles), 2)),
+        votes=np.zeros((n, math.ceil(model.ground_vote_cycles), 2)),
+        moved=np.zeros(n, dtype=np.bool_),
+        former=np.zeros((n, 3)),
         reach=np.zeros(n),
         proximity=np.zeros(sensors),
         light=np.zeros(light_sensors),

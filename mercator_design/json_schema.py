@@ -112,8 +112,8 @@ def _keywords(rule: Rule, type_: str | None) -> Json:
         return {"pattern": f"^(?:{rule.regex})$", "description": rule.meaning}
     if isinstance(rule, FilePath):
         return {"minLength": 1}
-    if isinstance(rule, Ascending):
-        return {"description": rule.says("a list")}  # a schema cannot ask for it
+    if isinstance(rule, Ascending):  # beyond what a schema can say
+        return {"description": "the smaller first"}
     raise TypeError(f"no JSON Schema for {rule!r}")
 
 

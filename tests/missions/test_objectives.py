@@ -28,6 +28,7 @@ from mercator_design.missions.objectives.in_zones import (
     zones_in_color,
 )
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
+from mercator_design.missions.objectives.mapping import seen_area
 from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
 from mercator_design.missions.trace import Trace
 
@@ -57,6 +58,7 @@ EVERY_PARAMETER = {
     "robots_in_emptiest_zone": {"zones": ("spot", "nest"), "when": "always", "share": True},
     "robots_in_fullest_zone": {"zones": ("spot", "nest"), "when": "always"},
     "robots_where_told": {"signal": "spot", "places": {"black": "nest", "white": "spot"}},
+    "seen_area": {"side": 6.0, "cells": 30, "every": 5},
     "stop_when_found": {"zones": ("yolk",)},
     "stop_when_told": {"signal": "spot", "color": "white"},
     "surface_and_perimeter": {
@@ -75,15 +77,21 @@ GRID = {"side": 2.50001, "cells": 10}
 ZONES = {"sources": ("spot", "other"), "nests": ("nest",)}
 
 
-def trace(positions, floor=FLOOR):
-    """Of positions (cycles + 1, robots, 2), the first being the start."""
+def trace(positions, floor=FLOOR, beams=((1.0, 0.0), (0.0, 0.5))):
+    """Of positions (cycles + 1, robots, 2), the first being the start; each lidar's beams end at the same places."""
     positions = np.asarray(positions, dtype=float)
+
+    def measure(device, every):
+        assert device == "lidar_points"
+        return positions[1::every, :, np.newaxis] + np.array(beams)
+
     return Trace(
         poses=np.concatenate([positions, np.zeros((*positions.shape[:2], 1))], axis=2),
         states=np.zeros((len(positions) - 1, positions.shape[1]), dtype=np.int8),
         floor=floor.realise(seeds.generator(1, "floor")),
         zone_rows=floor.zone_rows(),
         control_period=0.1,
+        measure=measure,
     )
 
 
@@ -355,6 +363,25 @@ class TestGate:
         robot = walk((1.0, 1.0), (0.9, 1.2), (1.1, 1.2))
         assert gate_crossings(robot, width=0.5, center=(1.0, 1.0), angle=0.0) == 1.0
         assert gate_crossings(robot, width=0.3, center=(1.0, 1.0), angle=0.0) == 0.0
+
+
+class TestSeenArea:
+    """In squares of 1 m, of a robot in the middle of one."""
+
+    def test_squares_that_a_beam_crosses(self):
+        robot = trace([[(0.5, 0.5)]] * 2, beams=[(3.0, 0.0)])
+        assert seen_area(robot, side=10.0, cells=10) == 4.0
+        assert seen_area(robot, side=10.0, cells=10, reach=1.0) == 2.0
+        assert seen_area(robot, side=4.0, cells=4) == 2.0
+
+    def test_beams_that_met_nothing_say_nothing(self):
+        assert seen_area(trace([[(0.5, 0.5)]] * 2, beams=[(np.nan, np.nan)]), side=10.0, cells=10) == 0.0
+
+    def test_what_was_seen_counts_once(self):
+        places = [(0.5, 0.5), (0.5, 0.5), (1.5, 0.5), (-4.5, 0.5)]
+        robot = trace([[place] for place in places], beams=[(1.0, 0.0)])
+        assert seen_area(robot, side=10.0, cells=10, every=1) == 2.0 + 1.0 + 2.0
+        assert seen_area(robot, side=10.0, cells=10, every=2) == 2.0 + 2.0
 
 
 class TestSignals:

@@ -94,6 +94,7 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
                 bearings_x,
                 bearings_y,
                 len(found),
+                float(len(found)),
                 ground,
                 (0, 0),
             )

@@ -257,7 +257,7 @@ def _fill_lux(
                 away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
                 if (
                     away <= reach
-                    and scene.light.seen[k, i]
+                    and scene.light.lamps[k, i]
                     and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
                 ):
                     found[n, i, 0] += base + math.exp(-decay * away)

@@ -138,7 +138,7 @@ def sense_and_control(
 def _remembered(model: ReferenceModel) -> int:
     """The senses that remember, which must sense in every cycle if they are read at all."""
     senses = 0
-    if model.neighbour_memory > 0.0:
+    if max(model.neighbour_memory, model.neighbour_count_memory) > 0.0:
         senses |= NEIGHBOURS
     if model.ground_vote_cycles > 0.0:
         senses |= GROUND

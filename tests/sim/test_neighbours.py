@@ -165,8 +165,8 @@ class TestMemory:
     def test_how_often_a_neighbour_is_forgotten(self):
         """When it was missed in this cycle and the ten before, in 25 000 cycles of four robots.
 
-        What is missed in one cycle is missed in the next too: counting one of 20 cycles, the bound is above ten standard
-        errors; chance below 1e-8.
+        What is missed in one cycle is missed in the next too: with one of 20 cycles counted, the bound is above ten
+        standard errors; chance below 1e-8.
         """
         loss = 0.85
         model = seeing(loss=loss, constants={"neighbour_memory": 10.0})

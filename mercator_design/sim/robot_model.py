@@ -268,6 +268,7 @@ class Physics:
     solver_iterations: Annotated[int, Range(1, 1000)] = 10
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
     wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] allowed at the end of a cycle; None: any
+    corner_radius: Annotated[float, Range(0.0, 0.004)] = 0.002  # [m] of boxes, in contacts: Chipmunk likes round ones
     wall_friction: Friction = 0.1
 
 

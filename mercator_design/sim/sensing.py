@@ -111,9 +111,12 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         to_x = poses[j, 0] - x
         to_y = poses[j, 1] - y
         squared = to_x * to_x + to_y * to_y
+        perceived = 0.0 < squared < near
+        if not perceived and not remembers:
+            continue  # as most are, in a large swarm
         number = cycle * robots + j
         perceived = (
-            0.0 < squared < near
+            perceived
             and (camera.loss == 0.0 or draw(swarm.noise_keys[i], device.NEIGHBOURS_LOSS, number) >= camera.loss)
             and not (camera.occlusion and is_hidden(scene, poses, i, j, x, y, 0.0, poses[j, 0], poses[j, 1], 0.0))
         )

@@ -89,6 +89,12 @@ class TestLoading:
         assert outcome.score == outcome.trace.poses[-1, :, 1].max()
         assert list(plugins.loaded_plugins()) == ["my.py"]
 
+    def test_a_score_must_be_a_finite_number(self, write):
+        load_plugin(write(NORTHERN.replace(".sum())", '.sum() * float("nan"))')))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match="objective northernmost: expected a finite score, found nan"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
         for mistake, message in (
@@ -108,6 +114,7 @@ class TestLoading:
             ("import sys\nsys.exit(3)", "my.py:2: a plugin that cannot be run: SystemExit: 3"),
             (NORTHERN.replace("northernmost", "trips"), "ValueError: an objective is called 'trips' already, in "),
             (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
+            (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),
             (SHRINK.replace("def shrinking", "def visited"), "what changes a floor is called 'visited' already"),
             ("\0", "a plugin that cannot be run"),
         ],

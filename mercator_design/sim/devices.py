@@ -54,19 +54,26 @@ class Recording:
             (cycles, robots, ...) as the device's function in this file says.
 
         Raises:
-            SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that.
+            SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that, or
+                if `every` is below 1.
         """
         if name not in DEVICES:
             raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
         sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
         if sensor is None and name != "wheels":
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
-        return DEVICES[name](self, sensor, np.arange(0, len(self.history.states), every))
+        with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
+            return DEVICES[name](self, sensor, self._cycles(every))
 
     def times(self, every: int = 1) -> Floats:
         """When [s] that was: (cycles,)."""
-        times: Floats = self.control_period * np.arange(1.0, len(self.history.states) + 1.0)[::every]
+        times: Floats = np.multiply(self.control_period, self._cycles(every) + 1)
         return times
+
+    def _cycles(self, every: int) -> Cycles:
+        if every < 1:
+            raise SimulationError(f"every: expected a whole number >= 1, found {every}")
+        return np.arange(0, len(self.history.states), every)
 
     @property
     def headings(self) -> Floats:

@@ -56,18 +56,6 @@ NORTH = "objective={name: northernmost, direction: maximise, zones: [spot]}"
 
 
 @pytest.fixture
-def registries(monkeypatch):
-    """What a test loads is gone afterwards."""
-    before = dict(OBJECTIVES), dict(DYNAMICS), list(plugins.CHANGES)
-    monkeypatch.setattr(plugins, "_loaded", {})
-    yield
-    for registry, entries in zip((OBJECTIVES, DYNAMICS), before, strict=False):
-        registry.clear()
-        registry.update(entries)
-    plugins.CHANGES[:] = before[2]
-
-
-@pytest.fixture
 def write(tmp_path):
     def file(text, name="my.py"):
         (tmp_path / name).write_text(text)

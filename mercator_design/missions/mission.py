@@ -5,6 +5,7 @@ The files in `scenarios/` are found by being there.
 """
 
 import hashlib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,8 +40,15 @@ class Objective:
         check_call(OBJECTIVES, self.name, self.parameters)
 
     def __call__(self, trace: Trace) -> float:
-        """The score of an experiment."""
-        return float(OBJECTIVES[self.name](trace, **self.parameters))
+        """The score of an experiment.
+
+        Raises:
+            MissionError: if the function has no finite number to give.
+        """
+        score = float(OBJECTIVES[self.name](trace, **self.parameters))
+        if not math.isfinite(score):
+            raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
+        return score
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

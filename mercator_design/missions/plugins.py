@@ -9,6 +9,7 @@ own file, which need not be near this package.
 """
 
 import hashlib
+import inspect
 import sys
 import traceback
 import types
@@ -62,7 +63,7 @@ def objective(function: Callable[..., float]) -> Callable[..., float]:
     """Enter a function in OBJECTIVES under its name.
 
     Raises:
-        ValueError: if its name, or that of a parameter, is taken.
+        ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
     """
     _enter(OBJECTIVES, function, "an objective")
     return function
@@ -100,6 +101,9 @@ def change_of(name: str) -> int:
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], kind: str) -> None:
     name = function.__name__
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and parameter.annotation is parameter.empty:
+            raise ValueError(f"{name} does not say what its parameter {parameter.name} is: an annotation is missing")
     taken = {"name", "direction"} & parameters_of(function).keys()
     if taken:
         raise ValueError(f"{name} has a parameter {taken.pop()}, a key that means something else in missions")

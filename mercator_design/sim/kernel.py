@@ -7,7 +7,8 @@ A robot that can touch nothing in a cycle moves by a formula (motion.py). Chipmu
 robots that could touch something, and is stepped only where there are any.
 
 The order in a cycle is that of ARGoS: the wheels carry out what was commanded in the cycle before, then each robot
-senses and decides. So a command moves the robot one cycle later, and nothing moves in the first.
+senses and decides; a floor that changes does so in between. So a command moves the robot one cycle later, and nothing
+moves in the first.
 """
 
 import math

@@ -56,18 +56,6 @@ NORTH = "objective={name: northernmost, direction: maximise, zones: [spot]}"
 
 
 @pytest.fixture
-def registries(monkeypatch):
-    """What a test loads is gone afterwards."""
-    before = dict(OBJECTIVES), dict(DYNAMICS), list(plugins.CHANGES)
-    monkeypatch.setattr(plugins, "_loaded", {})
-    yield
-    for registry, entries in zip((OBJECTIVES, DYNAMICS), before, strict=False):
-        registry.clear()
-        registry.update(entries)
-    plugins.CHANGES[:] = before[2]
-
-
-@pytest.fixture
 def write(tmp_path):
     def file(text, name="my.py"):
         (tmp_path / name).write_text(text)
@@ -89,6 +77,12 @@ class TestLoading:
         assert outcome.score == outcome.trace.poses[-1, :, 1].max()
         assert list(plugins.loaded_plugins()) == ["my.py"]
 
+    def test_a_score_must_be_a_finite_number(self, write):
+        load_plugin(write(NORTHERN.replace(".sum())", '.sum() * float("nan"))')))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match="objective northernmost: expected a finite score, found nan"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
         for mistake, message in (
@@ -108,6 +102,7 @@ class TestLoading:
             ("import sys\nsys.exit(3)", "my.py:2: a plugin that cannot be run: SystemExit: 3"),
             (NORTHERN.replace("northernmost", "trips"), "ValueError: an objective is called 'trips' already, in "),
             (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
+            (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),
             (SHRINK.replace("def shrinking", "def visited"), "what changes a floor is called 'visited' already"),
             ("\0", "a plugin that cannot be run"),
         ],

@@ -51,6 +51,7 @@ __all__ = [
     "dump",
     "is_name",
     "parse",
+    "plain",
     "read",
 ]
 
@@ -296,19 +297,20 @@ def _nearest(word: str, known: Iterable[str]) -> str:
 
 def dump(value: object) -> str:
     """The YAML text of a dataclass, with every default filled in: `parse(dump(x), type(x))` equals x."""
-    return yaml.dump(_plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return yaml.dump(plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
-def _plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
+def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
+    """A dataclass, or a value of one, as YAML and JSON have it."""
     if schema.is_record(value):
         kind: Kind = type(value)
         keywords = schema.keywords_of(kind)
-        fields = {name: _plain(getattr(value, name)) for name in schema.fields_of(kind)}
+        fields = {name: plain(getattr(value, name)) for name in schema.fields_of(kind)}
         return fields | fields.pop(keywords[0]) if keywords else fields
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value
 
 

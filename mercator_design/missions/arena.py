@@ -80,10 +80,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A point light above the floor, or a beacon."""
+    """A point light above the floor."""
 
     position: tuple[Coordinate, Coordinate, Coordinate]  # [m]
-    intensity: NonNegative  # as ARGoS counts it: the farther the reach, the greater
+    intensity: NonNegative = 1.0  # as ARGoS counts it: the farther the reach, the greater; 0: off
+    kind: Literal["lamp", "beacon"] | None = None  # only light sensors sense a lamp, only cameras a beacon; None: both
     seen_by: Annotated[tuple[Annotated[int, Range(0, 999)], ...], Length(1, 1000)] | None = None  # robots; None: all
 
 

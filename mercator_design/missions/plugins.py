@@ -62,7 +62,7 @@ def objective(function: Callable[..., float]) -> Callable[..., float]:
     """Enter a function in OBJECTIVES under its name.
 
     Raises:
-        ValueError: if the name is taken.
+        ValueError: if its name, or that of a parameter, is taken.
     """
     _enter(OBJECTIVES, function, "an objective")
     return function
@@ -80,7 +80,7 @@ def dynamic(
             (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start.
 
     Raises:
-        ValueError: if the name is taken.
+        ValueError: as `objective`.
     """
 
     def enter(function: Callable[..., list[tuple[float, ...]]]) -> Callable[..., list[tuple[float, ...]]]:
@@ -100,6 +100,9 @@ def change_of(name: str) -> int:
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], kind: str) -> None:
     name = function.__name__
+    taken = {"name", "direction"} & parameters_of(function).keys()
+    if taken:
+        raise ValueError(f"{name} has a parameter {taken.pop()}, a key that means something else in missions")
     if name in registry:
         where = sys.modules[registry[name].__module__].__file__
         raise ValueError(f"{kind} is called '{name}' already, in {where}")
@@ -108,8 +111,8 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
 
 def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The zones that parameters name, each with its place among them, as ("zones[0]", "nest")."""
-    for name, (kind, _) in parameters_of(function).items():
-        yield from _references(kind, parameters[name], name)
+    for name, (kind, default) in parameters_of(function).items():
+        yield from _references(kind, parameters.get(name, default), name)
 
 
 def _references(kind: Kind, value: Any, path: str) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - of that kind

@@ -84,11 +84,11 @@ class Trace:
         compiled(_fill_colors)(self.floor.copy(), self._poses, self.control_period, colors)
         return colors
 
-    def zone_colors(self, zone: str) -> Array:
-        """The colour that a zone (of tiles: the first) is painted in, after each cycle (cycles, 3)."""
-        colors = np.zeros((self.cycles, 3))
-        row = self.zone_rows[zone][0]
-        compiled(_fill_zone_colors)(self.floor.copy(), self._poses, self.control_period, row, colors)
+    def zone_colors(self, zones: Zones) -> Array:
+        """The colours that the named zones (tiles: each of them) are painted in, after each cycle (cycles, n, 3)."""
+        rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
+        colors = np.zeros((self.cycles, len(rows), 3))
+        compiled(_fill_zone_colors)(self.floor.copy(), self._poses, self.control_period, rows, colors)
         return colors
 
     @property
@@ -123,8 +123,9 @@ def _fill_colors(floor: FloorTable, poses: Array, period: float, colors: Array) 
             colors[cycle - first, i, 2] = blue
 
 
-def _fill_zone_colors(floor: FloorTable, poses: Array, period: float, row: int, colors: Array) -> None:
+def _fill_zone_colors(floor: FloorTable, poses: Array, period: float, rows: NDArray[np.int64], colors: Array) -> None:
     for cycle in range(len(poses) - 1):
         change_floor(floor, poses[cycle + 1], (cycle + 1) * period)
-        for channel in range(3):
-            colors[cycle, channel] = floor.zones[row, 6 + channel]
+        for k in range(len(rows)):
+            for channel in range(3):
+                colors[cycle, k, channel] = floor.zones[rows[k], 6 + channel]

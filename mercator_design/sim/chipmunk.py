@@ -81,6 +81,7 @@ def new_robot(
     gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
     for joint, limit in ((pivot, force), (gear, torque)):
         joint.max_bias = 0.0  # velocities are to agree, not positions
+        joint.error_bias = 0.0
         joint.max_force = limit
     length, width = half_size
     shape = pymunk.Circle(body, length) if round_ else pymunk.Poly.create_box(body, (2.0 * length, 2.0 * width))
@@ -157,8 +158,8 @@ def read_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> Non
 
 
 @jittable
-def enter(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
-    """Put robot i into the space, in the state of its row of poses and velocities."""
+def write_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
+    """Give robot i the state of its row of poses and velocities."""
     body = bridge.robots[i, BODY]
     _store(body + bridge.layout.position, poses[i, 0])
     _store(body + bridge.layout.position + 8, poses[i, 1])
@@ -166,7 +167,13 @@ def enter(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
     _store(body + bridge.layout.velocity, velocities[i, 0])
     _store(body + bridge.layout.velocity + 8, velocities[i, 1])
     _store(body + bridge.layout.turn, velocities[i, 2])
-    _call_pointer_pointer(bridge.add_body, (bridge.space, body))
+
+
+@jittable
+def enter(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
+    """Put robot i into the space, in the state of its row of poses and velocities."""
+    write_state(bridge, i, poses, velocities)
+    _call_pointer_pointer(bridge.add_body, (bridge.space, bridge.robots[i, BODY]))
     _call_pointer_pointer(bridge.add_shape, (bridge.space, bridge.robots[i, SHAPE]))
     _call_pointer_pointer(bridge.add_constraint, (bridge.space, bridge.robots[i, PIVOT]))
     _call_pointer_pointer(bridge.add_constraint, (bridge.space, bridge.robots[i, GEAR]))

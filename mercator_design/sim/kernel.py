@@ -19,8 +19,8 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
-from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step
-from mercator_design.sim.motion import glide, mark_close
+from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
+from mercator_design.sim.motion import glide, mark_close, withdraw
 from mercator_design.sim.noise import NO_NOISE, WHEELS, noise
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensing import sense
@@ -57,8 +57,18 @@ def begin_motion(scene: Scene, swarm: Swarm) -> None:
     aim(scene, swarm)
     mark_close(scene, swarm.poses, swarm.velocities, swarm.targets, swarm.reach, swarm.close)
     for i in range(len(swarm.poses)):
-        if not swarm.close[i]:
+        if swarm.close[i]:
+            for k in range(3):
+                swarm.former[i, k] = swarm.poses[i, k]
+        else:
             glide(scene, swarm.poses, swarm.velocities, swarm.targets, i)
+
+
+@jittable
+def end_motion(scene: Scene, swarm: Swarm) -> None:
+    """What comes after Chipmunk's part: robots in its space that reach into walls too far are moved, and marked."""
+    for i in range(len(swarm.poses)):
+        swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i)
 
 
 @jittable
@@ -85,6 +95,10 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
         for i in range(n):
             if swarm.held[i]:
                 read_state(bridge, i, swarm.poses, swarm.velocities)
+        end_motion(scene, swarm)
+        for i in range(n):
+            if swarm.moved[i]:
+                write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable
@@ -124,7 +138,7 @@ def sense_and_control(
 def _remembered(model: ReferenceModel) -> int:
     """The senses that remember, which must sense in every cycle if they are read at all."""
     senses = 0
-    if model.neighbour_memory > 0.0:
+    if max(model.neighbour_memory, model.neighbour_count_memory) > 0.0:
         senses |= NEIGHBOURS
     if model.ground_vote_cycles > 0.0:
         senses |= GROUND

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.jit import jittable
+from mercator_design.sim.overlaps import is_inside, obstacle_overlap
 from mercator_design.sim.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -15,6 +16,12 @@ _REST = 1e-9
 
 _MARGIN = 0.005
 """[m] Allowed for beside velocities: Chipmunk also moves bodies apart that overlap."""
+
+_PASSES = 8
+"""Over walls and boxes: a way out of one may lead into another."""
+
+_ROUNDING = 1e-9
+"""[m]"""
 
 
 @jittable
@@ -95,6 +102,47 @@ def mark_close(
                 if x * x + y * y < both * both:
                     close[i] = close[j] = changed = True
                     reach[i] = reach[j] = pushed
+
+
+@jittable
+def withdraw(scene: Scene, poses: Floats, velocities: Floats, former: Floats, i: int) -> bool:
+    """Move robot i back if it reaches into walls or boxes too far; whether it did.
+
+    Contacts act once bodies overlap, so in one sub-step a corner reaches as deep as it travels. Here the robot leaves
+    by the shortest way until no overlap is larger than the scene allows. If that leads nowhere, as for one that turns
+    where there is no room, it stands still where it began the cycle: there the overlaps were allowed.
+
+    Args:
+        scene: The arena and the robots' body.
+        poses: (robots, 3 or more) x [m], y [m], heading [rad], ...
+        velocities: (robots, 3)
+        former: (robots, 3) poses at the beginning of the cycle.
+        i: Which robot.
+    """
+    x, y = poses[i, 0], poses[i, 1]
+    if scene.wall_overlap == math.inf or not _near_walls(scene, x, y, scene.corner):
+        return False
+    c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+    moved = False
+    for _ in range(_PASSES):
+        free = True
+        for k in range(len(scene.walls) + len(scene.boxes)):
+            overlap, out_x, out_y = obstacle_overlap(
+                scene.walls, scene.boxes, k, scene.half_length, scene.half_width, scene.round, x, y, c, s
+            )
+            excess = overlap - scene.wall_overlap
+            if excess > _ROUNDING:
+                x += excess * out_x
+                y += excess * out_y
+                free = False
+        if free and is_inside(scene.walls, x, y):
+            poses[i, 0], poses[i, 1] = x, y
+            return moved
+        moved = True
+    for k in range(3):
+        poses[i, k] = former[i, k]
+        velocities[i, k] = 0.0
+    return True
 
 
 @jittable

@@ -144,9 +144,14 @@ class Proximity:
 
     ring_radius: Annotated[float, Range(0.0, 10.0)]  # [m] where the rays start
     angles: Angles  # [rad] in the order of the device's numbering
+    reported: Angles | None = None  # [rad] that the readings are taken for, if not where the rays go
     range: Distances = (0.05, 2.0)  # [m] nearer reads minus infinity, farther plus infinity
     noise: Noise = None  # [m] on distances
     weight_noise: Noise = None  # on what a sensor counts, 0 to 1, even if it sees nothing
+
+    def __post_init__(self) -> None:
+        if self.reported is not None and len(self.reported) != len(self.angles):
+            raise FieldError("reported", f"expected {len(self.angles)} angles, as many as rays")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +201,7 @@ class LightRing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightCamera:
-    """A camera that sees in which directions lights are."""
+    """A camera that sees where lights are: their direction is that of the vectors to them, added up."""
 
     device: Literal["camera"] = "camera"
     height: Height  # [m]
@@ -262,6 +267,7 @@ class Physics:
     time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; a cycle is divided evenly
     solver_iterations: Annotated[int, Range(1, 1000)] = 10
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
+    wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] allowed at the end of a cycle; None: any
     wall_friction: Friction = 0.1
 
 

@@ -16,6 +16,8 @@ class Proximity(NamedTuple):
     ring: float  # its radius [m]
     directions_x: Floats  # (sensors,) unit vector of each, forwards ...
     directions_y: Floats  # ... and to the left
+    counts_x: Floats  # (sensors,) the same of the directions that their readings count for
+    counts_y: Floats
     range: float  # [m] of the sensors
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of what they count
@@ -43,7 +45,8 @@ class Light(NamedTuple):
     """The lights, and the sensors of their direction."""
 
     lights: Floats  # (lights, 4) x, y, z [m], intensity
-    seen: NDArray[np.bool_]  # (lights, robots) by which robots
+    seen: NDArray[np.bool_]  # (lights, robots) which robots sense its direction
+    lamps: NDArray[np.bool_]  # (lights, robots) whom it gives light
     by_camera: bool  # else by a ring of sensors
     angles: Floats  # (sensors,) of the ring [rad]
     directions_x: Floats  # (sensors,) as in Proximity
@@ -97,5 +100,6 @@ class Scene(NamedTuple):
     light: Light
     lidar: Lidar
     control_period: float  # [s]
+    wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle
     time_step: float  # [s] of physics

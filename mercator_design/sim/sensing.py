@@ -27,6 +27,7 @@ _TURN = 2.0 * math.pi
 def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
     """What robot i perceives with some of its senses (bits of modules.SENSES); what it does not sense is neutral."""
     n = 0
+    count = 0.0
     light_x, light_y = 0.0, 0.0
     if senses & PROXIMITY:
         _sense_obstacles(scene, model, swarm, cycle, i)
@@ -46,8 +47,9 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
                 swarm.bearings_x,
                 swarm.bearings_y,
             )
+            count = float(n)
         else:
-            n = _sense_robots(scene, model, swarm, cycle, i)
+            n, count = _sense_robots(scene, model, swarm, cycle, i)
     if senses & GROUND:
         _sense_ground(scene, model, swarm, cycle, i)
     else:
@@ -58,12 +60,13 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     return perceive(
         model,
         swarm.proximity,
-        scene.proximity.directions_x,
-        scene.proximity.directions_y,
+        scene.proximity.counts_x,
+        scene.proximity.counts_y,
         swarm.distances,
         swarm.bearings_x,
         swarm.bearings_y,
         n,
+        count,
         swarm.ground,
         (light_x, light_y),
     )
@@ -89,17 +92,19 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
 
 
 @jittable
-def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
-    """Fill in where the robots are that robot i perceives with its camera, and count them."""
+def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
+    """Fill in where the robots are that robot i perceives with its camera: how many rows that is, how many count."""
     poses, camera = swarm.poses, scene.neighbours
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
     robots = len(poses)
     noisy = camera.noise[0] != NO_NOISE
-    remembers = model.neighbour_memory > 0.0
+    slots = swarm.heard.shape[2]
+    remembers = len(swarm.heard) > 0
     in_range = model.neighbour_range * model.neighbour_range
     seen = camera.range * camera.range
     near = seen if noisy else min(seen, in_range)
     n = 0
+    count = 0.0
     for j in range(robots):
         if j == i:
             continue
@@ -122,24 +127,44 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
             squared = ahead * ahead + aside * aside
             perceived = 0.0 < squared < in_range
         if remembers:
-            if perceived:
-                swarm.heard[i, j, 0] = model.neighbour_memory + 1.0  # this cycle, and those to come
-                swarm.heard[i, j, 1] = ahead
-                swarm.heard[i, j, 2] = aside
-            elif swarm.heard[i, j, 0] > 0.0:
-                swarm.heard[i, j, 0] -= 1.0
-            if swarm.heard[i, j, 0] > 0.0:
-                perceived = True
-                ahead = swarm.heard[i, j, 1]
-                aside = swarm.heard[i, j, 2]
-                squared = ahead * ahead + aside * aside
-        if perceived:
-            distance = math.sqrt(squared)
-            swarm.distances[n] = distance
-            swarm.bearings_x[n] = ahead / distance
-            swarm.bearings_y[n] = aside / distance
+            slot = cycle % slots
+            swarm.heard[i, j, slot, 0] = 1.0 if perceived else 0.0
+            swarm.heard[i, j, slot, 1] = ahead
+            swarm.heard[i, j, slot, 2] = aside
+            n, counts = _recall(model, swarm, i, j, cycle, n)
+            count += counts
+        elif perceived:
+            _note_neighbour(swarm, n, ahead, aside)
             n += 1
-    return n
+            count += 1.0
+    return n, count
+
+
+@jittable
+def _recall(model: ReferenceModel, swarm: Swarm, i: int, j: int, cycle: int, n: int) -> tuple[int, float]:
+    """Note where robot i has perceived robot j of late, as row n and on; the number of rows then, and 1 if j counts."""
+    slots = swarm.heard.shape[2]
+    counts = 0.0
+    pulls = True
+    for age in range(slots):
+        slot = (cycle - age) % slots
+        if swarm.heard[i, j, slot, 0] == 0.0:
+            continue
+        if age <= model.neighbour_count_memory:
+            counts = 1.0
+        if age <= model.neighbour_memory and pulls:
+            _note_neighbour(swarm, n, swarm.heard[i, j, slot, 1], swarm.heard[i, j, slot, 2])
+            n += 1
+            pulls = model.neighbour_repeats != 0.0
+    return n, counts
+
+
+@jittable
+def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
+    distance = math.sqrt(ahead * ahead + aside * aside)
+    swarm.distances[n] = distance
+    swarm.bearings_x[n] = ahead / distance
+    swarm.bearings_y[n] = aside / distance
 
 
 @jittable
@@ -203,16 +228,14 @@ def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
         ahead = c * to_x + s * to_y
         aside = c * to_y - s * to_x
         if light.by_camera:
-            away = math.sqrt(ahead * ahead + aside * aside)
             if light.noise[0] != NO_NOISE:
+                away = math.sqrt(ahead * ahead + aside * aside)
                 size = away * noise(light.noise, key, device.LIGHT, cycle * lights + n)
                 angle = _TURN * draw(key, device.LIGHT_ANGLE, cycle * lights + n)
                 ahead += size * math.cos(angle)
                 aside += size * math.sin(angle)
-                away = math.sqrt(ahead * ahead + aside * aside)
-            if away > 0.0:
-                sum_x += ahead / away
-                sum_y += aside / away
+            sum_x += ahead
+            sum_y += aside
         else:
             rise = light.lights[n, 2] - light.height
             away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / light.lights[n, 3]

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pymunk
+from numpy.typing import NDArray
 
 from mercator_design.errors import FsmError, SimulationError
 from mercator_design.fsm.modules import Module
@@ -19,6 +21,8 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World, program_arrays
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +47,7 @@ class Simulator:
         self.robot_model = robot_model or load_robot_model(mission.robot_model)
         self._world = World(mission, self.robot_model)
 
-    def _instance(self, seed: int) -> Instance:
+    def instance(self, seed: int) -> Instance:
         """The starting situation of a seed, with the robot model that holds in it."""
         if not self.robot_model.vary:
             return self._world.instance(seed)
@@ -64,7 +68,7 @@ class Simulator:
             MissionError: if the robots do not fit.
         """
         self.check(pfsm)
-        instance = self._instance(seed)
+        instance = self.instance(seed)
         trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
@@ -84,7 +88,7 @@ class Simulator:
 
     def try_placement(self) -> Instance:
         """An instance; others are made too, to show that the robots fit not only by luck."""
-        return [self._instance(seed) for seed in range(10)][-1]
+        return [self.instance(seed) for seed in range(10)][-1]
 
     def _run(
         self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
@@ -160,10 +164,7 @@ def referee_motion(instance: Instance) -> None:
     for i in close:
         robot = instance.robots[i]
         if not robot.body.space:
-            robot.body.position = tuple(swarm.poses[i, :2].tolist())
-            robot.body.angle = float(swarm.poses[i, 2])
-            robot.body.velocity = tuple(swarm.velocities[i, :2].tolist())
-            robot.body.angular_velocity = float(swarm.velocities[i, 2])
+            _write_state(robot.body, swarm.poses[i], swarm.velocities[i])
             space.add(robot.body, robot.shape)
             space.add(robot.pivot, robot.gear)
         robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
@@ -171,7 +172,17 @@ def referee_motion(instance: Instance) -> None:
     if close:
         for _ in range(scene.sub_steps):
             space.step(scene.time_step)
-    for i in close:
-        body = instance.robots[i].body
-        swarm.poses[i, :3] = *body.position, body.angle
-        swarm.velocities[i] = *body.velocity, body.angular_velocity
+        for i in close:
+            body = instance.robots[i].body
+            swarm.poses[i, :3] = *body.position, body.angle
+            swarm.velocities[i] = *body.velocity, body.angular_velocity
+        compiled(kernel.end_motion)(scene, swarm)
+        for i in np.flatnonzero(swarm.moved).tolist():
+            _write_state(instance.robots[i].body, swarm.poses[i], swarm.velocities[i])
+
+
+def _write_state(body: pymunk.Body, pose: Floats, velocity: Floats) -> None:
+    body.position = tuple(pose[:2].tolist())
+    body.angle = float(pose[2])
+    body.velocity = tuple(velocity[:2].tolist())
+    body.angular_velocity = float(velocity[2])

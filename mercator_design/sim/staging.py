@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.missions.arena import Box
 from mercator_design.missions.mission import Mission
@@ -44,6 +45,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         control_period=mission.control_period,
+        wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
     )
@@ -77,9 +79,10 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity
     if device is None:
-        return scene.Proximity(0.0, _NOTHING, _NOTHING, 0.0, _QUIET, _QUIET)
+        return scene.Proximity(0.0, _NOTHING, _NOTHING, _NOTHING, _NOTHING, 0.0, _QUIET, _QUIET)
+    directions = *_directions(device.angles), *_directions(device.reported or device.angles)
     noises = noise_row(device.noise), noise_row(device.weight_noise)
-    return scene.Proximity(device.ring_radius, *_directions(device.angles), device.range[1], *noises)
+    return scene.Proximity(device.ring_radius, *directions, device.range[1], *noises)
 
 
 def _ground(model: RobotModel) -> scene.Ground:
@@ -107,12 +110,20 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
     device = model.light
     lights = [light for light in mission.lights if light.intensity > 0.0]
     everyone = range(mission.robots)
-    seen = [[light.seen_by is None or robot in light.seen_by for robot in everyone] for light in lights]
     ring = device if isinstance(device, LightRing) else None
+
+    def seen(others: str) -> NDArray[np.bool_]:
+        """Who senses which light, with a device that is not for those others."""
+        rows = [
+            [light.kind != others and robot in (light.seen_by or everyone) for robot in everyone] for light in lights
+        ]
+        return np.array(rows, dtype=np.bool_).reshape(-1, mission.robots)
+
     angles = ring.angles if ring else ()
     return scene.Light(
         np.array([[*light.position, light.intensity] for light in lights]).reshape(-1, 4),
-        np.array(seen, dtype=np.bool_).reshape(-1, mission.robots),
+        seen("beacon" if ring else "lamp"),
+        seen("beacon"),
         ring is None,
         np.array(angles, dtype=float),
         *_directions(angles),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.loading import Length, Range
-from mercator_design.missions.floor import ColourName, rgb
+from mercator_design.missions.floor import Colour, ColourName, rgb
 from mercator_design.missions.plugins import When, Zones, objective
 from mercator_design.missions.trace import Trace
 
@@ -46,3 +46,10 @@ def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, Value], L
     """The value of the floor's colour under each robot, summed; a colour without value counts 0."""
     colors = trace.colors(when)
     return float(sum(value * np.sum(np.all(colors == rgb(name), axis=-1)) for name, value in values.items()))
+
+
+@objective
+def zones_in_color(trace: Trace, *, zones: Zones, color: Colour, when: When = "end") -> float:
+    """How many of the zones (tiles: each of them) have a colour: at the end, or summed over all cycles."""
+    colors = trace.zone_colors(zones)
+    return float(np.sum(np.all(colors[0 if when == "always" else -1 :] == rgb(color), axis=-1)))

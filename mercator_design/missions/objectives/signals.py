@@ -33,19 +33,20 @@ def stop_when_found(trace: Trace, *, zones: Zones, still: Size = 0.005) -> float
 @objective
 def stop_when_told(trace: Trace, *, signal: Zone, color: Colour, still: Size = 0.005) -> float:
     """Robots that stand still while the zone `signal` has a colour, and move while it has not, summed over cycles."""
-    told = np.all(trace.zone_colors(signal) == rgb(color), axis=1)
+    told = _told(trace, signal, color)
     return float(np.sum(_moving(trace, still) != told[:, None]))
 
 
 @objective
 def robots_where_told(trace: Trace, *, signal: Zone, places: Annotated[Mapping[ColourName, Zone], Length(1)]) -> float:
     """Robots in that zone which belongs to the colour that the zone `signal` has, summed over cycles."""
-    colors = trace.zone_colors(signal)
-    score = 0
-    for name, zone in places.items():
-        told = np.all(colors == rgb(name), axis=1)
-        score += int(np.sum(trace.inside((zone,), "always")[told]))
-    return float(score)
+    there = [trace.inside((zone,), "always")[_told(trace, signal, name)] for name, zone in places.items()]
+    return float(sum(int(np.sum(each)) for each in there))
+
+
+def _told(trace: Trace, signal: str, color: Colour) -> Flags:
+    """Whether a zone has a colour, after each cycle (cycles,)."""
+    return np.asarray(np.all(trace.zone_colors((signal,))[:, 0] == rgb(color), axis=1), dtype=np.bool_)
 
 
 def _moving(trace: Trace, still: float) -> Flags:

@@ -1,0 +1,313 @@
+"""A mission as a picture, seen from above: floor, walls, obstacles, lights, where robots may start, and one start.
+
+Nothing here knows kinds of zones, placements or bodies: the floor is what `colours_at` says point by point, the start
+area is where a placement's candidates fall, and robots stand where an instance puts them. The same mission, seed and
+versions of the libraries give the same file to the last byte.
+"""
+
+import io
+import math
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon as Area
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MultipleLocator
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from mercator_design.files import write_bytes
+from mercator_design.missions.arena import Array, Light
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.floor_kernels import colours_at
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement
+from mercator_design.seeds import generator
+from mercator_design.sim.robot_model import DiscBody, RobotModel
+from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.world import Instance
+
+_WIDTH = 4.6  # of the picture [inches]
+_DPI = 160  # of a PNG
+_PIXELS = 800  # of the floor, along its longer side
+_FINER = 2  # points looked at along a pixel's side
+_CELLS = 200  # of the grid on which the start area is found, along the arena's longer side
+_CANDIDATES, _ROUNDS = 200_000, 30
+
+_OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING, _LIGHT = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00", "#ffd23f"
+_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+_STYLE: dict[Any, Any] = {
+    "font.size": 8.0,
+    "axes.linewidth": 0.6,
+    "svg.hashsalt": "mercator_design",
+    "path.simplify": False,
+    "text.parse_math": False,
+}
+
+
+def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
+    """Write the picture of a mission.
+
+    Args:
+        path: With the suffix .png or .svg, which says what is written.
+        simulator: Of the mission, with the robot.
+        seed: The instance whose floor and starting poses are shown.
+
+    Raises:
+        MissionError: if the robots do not fit.
+    """
+    suffix = path.suffix.lower()
+    file = io.BytesIO()
+    with _house_style():
+        figure = preview(simulator, seed=seed)
+        if suffix == ".svg":
+            figure.axes[0].images[0].set_interpolation("none")  # all its pixels, to be scaled by who shows it
+        figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
+    write_bytes(path, file.getvalue())
+
+
+def preview(simulator: Simulator, *, seed: int) -> Figure:
+    """The picture of a mission, of the instance of a seed; in metres."""
+    mission, instance = simulator.mission, simulator.instance(seed)
+    low, high = _extent(mission)
+    size = high - low
+    title = _title(mission)
+    head, foot, side = 0.29 + 0.135 * (1 + title.count("\n")), 0.4, 0.5  # around the axes [inches]
+    scale = min((_WIDTH - 1.5 * side) / size[0], 2.0 * _WIDTH / size[1])
+    width, height = scale * size
+    figure = Figure(figsize=(_WIDTH, height + head + foot))
+    left, total = (_WIDTH - width + 0.5 * side) / 2.0, height + head + foot
+    axes = figure.add_axes((left / _WIDTH, foot / total, width / _WIDTH, height / total))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", facecolor=_OUTSIDE)
+    axes.set_xlabel("x [m]", labelpad=1.0)
+    axes.set_ylabel("y [m]", labelpad=1.0)
+    axes.tick_params(length=2.0, width=0.6, pad=2.0)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(_round_up(0.5 / scale)))
+    figure.text(0.5, 1.0 - 0.06 / total, mission.name, ha="center", va="top", weight="bold", size=10.0)
+    figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
+    _draw_arena(axes, mission)
+    _draw_floor(axes, mission, instance)
+    if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission):
+        line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
+        place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
+        figure.legend(
+            handles=[line], loc="lower right", bbox_to_anchor=place, frameon=False, fontsize=7.0, borderpad=0.0
+        )
+    for box in mission.arena.obstacles:
+        axes.add_patch(Area(box.corners(), facecolor=_OBSTACLE, edgecolor="white", linewidth=0.6, zorder=4))
+    _draw_robots(axes, instance)
+    _name_zones(axes, mission, instance)
+    for light in mission.lights:
+        _draw_light(axes, light, low, high)
+    return figure
+
+
+def outline(robot_model: RobotModel) -> Array:
+    """The outline of a robot's body (n, 2), seen from above, in its own frame [m]."""
+    body = robot_model.body
+    if isinstance(body, DiscBody):
+        angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+        return body.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * body.half_size
+
+
+@contextmanager
+def _house_style() -> Iterator[None]:
+    """Matplotlib as it comes, whatever the user's own style."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def _title(mission: Mission) -> str:
+    """Who must do what, and the parameters of that, in a line or more each."""
+    objective = mission.objective
+    parameters = "; ".join(f"{name}: {_written(value)}" for name, value in objective.parameters.items())
+    robots = f"{mission.robots} robot{'s' * (mission.robots != 1)}"
+    goal = f"{robots}, {mission.duration:g} s: {objective.direction} {objective.name}"
+    return "\n".join([goal, *textwrap.wrap(parameters, 72, max_lines=3, placeholder=" ...")])
+
+
+def _written(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_written(item)}" for key, item in value.items())
+    if isinstance(value, tuple):
+        return ", ".join(_written(item) for item in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _round_up(step: float) -> float:
+    """The next of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not less."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return power * next(digit for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= step)
+
+
+def _extent(mission: Mission) -> tuple[Array, Array]:
+    """The lower left and upper right corner of what is shown: the arena, and lights and a room near it."""
+    corners = mission.arena.corners()
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    reach = 0.5 * float((high - low).max())
+    near = [np.array(light.position[:2]) for light in mission.lights]
+    near += list(mission.arena.room.corners()) if mission.arena.room else []
+    shown = [point for point in near if (point > low - reach).all() and (point < high + reach).all()]
+    points = np.vstack([corners, *shown])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    return low - margin, high + margin
+
+
+def _grid(low: Array, high: Array, along: int) -> Array:
+    """The centres (rows, columns, 2) of the square cells of a grid, `along` the longer side, the first row at +y."""
+    cell = float((high - low).max()) / along
+    columns, rows = (max(1, math.ceil(length / cell - 1e-9)) for length in high - low)
+    x, y = low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _bounds(grid: Array) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of a grid's cells."""
+    (left, top), (right, bottom) = grid[0, 0], grid[-1, -1]
+    half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0]) if grid.shape[1] > 1 else 0.5 * (top - grid[1, 0, 1])
+    return left - half, right + half, bottom - half, top + half
+
+
+def _within(mission: Mission, along: int) -> Array:
+    corners = mission.arena.corners()
+    return _grid(corners.min(axis=0), corners.max(axis=0), along)
+
+
+def _draw_arena(axes: Axes, mission: Mission) -> None:
+    """The walls, whose inner face is the arena's border, and the room around them."""
+    if mission.arena.room is not None:
+        room = mission.arena.room.corners()
+        axes.add_patch(Area(room, facecolor="none", edgecolor=_WALL, linewidth=0.8, linestyle=(0, (5, 3)), zorder=1))
+    corners = mission.arena.corners()
+    axes.add_patch(Area(corners, facecolor="none", edgecolor=_WALL, linewidth=5.0, joinstyle="miter", zorder=2))
+
+
+def _draw_floor(axes: Axes, mission: Mission, instance: Instance) -> None:
+    """The colours of the floor, clipped to the arena."""
+    grid = _within(mission, _PIXELS * _FINER)
+    rows, columns = (n - n % _FINER for n in grid.shape[:2])
+    grid = grid[:rows, :columns]
+    colours = colours_at(instance.scene.floor, grid)
+    pixels = colours.reshape(rows // _FINER, _FINER, columns // _FINER, _FINER, 3).mean(axis=(1, 3))
+    image = axes.imshow(
+        np.round(pixels).astype(np.uint8), extent=_bounds(grid), interpolation="antialiased", aspect="equal", zorder=3
+    )
+    image.set_clip_path(_arena_clip(axes, mission))
+
+
+def _arena_clip(axes: Axes, mission: Mission) -> Area:
+    return Area(mission.arena.corners(), transform=axes.transData)
+
+
+def _draw_start_area(axes: Axes, mission: Mission) -> bool:
+    """The border of where the placement's candidates fall, within the arena; False if that is too small to show."""
+    points = _candidates(mission)
+    grid = _within(mission, max(10, min(_CELLS, math.isqrt(len(points) // 5))))
+    left, right, bottom, top = _bounds(grid)
+    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
+    covered = ndimage.binary_closing(np.pad(counts > 0, 2))  # no holes by luck
+    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])[::-1]
+    covered &= ndimage.binary_erosion(np.pad(inside, 2), iterations=2)  # seen beside the walls
+    smooth = ndimage.gaussian_filter(covered.astype(float), 1.5)
+    if smooth.max() <= 0.5:
+        return False
+    rows, columns = smooth.shape
+    cell = (right - left) / grid.shape[1]
+    x, y = left + cell * (np.arange(columns) - 1.5), bottom + cell * (np.arange(rows) - 1.5)
+    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
+        axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
+    return True
+
+
+def _candidates(mission: Mission) -> Array:
+    """Places (n, 2) within the arena that the placement proposes; the more are tried, the fewer lie there."""
+    random = generator(0, "preview")
+    each = max(1, _CANDIDATES // mission.robots)
+    found: list[Array] = []
+    for _ in range(_ROUNDS):
+        poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
+        found.append(poses[mission.arena.contains(poses[:, :2]), :2])
+        if sum(map(len, found)) >= _CANDIDATES // 2:
+            break
+    return np.vstack(found)
+
+
+def _draw_robots(axes: Axes, instance: Instance) -> None:
+    """The bodies as they are, with an arrow towards their heading."""
+    body = outline(instance.robot_model)
+    arrow = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]]) * np.abs(body).max(axis=0)
+    for x, y, heading in instance.swarm.poses[:, :3]:
+        turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+        place = np.array([x, y])
+        axes.add_patch(
+            Area(place + body @ turn, facecolor="#f7f7f7", edgecolor="black", linewidth=0.8, alpha=0.92, zorder=5)
+        )
+        axes.add_patch(Area(place + arrow @ turn, facecolor=_HEADING, edgecolor="none", zorder=6))
+
+
+def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
+    """The names of zones in one piece, where there is most room in them."""
+    grid = _within(mission, _CELLS)
+    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    for name, rows in instance.zone_rows.items():
+        zone = _covered(instance.scene.floor, rows, grid) & inside
+        if ndimage.label(zone)[1] == 1:
+            x, y = grid[_roomiest(zone)]
+            text = axes.text(x, y, name, ha="center", va="center", size=7.0, color="black", zorder=7)
+            text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+
+
+def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Array) -> NDArray[np.bool_]:
+    """Which cells some rows of a floor cover, painted over or not."""
+    zones = floor.zones[list(rows)]
+    zones[:, 6:] = 1.0
+    nothing = floor._replace(zones=zones, background=np.zeros(3), extent=np.zeros(4))
+    return np.asarray(colours_at(nothing, grid)[..., 0] > 0.0, dtype=np.bool_)
+
+
+def _roomiest(zone: NDArray[np.bool_]) -> tuple[int, int]:
+    """The cell farthest from the zone's border; of several, that nearest to their middle."""
+    depth = ndimage.distance_transform_edt(np.pad(zone, 1))[1:-1, 1:-1]
+    deepest = np.argwhere(depth >= depth.max() - 1.0)
+    row, column = deepest[np.argmin(np.linalg.norm(deepest - deepest.mean(axis=0), axis=1))]
+    return int(row), int(column)
+
+
+def _draw_light(axes: Axes, light: Light, low: Array, high: Array) -> None:
+    """A sun at the light's place on the ground, with its height; at the border, with its place, if that is far away."""
+    place = np.array(light.position[:2])
+    margin = 0.04 * (high - low)
+    shown = np.clip(place, low + margin, high - margin)
+    axes.scatter(
+        shown[:1], shown[1:], s=160.0, marker=(14, 1, 0), color=_LIGHT, edgecolors="black", linewidths=0.7, zorder=8
+    )
+    says = [f"light, {light.position[2]:g} m high"]
+    if (shown != place).any():
+        says.append(f"at ({place[0]:g}, {place[1]:g}) m")
+    if light.seen_by is not None:
+        says.append(f"for robots {', '.join(map(str, light.seen_by))}")
+    upper, right = shown[1] > low[1] + 0.85 * (high - low)[1], shown[0] > 0.5 * (low + high)[0]
+    text = axes.annotate(
+        "\n".join(says),
+        shown,
+        xytext=(-9 if right else 9, -4 if upper else 0),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        va="top" if upper else "center",
+        size=6.5,
+        zorder=9,
+    )
+    text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])

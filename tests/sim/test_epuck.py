@@ -15,6 +15,7 @@ from tests.sim.worlds import STOP, at, look, simulator
 EPUCK = load_robot_model("epuck")
 RADIUS, RING = 0.035, 0.036
 ANGLES = np.array(EPUCK.proximity.angles)
+REPORTED = np.array([np.cos(EPUCK.proximity.reported), np.sin(EPUCK.proximity.reported)]).T
 QUIET = dataclasses.replace(
     EPUCK,
     drive=dataclasses.replace(EPUCK.drive, noise=None),
@@ -45,12 +46,12 @@ class TestProximity:
     @pytest.mark.parametrize("gap", [0.0001, 0.002, 0.0023, 0.01, 0.02, 0.03, 0.044, 0.046, 0.05, 0.06])
     @pytest.mark.parametrize("heading", [0.0, 0.4, -2.0])
     def test_the_law(self, gap, heading):
-        """Before one wall, at a gap from the robot's rim."""
+        """Before one wall, at a gap from the robot's rim, which counts for other directions than the rays'."""
         towards = np.cos(ANGLES + heading)
         with np.errstate(divide="ignore"):
             distances = np.where(towards > 1e-9, (RADIUS + gap) / towards - RING, np.inf).clip(0)
         weighed = weights(distances)
-        expected = cut(weighed @ np.column_stack([np.cos(ANGLES), np.sin(ANGLES)]))
+        expected = cut(weighed @ REPORTED)
         found = read(at((1.0 - RADIUS - gap, 0, heading)), sides=4)[0, :2]
         assert found == pytest.approx(expected, abs=1e-4)  # at 2.268 mm the law reaches 1
 
@@ -83,7 +84,7 @@ class TestProximity:
                     for angle in ANGLES
                 ]
             )
-            expected = cut(weights(distances) @ np.column_stack([np.cos(ANGLES), np.sin(ANGLES)]))
+            expected = cut(weights(distances) @ REPORTED)
             found = read(placement, robots=3, obstacles=box)[0, :2]
             assert found == pytest.approx(expected, abs=1e-4)
             seen += 1
@@ -106,7 +107,7 @@ class TestProximity:
             .history.readings[:, 0, :2]
         )
         variance = 0.05**2 / 6 - 0.0125**2
-        for found, directions in zip(vectors.T, (np.cos(ANGLES), np.sin(ANGLES)), strict=True):
+        for found, directions in zip(vectors.T, REPORTED.T, strict=True):
             sd = math.sqrt(variance * (directions**2).sum())
             assert found.mean() == pytest.approx(0.0125 * directions.sum(), abs=6 * sd / math.sqrt(5000))
             assert found.std() == pytest.approx(sd, rel=6 / math.sqrt(5000))

@@ -60,7 +60,7 @@ class TestCamera:
 
     def test_a_disc_hides_what_is_behind_it(self):
         epuck = load_robot_model("epuck")
-        model = seeing(model=epuck, range=0.7, occlusion=True, constants={"neighbour_memory": 0.0})
+        model = seeing(model=epuck, range=0.7, occlusion=True, constants={"neighbour_count_memory": 0.0})
         for aside, seen in [(0.0, 1), (0.03, 1), (0.04, 2)]:
             placement = at((0, 0, 0), (0.2, aside, 0), (0.4, 0, 0))
             assert counts(model, robots=3, placement=placement)[0, 0] == seen
@@ -137,8 +137,9 @@ class TestCamera:
 class TestMemory:
     """Robot 0 drives past robot 1 and loses it from sight."""
 
-    def seen(self, memory, loss=0.0):
-        model = seeing(loss=loss, constants={"neighbour_memory": memory, "neighbour_range": 0.5})
+    def seen(self, memory, **constants):
+        constants = {"neighbour_memory": memory, "neighbour_count_memory": memory, "neighbour_range": 0.5} | constants
+        model = seeing(constants=constants)
         world = simulator(
             robots=2, duration=20, apothem=3.0, robot_model=model, placement=at((0, 0, 0), (-0.42, 0, math.pi))
         )
@@ -156,9 +157,26 @@ class TestMemory:
         # It is remembered where it was, seen from the robot.
         assert (vectors[last : last + memory + 1] == vectors[last]).all()
 
+    def test_it_may_pull_once_for_each_time_that_it_was_seen(self):
+        """The robots hardly move in the first cycles."""
+        found, vectors, away = self.seen(2, neighbour_repeats=1.0)
+        assert vectors[0, 0] < 0.0
+        assert vectors[1, 0] == pytest.approx(2.0 * vectors[0, 0], rel=0.01)
+        last = np.flatnonzero(away < 0.5)[-1]
+        assert vectors[last + 1, 0] == pytest.approx(vectors[last, 0] * 2.0 / 3.0, rel=0.05)
+        assert vectors[last + 3, 0] == 0.0
+        assert found.max() == 1.0
+
+    def test_it_may_pull_longer_than_it_counts(self):
+        found, vectors, away = self.seen(5, neighbour_count_memory=0.0)
+        last = np.flatnonzero(away < 0.5)[-1]
+        assert not found[last + 1 :].any()
+        assert (vectors[last : last + 6] == vectors[last]).all()
+        assert not vectors[last + 6 :].any()
+
     def test_a_robot_counts_once_however_often_it_was_seen(self):
         """Three robots to see for 20 s, and ten cycles of memory."""
-        model = seeing(loss=0.5, constants={"neighbour_memory": 10.0})
+        model = seeing(loss=0.5, constants={"neighbour_count_memory": 10.0})
         found = counts(model, duration=20)
         assert found.max() == 3
 
@@ -169,7 +187,7 @@ class TestMemory:
         standard errors; chance below 1e-8.
         """
         loss = 0.85
-        model = seeing(loss=loss, constants={"neighbour_memory": 10.0})
+        model = seeing(loss=loss, constants={"neighbour_count_memory": 10.0})
         found = counts(model, duration=2500)[11:]
         near = counts(seeing())[0]
         assert found.sum() / (len(found) * near.sum()) == pytest.approx(1 - loss**11, rel=0.05)

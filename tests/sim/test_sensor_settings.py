@@ -127,7 +127,7 @@ def test_a_controller_that_needs_what_the_robot_lacks_is_refused(fsm, flavour, m
             "arena.room: does not contain",
         ),
         (
-            "arena.room={shape: polygon, vertices: [[-2, -2], [2, -2], [2, 0], [-2, 0.1], [2, 0.2], [2, 2], [-2, 3]]}",
+            "arena.room={shape: polygon, vertices: [[-2, -2], [2, -2], [2, 0], [-1.9, 0], [2, 0.1], [2, 2], [-2, 2]]}",
             "arena.room: does not contain",
         ),
         ("lights=[{position: [0, 0, 1], intensity: -1}]", r"lights\[0\].intensity"),

@@ -161,11 +161,16 @@ def _signed_area(corners: Array) -> float:
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
+def walls_meet(first: Array, second: Array) -> bool:
+    """Whether the sides of two polygons of corners (n, 2) and (m, 2) touch."""
+    others = _segments(second)
+    return any(_meet(wall, other, adjacent=False) for wall in _segments(first) for other in others)
+
+
 def _crossing(corners: Array) -> tuple[int, int] | None:
     """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
     n = len(corners)
-    points = [(float(x), float(y)) for x, y in corners]
-    walls = [(points[i], points[(i + 1) % n]) for i in range(n)]
+    walls = _segments(corners)
     for i in range(n):
         for j in range(i + 1, n):
             if _meet(walls[i], walls[j], adjacent=j == i + 1 or (i == 0 and j == n - 1)):
@@ -174,6 +179,11 @@ def _crossing(corners: Array) -> tuple[int, int] | None:
 
 
 _Segment: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _segments(corners: Array) -> list[_Segment]:
+    points = [(float(x), float(y)) for x, y in corners]
+    return list(zip(points, [*points[1:], points[0]], strict=True))
 
 
 def _meet(first: _Segment, second: _Segment, *, adjacent: bool) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
-from mercator_design.missions.arena import Arena, Light
+from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
@@ -87,8 +87,8 @@ class Mission:
         for index in np.flatnonzero(~self.arena.contains(centers))[:1]:
             raise FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
         if self.arena.room is not None:
-            beyond = Arena(walls=self.arena.room)
-            if not beyond.contains(self.arena.corners()).all():
+            room, corners = Arena(walls=self.arena.room), self.arena.corners()
+            if not room.contains(corners).all() or walls_meet(room.corners(), corners):
                 raise FieldError("arena.room", "does not contain the arena's walls")
 
     def _check_lights(self) -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mercator_design.fsm.clustering import lidar_neighbours
@@ -184,6 +184,7 @@ def test_any_turn_is_clustered_as_the_rule_says(runs):
     ranges = [distance for distance, length in runs for _ in range(length)]
     if len(ranges) < 8:
         ranges = (ranges * 8)[:8]
+    assume(len(ranges) % 36)  # whose beams are exactly 10 degrees apart, or a part of it: rounding would decide
     found = found_in(ranges, first_angle=0.0)
     expected = reference(ranges, MODEL)
     assert len(found) == len(expected)

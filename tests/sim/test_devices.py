@@ -245,6 +245,24 @@ def test_the_lidar_measures_what_neighbours_are_found_with():
         assert draw(outcome.recording.noise_keys[0], LIDAR, 3) != draw(outcome.recording.noise_keys[1], LIDAR, 3)
 
 
+def test_the_points_of_the_lidar_lie_where_its_beams_ended():
+    """On the walls of a square room, whichever way the robots look; nothing where nothing was measured."""
+    lidar = dataclasses.replace(MERCATOR.lidar, noise=None, ring_radius=0.035, first_angle=0.7)
+    model = dataclasses.replace(MERCATOR, lidar=lidar)
+    placement = at((0.3, 0.2, 1.0), (-0.5, 0.1, -2.0))
+    recording = look(
+        model, robots=2, sides=4, apothem=1.5, placement=placement, overrides=["arena.wall_height=1"]
+    ).recording
+    points, distances = recording.measure("lidar_points")[0], recording.measure("lidar")[0]
+    on_walls = np.abs(np.abs(points).max(axis=-1) - 1.5) < 1e-9
+    head = np.array([[-0.5, 0.1], [0.3, 0.2]])[:, None]
+    on_heads = np.abs(np.linalg.norm(points - head, axis=-1) - 0.035) < 1e-9
+    assert (on_walls | on_heads).all()
+    assert on_heads.any(axis=1).all()
+    assert (distances > 0).all()
+    assert np.isnan(look(model, sides=4, apothem=1.5, placement=at((0, 0, 0))).recording.measure("lidar_points")).all()
+
+
 def test_wheels_are_as_set_with_noise():
     drive = dataclasses.replace(MERCATOR.drive, noise=Gaussian(sd=0.1))
     world = simulator(duration=100, apothem=900, robot_model=dataclasses.replace(MERCATOR, drive=drive))
@@ -298,25 +316,27 @@ class TestEveryDevice:
     @pytest.mark.parametrize("every", [7, 10, 1000])
     def test_every_tenth_cycle_is_measured_as_among_all(self, noisy, name, every):
         found = noisy.measure(name, every)
-        assert np.array_equal(found, noisy.measure(name)[::every])
+        assert np.array_equal(found, noisy.measure(name)[::every], equal_nan=True)
         assert len(found) == len(noisy.times(every)) == math.ceil(300 / every)
 
     def test_measuring_changes_nothing(self, noisy, name):
         before = [part.copy() for part in noisy.history]
         once = noisy.measure(name)
         once += 1.0  # what is returned is the caller's
-        assert np.array_equal(noisy.measure(name) + 1.0, once)
+        assert np.array_equal(noisy.measure(name) + 1.0, once, equal_nan=True)
         assert all(np.array_equal(*parts) for parts in zip(before, noisy.history, strict=True))
 
     def test_plain_python_measures_the_same(self, noisy, name, monkeypatch):
         compiled = noisy.measure(name, 60)
         monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-        assert np.array_equal(noisy.measure(name, 60), compiled)
+        assert np.array_equal(noisy.measure(name, 60), compiled, equal_nan=True)
 
     def test_a_robot_without_it(self, noisy, name):
         if name == "wheels":
             return
-        without = dataclasses.replace(noisy, robot_model=dataclasses.replace(NOISY, **{name: None}))
+        without = dataclasses.replace(
+            noisy, robot_model=dataclasses.replace(NOISY, **{name.removesuffix("_points"): None})
+        )
         with pytest.raises(SimulationError, match=f"robot mercator has no {name.replace('_', ' ')}"):
             without.measure(name)
 
@@ -339,6 +359,7 @@ class TestEveryDevice:
         ((719,), ("lidar",)),
         ((1,), ("ambient_light",)),
         ((5, 3), ("leds",)),
+        ((719, 2), ("lidar_points",)),
     ],
 )
 def test_shapes(noisy, shape, names):

@@ -112,15 +112,15 @@ class TestRing:
 
 
 class TestCamera:
-    def test_a_unit_vector_to_each_light(self):
+    def test_the_direction_of_the_vectors_to_the_lights_added_up(self):
         pose = (0.5, -0.2, 1.0)
         rows = [(1.5, 1.0, 0.1, 1.0), (-1.0, 0.3, 2.0, 9.0)]
-        units = []
+        vectors = []
         for x, y, *_ in rows:
-            bearing = math.atan2(y + 0.2, x - 0.5) - 1.0
-            units.append((math.cos(bearing), math.sin(bearing)))
-        assert towards(CHOCOLATE, rows[0], pose=pose) == pytest.approx(units[0])
-        both = np.sum(units, axis=0)
+            away, bearing = math.hypot(x - 0.5, y + 0.2), math.atan2(y + 0.2, x - 0.5) - 1.0
+            vectors.append([away * math.cos(bearing), away * math.sin(bearing)])
+        assert towards(CHOCOLATE, rows[0], pose=pose) == pytest.approx(vectors[0] / np.linalg.norm(vectors[0]))
+        both = np.sum(vectors, axis=0)
         assert towards(CHOCOLATE, *rows, pose=pose) == pytest.approx(both / np.linalg.norm(both))
         assert not towards(CHOCOLATE, (1, 0, 1, 1.0), (-1, 0, 1, 1.0)).any()  # they cancel
 

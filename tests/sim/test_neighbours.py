@@ -79,6 +79,15 @@ class TestCamera:
         for one, other in [(found[:, 0], found[:, 1]), (found[1:, 0], found[:-1, 0])]:
             assert abs(np.corrcoef(one, other)[0, 1]) < 6 / math.sqrt(len(one))
 
+    def test_losses_of_two_neighbours_are_independent(self):
+        """One ahead, one at the left: correlations over 4000 cycles, up to two cycles apart; chance below 1e-7."""
+        placement = at((0, 0, 0), (0.5, 0, 0), (0, 0.5, 0))
+        ready = simulator(robots=3, duration=400, apothem=3.0, robot_model=seeing(loss=0.5), placement=placement)
+        ahead, aside = ready.run(STOP, 1, record=True).history.readings[:, 0, 3:5].T > 0.1
+        for lag in range(-2, 3):
+            one, other = ahead[2 + lag : 3998 + lag], aside[2:3998]
+            assert abs(np.corrcoef(one, other)[0, 1]) < 6 / math.sqrt(len(one))
+
     def test_all_or_nothing(self):
         assert counts(seeing(loss=1.0), duration=10).max() == 0
         assert counts(seeing(loss=0.0), duration=10)[:, 0].min() == 3

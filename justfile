@@ -27,6 +27,10 @@ format:
 bench:
     .venv/bin/python benchmarks/engine.py
 
+# Pictures of the shipped missions, and the README's gallery of them
+pictures:
+    .venv/bin/python docs/gallery.py
+
 # What continuous integration runs
 ci:
     .ci/run

@@ -5,11 +5,13 @@ Results go to stdout or named files; progress and messages go to stderr, progres
 that needs them, so that `--help` is quick.
 """
 
+import contextlib
 import json
 import os
+import shutil
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
@@ -23,6 +25,7 @@ from mercator_design.fsm.pfsm import FLAVOURS
 if TYPE_CHECKING:
     from mercator_design.design import Finished
     from mercator_design.fsm.text import FsmFile
+    from mercator_design.mission_sampler import MissionClass
     from mercator_design.missions.mission import Mission
 
 _FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
@@ -240,6 +243,56 @@ def evaluate(
 
 
 @cli.command()
+@click.argument("fsm", type=_FILE)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
+)
+@click.option(
+    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+)
+@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Record every so many-th cycle.")
+@click.option("--mission", help="As for evaluate.")
+@_SEED
+@click.option("--robot-model", help="As for evaluate.")
+@_FLAVOUR
+@_LENIENT
+@_SET
+@_PLUGIN
+def record(
+    fsm: Path,
+    output: Path,
+    devices: str,
+    every: int,
+    mission: str | None,
+    seed: int,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+) -> None:
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    --seed is the instance's own, as evaluate --json lists them.
+    """
+    from mercator_design.files import write_bytes
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    if output.suffix not in FORMATS:
+        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
+    loaded = _mission_of(fsm, file, mission, overrides)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    simulator.rehearse(announce=_tell)
+    outcome = simulator.run(file.pfsm, seed, record=True)
+    names = [name.strip() for name in devices.split(",") if name.strip()]
+    write_bytes(output, recording_bytes(outcome.recording, names, every=every, suffix=output.suffix))
+    click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
+
+
+@cli.command()
 @click.argument("files", nargs=-1, required=True, type=_FILE)
 @_FLAVOUR
 @_LENIENT
@@ -273,17 +326,150 @@ def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
     click.echo(to_dot(read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None).pfsm), nl=False)
 
 
-@cli.command()
-def missions() -> None:
+@cli.group(invoke_without_command=True)
+@click.pass_context
+def missions(context: click.Context) -> None:
+    """List, show and draw missions, and make random ones.
+
+    Without a command it lists the shipped missions.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_missions)
+
+
+@missions.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: all there is to know, and the file.")
+def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
+    from mercator_design.report.missions import missions_json, missions_table
+
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    click.echo(missions_json() if as_json else missions_table(width))
+
+
+@missions.command()
+@click.argument("mission")
+@_SET
+@_PLUGIN
+def show(mission: str, overrides: tuple[str, ...]) -> None:
+    """Print the YAML of MISSION as it stands, with its comments, to start one's own from.
+
+    With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
+    """
     from mercator_design import shipped
+    from mercator_design.loading import dump
     from mercator_design.missions.mission import load_mission
 
-    for name in shipped.missions():
-        mission = load_mission(name)
-        goal = f"{mission.objective.direction} {mission.objective.name}"
-        click.echo(f"{name:<20} {mission.robots:>3} robots {mission.duration:>5g} s  {goal}")
-        click.echo(f"{'':<20} {mission.description}")
+    loaded = load_mission(mission, overrides)
+    if overrides:
+        click.echo(dump(loaded), nl=False)
+    else:
+        path = shipped.find(mission, shipped.missions(), "mission")
+        click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+
+
+def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
+        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
+    return path
+
+
+@missions.command()
+@click.argument("mission")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    callback=_picture,
+    help="Picture to write, .png or .svg.  [default: MISSION.png in this folder]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1,
+    show_default=True,
+    help="Instance to show: where the robots start, and the colours of tiles.",
+)
+@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@_SET
+@_PLUGIN
+def preview(mission: str, output: Path | None, seed: int, robot_model: str | None, overrides: tuple[str, ...]) -> None:
+    """Draw MISSION from above: arena, floor, lights, the area in which robots start, and one start.
+
+    Prints the name of the picture.
+    """
+    from mercator_design.missions.mission import load_mission
+    from mercator_design.report.preview import save_preview
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    loaded = load_mission(mission, overrides)
+    simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    path = output or Path(f"{loaded.name}.png")
+    with _naming(path):
+        save_preview(path, simulator, seed=seed)
+    click.echo(path)
+
+
+@missions.command()
+@click.option(
+    "--class",
+    "class_",
+    type=click.Choice(["foraging", "homing", "aggregation-xor"]),
+    required=True,
+    help="What the robots must do.",
+)
+@_SEED
+@click.option("-n", "--number", type=click.IntRange(1, 10_000), default=1, show_default=True, help="Missions to make.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=".",
+    help="Folder of the missions.  [default: this one]",
+)
+def sample(class_: "MissionClass", seed: int, number: int, output: Path) -> None:
+    """Write random missions of a class, for experiments on more missions than a method was made with.
+
+    The same class and seed give the same missions, the first of many being the first of a few. Prints the names of the
+    files, CLASS-SEED-1.yaml and on; none may be there yet.
+    """
+    from mercator_design.files import write_text
+    from mercator_design.loading import dump
+    from mercator_design.mission_sampler import sample_mission
+
+    with _naming(output):
+        output.mkdir(parents=True, exist_ok=True)
+    paths = [output / f"{class_}-{seed}-{k}.yaml" for k in range(1, number + 1)]
+    for path in paths:
+        if path.exists():
+            raise MercatorError(f"{path}: expected to write a new file, found that there is one")
+    for k, path in enumerate(paths, start=1):
+        with _naming(path):
+            write_text(path, dump(sample_mission(class_, seed=seed, number=k)))
+        click.echo(path)
+
+
+@cli.command()
+@click.argument("kind", type=click.Choice(["mission", "robot-model"]), default="mission")
+@_PLUGIN
+def schema(kind: str) -> None:
+    """Print the JSON Schema of a mission or a robot model, for an editor to complete and check such files.
+
+    \b
+    mdesign schema > mission.schema.json
+    and, as the first line of a mission beside it:
+    # yaml-language-server: $schema=mission.schema.json
+    """  # noqa: D301 - click reads the control character
+    from mercator_design.json_schema import json_schema
+    from mercator_design.missions.mission import Mission
+    from mercator_design.sim.robot_model import RobotModel
+
+    if kind == "mission":
+        found = json_schema(Mission, title="A mission", given=("name",))
+    else:
+        found = json_schema(RobotModel, title="A robot model", given=("name",), based=True)
+    click.echo(json.dumps(found, indent=2))
 
 
 class _Interrupt:
@@ -313,6 +499,15 @@ class _Interrupt:
         if self._came:
             _tell(what)
             raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """What cannot be written is named as the user did."""
+    try:
+        yield
+    except OSError as error:
+        raise MercatorError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _tell(message: str) -> None:

@@ -171,7 +171,8 @@ def _register(function: Callable[..., Any]) -> None:
 
     links = getattr(function, "links", None)
     if links is None:
-        register_jitable(function)
+        # Kernels pass on tuples of hundreds of numbers; a call that is not inlined copies them all.
+        register_jitable(forceinline=True)(function)
         return
 
     chain = _chain(tuple(links))

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias
 
 from mercator_design import schema
 from mercator_design.loading import plain
-from mercator_design.schema import FilePath, Kind, Length, Pattern, Range, Rule, Specification
+from mercator_design.schema import Ascending, FilePath, Kind, Length, Pattern, Range, Rule, Specification
 
 Json: TypeAlias = dict[str, Any]
 _Records: TypeAlias = dict[Kind, Json]
@@ -112,6 +112,8 @@ def _keywords(rule: Rule, type_: str | None) -> Json:
         return {"pattern": f"^(?:{rule.regex})$", "description": rule.meaning}
     if isinstance(rule, FilePath):
         return {"minLength": 1}
+    if isinstance(rule, Ascending):  # beyond what a schema can say
+        return {"description": "the smaller first"}
     raise TypeError(f"no JSON Schema for {rule!r}")
 
 

@@ -22,6 +22,7 @@ import yaml
 from mercator_design import schema
 from mercator_design.errors import MercatorError
 from mercator_design.schema import (
+    Ascending,
     FieldError,
     FilePath,
     KeywordsOf,
@@ -37,6 +38,7 @@ from mercator_design.schema import (
 from mercator_design.yaml_tree import Fault, Node, compose, excerpt, merge, override, read_text, steps
 
 __all__ = [
+    "Ascending",
     "FieldError",
     "FilePath",
     "KeywordsOf",

@@ -69,6 +69,17 @@ class Length:
 
 
 @dataclass(frozen=True, slots=True)
+class Ascending:
+    """Two numbers are the bounds of a range."""
+
+    def allows(self, value: tuple[float, float]) -> bool:
+        return value[0] < value[1]
+
+    def says(self, noun: str) -> str:
+        return f"{noun}, the smaller first"
+
+
+@dataclass(frozen=True, slots=True)
 class Pattern:
     """A regular expression for a whole text, and its meaning in words."""
 

@@ -31,6 +31,7 @@ def blocks(language):
     ]
 
 
+@pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize("code", blocks("python"))
 def test_python_in_the_documents_runs(code):
     with contextlib.redirect_stdout(io.StringIO()):

@@ -11,12 +11,17 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
+import yaml
+from jsonschema import Draft202012Validator
 
 from mercator_design import run_folder, shipped
 from mercator_design.cli import main
 from mercator_design.fsm import parse, read_fsm
-from mercator_design.missions.mission import load_mission
+from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.report.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
@@ -357,17 +362,131 @@ def test_a_diagram(mdesign, fsm):
     assert "S0 -> C0x0 -> S1;" in out
 
 
-def test_missions_are_listed(mdesign):
-    code, out, _ = mdesign("missions")
-    assert code == 0
-    for name in shipped.missions():
-        assert any(line.startswith(name) for line in out.splitlines())
+class TestMissions:
+    @pytest.mark.parametrize("arguments", [["missions"], ["missions", "list"]])
+    def test_they_are_listed_a_line_each(self, mdesign, arguments):
+        code, out, _ = mdesign(*arguments)
+        assert code == 0
+        lines = out.splitlines()[1:]
+        assert [line.split()[0] for line in lines] == list(shipped.missions())
+        assert next(line for line in lines if line.startswith("grid_exploration ")).split()[1:6] == [
+            "3", "120", "s", "minimise", "cell_age",
+        ]  # fmt: skip
+
+    def test_lines_are_cut_to_a_terminal(self):
+        lines = missions_table(60).splitlines()
+        assert {len(line) for line in lines[1:]} == {60}
+        assert all(line.endswith("…") for line in lines[1:])
+
+    def test_list_for_programs(self, mdesign):
+        found = json.loads(mdesign("missions", "list", "--json")[1])
+        assert [mission["name"] for mission in found] == list(shipped.missions())
+        first = found[0]
+        assert load_mission(first["file"]).digest == load_mission(first["name"]).digest
+        assert (first["robots"], first["objective"], first["direction"]) == (3, "robots_in_zone", "maximise")
+
+    def test_show_gives_the_file_to_start_from(self, mdesign, tmp_path):
+        code, out, _ = mdesign("missions", "show", "aggregation")
+        assert code == 0
+        assert out == shipped.missions()["aggregation"].read_text()
+        (tmp_path / "my.yaml").write_text(out)
+        assert mdesign("missions", "show", tmp_path / "my.yaml")[1] == out
+
+    def test_show_with_overrides_gives_what_would_be_raced(self, mdesign):
+        out = mdesign("missions", "show", "aggregation", "--set", "robots=7")[1]
+        assert parse_mission(out) == load_mission("aggregation", ["robots=7"])
+
+    @pytest.mark.parametrize("command", ["show", "preview"])
+    def test_no_such_mission(self, mdesign, tmp_path, monkeypatch, command):
+        monkeypatch.chdir(tmp_path)
+        code, out, err = mdesign("missions", command, "agregation")
+        assert (code, out) == (3, "")
+        assert "did you mean 'aggregation'?" in err
+        assert list(tmp_path.iterdir()) == []
+
+    def test_preview(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert mdesign("missions", "preview", "aggregation")[:2] == (0, "aggregation.png\n")
+        assert (tmp_path / "aggregation.png").read_bytes().startswith(b"\x89PNG")
+        picture = tmp_path / "p.svg"
+        assert mdesign("missions", "preview", "aggregation", "-o", picture, "--set", "robots=5")[1] == f"{picture}\n"
+        before = picture.read_bytes()
+        assert mdesign("missions", "preview", "aggregation", "-o", picture, "--robot-model", "epuck")[0] == 0
+        assert picture.read_bytes() != before
+
+    @pytest.mark.parametrize(
+        ("arguments", "code", "words"),
+        [
+            (["preview", "aggregation", "-o", "p.pdf"], 2, "ends in .png or .svg, found 'p.pdf'"),
+            (["preview", "aggregation", "-o", "png"], 2, "ends in .png or .svg, found 'png'"),
+            (["preview", "aggregation", "-o", "nowhere/p.png"], 1, "nowhere/p.png: cannot be written: No such file"),
+            (["preview", "aggregation", "--set", "robots=50"], 3, "the robots do not fit"),
+            (["preview"], 2, "MISSION"),
+            (["sample"], 2, "--class"),
+            (["sample", "--class", "dancing"], 2, "dancing"),
+            (["sample", "--class", "homing", "-n", "0"], 2, "'-n'"),
+            (
+                ["sample", "--class", "homing", "-o", "file/deeper"],
+                1,
+                "file/deeper: cannot be written: Not a directory",
+            ),
+        ],
+    )
+    def test_mistakes(self, mdesign, tmp_path, monkeypatch, arguments, code, words):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "file").touch()
+        found, out, err = mdesign("missions", *arguments)
+        assert (found, out) == (code, "")
+        assert words in err
+        assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+    def test_samples_are_valid_and_a_longer_series_begins_alike(self, mdesign, tmp_path):
+        options = ["--class", "homing", "--seed", 3]
+        code, out, _ = mdesign("missions", "sample", *options, "-n", 2, "-o", tmp_path / "two")
+        assert code == 0
+        assert out.splitlines() == [str(tmp_path / "two" / f"homing-3-{number}.yaml") for number in (1, 2)]
+        assert mdesign("validate", *out.splitlines())[0] == 0
+        mdesign("missions", "sample", *options, "-o", tmp_path / "one")
+        first = (tmp_path / "one" / "homing-3-1.yaml").read_bytes()
+        assert first == (tmp_path / "two" / "homing-3-1.yaml").read_bytes()
+
+    def test_samples_replace_nothing(self, mdesign, tmp_path):
+        (tmp_path / "homing-1-2.yaml").write_text("mine")
+        code, out, err = mdesign("missions", "sample", "--class", "homing", "-n", 3, "-o", tmp_path)
+        assert (code, out) == (1, "")
+        assert "homing-1-2.yaml" in err
+        assert [file.name for file in tmp_path.iterdir()] == ["homing-1-2.yaml"]
+
+
+class TestSchema:
+    def test_of_missions_and_robot_models(self, mdesign):
+        mission = json.loads(mdesign("schema")[1])
+        Draft202012Validator(mission).validate(yaml.safe_load(shipped.missions()["foraging"].read_text()))
+        model = json.loads(mdesign("schema", "robot-model")[1])
+        for file in shipped.robot_models().values():
+            Draft202012Validator(model).validate(yaml.safe_load(file.read_text()))
+        assert mdesign("schema", "fsm")[0] == 2
+
+    def test_knows_plugins(self, tmp_path):
+        plugin = tmp_path / "mine.py"
+        plugin.write_text(
+            "from mercator_design.missions.plugins import objective\n"
+            "@objective\n"
+            "def eastmost(trace, *, bonus: float):\n"
+            "    return float(trace.final_positions[:, 0].max()) + bonus\n"
+        )
+        script = "from mercator_design.cli import main; main()"
+        command = [sys.executable, "-c", script, "schema", "--plugin", str(plugin)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        alternatives = json.loads(done.stdout)["$defs"]["Objective"]["oneOf"]
+        (own,) = [each for each in alternatives if each["properties"]["name"] == {"const": "eastmost"}]
+        assert own["properties"]["bonus"] == {"type": "number"}
 
 
 def test_help_needs_no_heavy_module():
     script = (
         "import sys; from mercator_design.cli import cli; cli(['--help'], standalone_mode=False);"
-        "heavy = {'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'yaml'};"
+        "heavy = {'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'yaml', 'matplotlib'};"
         "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
@@ -394,3 +513,45 @@ assert controller.state == 1 and wheels == (0, 0), wheels
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+class TestRecord:
+    def test_a_table(self, mdesign, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=2", "--seed", 3, "--every", 5]
+        out = tmp_path / "trace.csv"
+        code, text, err = mdesign("record", tmp_path / "fsm.txt", *options, "--devices", "imu, wheels", "-o", out)
+        assert (code, err) == (0, "")
+        assert "seed 3, score" in text
+        table = pd.read_csv(out)
+        assert list(table.columns) == [
+            *["time", "robot", "x", "y", "heading", "state", "imu_0", "imu_1", "imu_2", "wheels_0", "wheels_1"]
+        ]
+        assert table.time.unique().tolist() == [0.1, 0.6, 1.1, 1.6]
+        assert len(table) == 4 * 3
+
+    def test_arrays(self, mdesign, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=2", "--devices", "lidar", "--every", 10]
+        assert mdesign("record", tmp_path / "fsm.txt", *options, "-o", tmp_path / "trace.npz")[0] == 0
+        with np.load(tmp_path / "trace.npz") as arrays:
+            assert arrays["lidar"].shape == (2, 3, 719)
+            assert arrays["pose"].shape == (2, 3, 3)
+            assert arrays["time"].tolist() == [0.1, 1.1]
+
+    @pytest.mark.parametrize(
+        ("options", "code", "words"),
+        [
+            (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
+            (["-o", "trace.csv", "--devices", "radar"], 1, "no device is called 'radar'; known: wheels, leds"),
+            (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
+            (["-o", "nowhere/trace.csv"], 1, "nowhere"),
+        ],
+    )
+    def test_mistakes_are_named(self, mdesign, tmp_path, monkeypatch, options, code, words):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        found, out, err = mdesign("record", "fsm.txt", "--mission", "aggregation", "--set", "duration=1", *options)
+        assert (found, out) == (code, "")
+        assert words in err
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt"]

@@ -81,6 +81,7 @@ def perceive(
     bearings_x: Row,
     bearings_y: Row,
     n_neighbours: int,
+    neighbours: float,
     ground: Row,
     light: Row,
 ) -> Readings:
@@ -91,10 +92,11 @@ def perceive(
         proximity: (sensors,) how much the nearest obstacle counts that each sensor sees (`proximity_weight`).
         directions_x: (sensors,) where each proximity sensor looks: unit vectors, forwards ...
         directions_y: ... and to the left.
-        distances: (at least n_neighbours,) of each robot in range [m].
+        distances: (at least n_neighbours,) of each robot that pulls [m].
         bearings_x: (at least n_neighbours,) where each is: unit vectors, forwards ...
         bearings_y: ... and to the left.
-        n_neighbours: How many neighbours there are.
+        n_neighbours: How many rows that is; one robot may pull more than once.
+        neighbours: How many robots count as neighbours.
         ground: (3,) red, green, blue, 0 to 255.
         light: (2,) vector towards the light.
     """
@@ -106,7 +108,8 @@ def perceive(
     pull_x = 0.0
     pull_y = 0.0
     for i in range(n_neighbours):
-        weight = 1.0 / (model.neighbour_offset + model.neighbour_scale * distances[i])
+        gap = max(0.0, distances[i] - model.neighbour_gap)
+        weight = 1.0 / (model.neighbour_offset + model.neighbour_scale * gap)
         pull_x += weight * bearings_x[i]
         pull_y += weight * bearings_y[i]
         if distances[i] <= model.neighbour_obstacle_range:
@@ -121,7 +124,7 @@ def perceive(
     return Readings(
         obstacle_x,
         obstacle_y,
-        float(n_neighbours),
+        neighbours,
         pull_x,
         pull_y,
         ground[0],

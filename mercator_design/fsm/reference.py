@@ -4,9 +4,11 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from mercator_design.schema import NonNegative, Positive
+from mercator_design.schema import NonNegative, Positive, Range
+
+Cycles = Annotated[float, Range(0.0, 1000.0)]
 
 
 class Readings(NamedTuple):
@@ -51,11 +53,14 @@ class ReferenceModel(NamedTuple):
     proximity_exponential: float = 0.0
     proximity_decay: Positive = 1.0  # [m]
 
-    # Neighbours: one at distance d weighs 1 / (offset + scale * d); counted when d < range.
+    # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)).
     neighbour_range: Positive = 0.75
     neighbour_offset: Positive = 1.0
     neighbour_scale: NonNegative = 1.0  # [1/m] 100 where a variant means centimetres
-    neighbour_memory: NonNegative = 0.0  # [cycles] that a robot stays a neighbour after it was last perceived
+    neighbour_gap: NonNegative = 0.0  # [m] between the middles of robots that touch, where a variant starts there
+    neighbour_memory: Cycles = 0.0  # for how many cycles more a robot pulls after it was perceived ...
+    neighbour_repeats: NonNegative = 0.0  # ... if not 0: once for each time that it was, else where it was last
+    neighbour_count_memory: Cycles = 0.0  # for how many cycles more it is counted
     # One within obstacle_range also weighs on the proximity vector, at its distance less obstacle_radius. 0: never,
     # because the proximity sensors see robots too.
     neighbour_obstacle_range: NonNegative = 0.0
@@ -91,7 +96,7 @@ class ReferenceModel(NamedTuple):
 
     # Where ground_vote_cycles is not 0, the ground is black, gray (127.5) or white as more than ground_majority of the
     # ground sensors' gray levels of so many cycles say: black < ground_vote_black, white > ground_vote_white.
-    ground_vote_cycles: NonNegative = 0.0
+    ground_vote_cycles: Cycles = 0.0
     ground_vote_black: NonNegative = 0.03 * 255
     ground_vote_white: NonNegative = 0.85 * 255
     ground_majority: NonNegative = 10.0

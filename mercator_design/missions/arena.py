@@ -80,10 +80,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A point light above the floor, or a beacon."""
+    """A point light above the floor."""
 
     position: tuple[Coordinate, Coordinate, Coordinate]  # [m]
-    intensity: NonNegative  # as ARGoS counts it: the farther the reach, the greater
+    intensity: NonNegative = 1.0  # as ARGoS counts it: the farther the reach, the greater; 0: off
+    kind: Literal["lamp", "beacon"] | None = None  # only light sensors sense a lamp, only cameras a beacon; None: both
     seen_by: Annotated[tuple[Annotated[int, Range(0, 999)], ...], Length(1, 1000)] | None = None  # robots; None: all
 
 
@@ -160,11 +161,16 @@ def _signed_area(corners: Array) -> float:
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
+def walls_meet(first: Array, second: Array) -> bool:
+    """Whether the sides of two polygons of corners (n, 2) and (m, 2) touch."""
+    others = _segments(second)
+    return any(_meet(wall, other, adjacent=False) for wall in _segments(first) for other in others)
+
+
 def _crossing(corners: Array) -> tuple[int, int] | None:
     """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
     n = len(corners)
-    points = [(float(x), float(y)) for x, y in corners]
-    walls = [(points[i], points[(i + 1) % n]) for i in range(n)]
+    walls = _segments(corners)
     for i in range(n):
         for j in range(i + 1, n):
             if _meet(walls[i], walls[j], adjacent=j == i + 1 or (i == 0 and j == n - 1)):
@@ -173,6 +179,11 @@ def _crossing(corners: Array) -> tuple[int, int] | None:
 
 
 _Segment: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _segments(corners: Array) -> list[_Segment]:
+    points = [(float(x), float(y)) for x, y in corners]
+    return list(zip(points, [*points[1:], points[0]], strict=True))
 
 
 def _meet(first: _Segment, second: _Segment, *, adjacent: bool) -> bool:

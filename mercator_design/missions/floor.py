@@ -236,10 +236,11 @@ class Floor:
         for index, name in enumerate(names):
             if name is not None and name in names[:index]:
                 raise FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
+        zones, _ = self._painted(np.random.default_rng(0))
         for index, dynamics in enumerate(self.dynamics):
             self.check_references(f"dynamics[{index}]", DYNAMICS[dynamics.name], dynamics.parameters)
             try:
-                self._numbers(dynamics, np.zeros((self._count(), 9)), np.random.default_rng(0))
+                self._numbers(dynamics, zones, np.random.default_rng(0))
             except FieldError as wrong:
                 raise FieldError(f"dynamics[{index}].{wrong.field}", wrong.message) from None
 
@@ -261,9 +262,7 @@ class Floor:
 
         The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
         """
-        corners: list[Point] = []
-        rows = [row for zone in self.zones for row in zone.rows(rng, corners)]
-        zones = np.array(rows, dtype=float).reshape(-1, 9)
+        zones, vertices = self._painted(rng)
         kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
         ends = np.cumsum([0, *map(len, kept)])
         numbers = np.zeros((ends[-1], max((len(row) for table in kept for row in table), default=0)))
@@ -276,7 +275,7 @@ class Floor:
             background=np.array(rgb(self.background)),
             image=self.image.pixels if self.image else np.zeros((1, 1, 3), dtype=np.uint8),
             extent=self.image.extent() if self.image else np.zeros(4),
-            vertices=np.array(corners, dtype=float).reshape(-1, 2),
+            vertices=vertices,
             changes=np.column_stack([np.array(kernels, dtype=np.int64), ends[:-1], ends[1:]]),
             numbers=numbers,
         )
@@ -285,8 +284,11 @@ class Floor:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
         return DYNAMICS[dynamics.name](site, **dynamics.parameters)
 
-    def _count(self) -> int:
-        return sum(len(zone.rows(np.random.default_rng(0), [])) for zone in self.zones)
+    def _painted(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """The zones, and the vertices of the polygons among them, as in FloorTable."""
+        corners: list[Point] = []
+        rows = [row for zone in self.zones for row in zone.rows(rng, corners)]
+        return np.array(rows, dtype=float).reshape(-1, 9), np.array(corners, dtype=float).reshape(-1, 2)
 
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of every table of this floor that a named zone is made of."""

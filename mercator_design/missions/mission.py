@@ -5,6 +5,7 @@ The files in `scenarios/` are found by being there.
 """
 
 import hashlib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
-from mercator_design.missions.arena import Arena, Light
+from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
@@ -39,8 +40,15 @@ class Objective:
         check_call(OBJECTIVES, self.name, self.parameters)
 
     def __call__(self, trace: Trace) -> float:
-        """The score of an experiment."""
-        return float(OBJECTIVES[self.name](trace, **self.parameters))
+        """The score of an experiment.
+
+        Raises:
+            MissionError: if the function has no finite number to give.
+        """
+        score = float(OBJECTIVES[self.name](trace, **self.parameters))
+        if not math.isfinite(score):
+            raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
+        return score
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +87,8 @@ class Mission:
         for index in np.flatnonzero(~self.arena.contains(centers))[:1]:
             raise FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
         if self.arena.room is not None:
-            beyond = Arena(walls=self.arena.room)
-            if not beyond.contains(self.arena.corners()).all():
+            room, corners = Arena(walls=self.arena.room), self.arena.corners()
+            if not room.contains(corners).all() or walls_meet(room.corners(), corners):
                 raise FieldError("arena.room", "does not contain the arena's walls")
 
     def _check_lights(self) -> None:

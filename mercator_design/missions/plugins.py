@@ -9,6 +9,7 @@ own file, which need not be near this package.
 """
 
 import hashlib
+import inspect
 import sys
 import traceback
 import types
@@ -62,7 +63,7 @@ def objective(function: Callable[..., float]) -> Callable[..., float]:
     """Enter a function in OBJECTIVES under its name.
 
     Raises:
-        ValueError: if the name is taken.
+        ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
     """
     _enter(OBJECTIVES, function, "an objective")
     return function
@@ -80,7 +81,7 @@ def dynamic(
             (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start.
 
     Raises:
-        ValueError: if the name is taken.
+        ValueError: as `objective`.
     """
 
     def enter(function: Callable[..., list[tuple[float, ...]]]) -> Callable[..., list[tuple[float, ...]]]:
@@ -100,6 +101,12 @@ def change_of(name: str) -> int:
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], kind: str) -> None:
     name = function.__name__
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and parameter.annotation is parameter.empty:
+            raise ValueError(f"{name} does not say what its parameter {parameter.name} is: an annotation is missing")
+    taken = {"name", "direction"} & parameters_of(function).keys()
+    if taken:
+        raise ValueError(f"{name} has a parameter {taken.pop()}, a key that means something else in missions")
     if name in registry:
         where = sys.modules[registry[name].__module__].__file__
         raise ValueError(f"{kind} is called '{name}' already, in {where}")

@@ -24,7 +24,6 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mercator_design.errors import MercatorError
 from mercator_design.files import write_bytes
 from mercator_design.missions.arena import Array, Light
 from mercator_design.missions.floor import FloorTable
@@ -36,16 +35,15 @@ from mercator_design.sim.robot_model import DiscBody, RobotModel
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
-FORMATS = ("png", "svg")
-
 _WIDTH = 4.6  # of the picture [inches]
 _DPI = 160  # of a PNG
 _PIXELS = 800  # of the floor, along its longer side
 _FINER = 2  # points looked at along a pixel's side
 _CELLS = 200  # of the grid on which the start area is found, along the arena's longer side
-_CANDIDATES = 200_000
+_CANDIDATES, _ROUNDS = 200_000, 30
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING, _LIGHT = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00", "#ffd23f"
+_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
@@ -56,27 +54,23 @@ _STYLE: dict[Any, Any] = {
 
 
 def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
-    """Write the picture of a mission, in the format that the path's suffix names.
+    """Write the picture of a mission.
 
     Args:
-        path: With the suffix .png or .svg.
+        path: With the suffix .png or .svg, which says what is written.
         simulator: Of the mission, with the robot.
         seed: The instance whose floor and starting poses are shown.
 
     Raises:
-        MercatorError: if the suffix is another.
         MissionError: if the robots do not fit.
     """
-    format_ = path.suffix[1:].lower()
-    if format_ not in FORMATS:
-        raise MercatorError(f"{path}: expected a name that ends in .png or .svg, found '{path.suffix or path.name}'")
+    suffix = path.suffix.lower()
     file = io.BytesIO()
     with _house_style():
         figure = preview(simulator, seed=seed)
-        if format_ == "svg":
+        if suffix == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all its pixels, to be scaled by who shows it
-        metadata = {"Date": None, "Creator": None} if format_ == "svg" else {"Software": None}
-        figure.savefig(file, format=format_, metadata=metadata, dpi=_DPI)
+        figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
     write_bytes(path, file.getvalue())
 
 
@@ -102,8 +96,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     _draw_arena(axes, mission)
     _draw_floor(axes, mission, instance)
-    if not isinstance(mission.placement, FixedPlacement):
-        _draw_start_area(axes, mission)
+    if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission):
         line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
         place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
         figure.legend(
@@ -219,25 +212,37 @@ def _arena_clip(axes: Axes, mission: Mission) -> Area:
     return Area(mission.arena.corners(), transform=axes.transData)
 
 
-def _draw_start_area(axes: Axes, mission: Mission) -> None:
-    """The border of where the placement's candidates fall, within the arena."""
+def _draw_start_area(axes: Axes, mission: Mission) -> bool:
+    """The border of where the placement's candidates fall, within the arena; False if that is too small to show."""
+    points = _candidates(mission)
+    grid = _within(mission, max(10, min(_CELLS, math.isqrt(len(points) // 5))))
+    left, right, bottom, top = _bounds(grid)
+    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
+    covered = ndimage.binary_closing(np.pad(counts > 0, 2))  # no holes by luck
+    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])[::-1]
+    covered &= ndimage.binary_erosion(np.pad(inside, 2), iterations=2)  # seen beside the walls
+    smooth = ndimage.gaussian_filter(covered.astype(float), 1.5)
+    if smooth.max() <= 0.5:
+        return False
+    rows, columns = smooth.shape
+    cell = (right - left) / grid.shape[1]
+    x, y = left + cell * (np.arange(columns) - 1.5), bottom + cell * (np.arange(rows) - 1.5)
+    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
+        axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
+    return True
+
+
+def _candidates(mission: Mission) -> Array:
+    """Places (n, 2) within the arena that the placement proposes; the more are tried, the fewer lie there."""
     random = generator(0, "preview")
     each = max(1, _CANDIDATES // mission.robots)
-    poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
-    grid = _within(mission, _CELLS)
-    left, right, bottom, top = _bounds(grid)
-    counts, _, _ = np.histogram2d(poses[:, 1], poses[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
-    covered = ndimage.binary_closing(np.pad(counts > 0, 3))[2:-2, 2:-2].astype(float)  # no holes by luck
-    smooth = ndimage.gaussian_filter(covered, 1.5)
-    cell = (right - left) / grid.shape[1]
-    x = left + cell * (np.arange(smooth.shape[1]) - 0.5)
-    y = bottom + cell * (np.arange(smooth.shape[0]) - 0.5)
-    clip = _arena_clip(axes, mission)
-    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
-        border = axes.contour(
-            x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6
-        )
-        border.set_clip_path(clip)
+    found: list[Array] = []
+    for _ in range(_ROUNDS):
+        poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
+        found.append(poses[mission.arena.contains(poses[:, :2]), :2])
+        if sum(map(len, found)) >= _CANDIDATES // 2:
+            break
+    return np.vstack(found)
 
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:

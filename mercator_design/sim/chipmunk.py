@@ -72,18 +72,30 @@ class Robot:
 
 
 def new_robot(
-    *, half_size: tuple[float, float], round_: bool, mass: float, inertia: float, force: float, torque: float
+    *,
+    half_size: tuple[float, float],
+    round_: bool,
+    corner_radius: float,
+    mass: float,
+    inertia: float,
+    force: float,
+    torque: float,
 ) -> Robot:
-    """A robot, box or disc, with its drive, in no space yet."""
+    """A robot, box or disc, with its drive, in no space yet; a box may have round corners."""
     body = pymunk.Body(mass, inertia)
     goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
     pivot = pymunk.PivotJoint(goal, body, (0.0, 0.0), (0.0, 0.0))
     gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
     for joint, limit in ((pivot, force), (gear, torque)):
         joint.max_bias = 0.0  # velocities are to agree, not positions
+        joint.error_bias = 0.0
         joint.max_force = limit
     length, width = half_size
-    shape = pymunk.Circle(body, length) if round_ else pymunk.Poly.create_box(body, (2.0 * length, 2.0 * width))
+    if round_:
+        shape: pymunk.Shape = pymunk.Circle(body, length)
+    else:
+        within = 2.0 * (length - corner_radius), 2.0 * (width - corner_radius)
+        shape = pymunk.Poly.create_box(body, within, corner_radius)
     return Robot(body, shape, pivot, gear, goal)
 
 

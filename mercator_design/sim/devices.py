@@ -54,19 +54,26 @@ class Recording:
             (cycles, robots, ...) as the device's function in this file says.
 
         Raises:
-            SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that.
+            SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that, or
+                if `every` is below 1.
         """
         if name not in DEVICES:
             raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
-        sensor = getattr(self.robot_model, name, None)
+        sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
         if sensor is None and name != "wheels":
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
-        return DEVICES[name](self, sensor, np.arange(0, len(self.history.states), every))
+        with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
+            return DEVICES[name](self, sensor, self._cycles(every))
 
     def times(self, every: int = 1) -> Floats:
         """When [s] that was: (cycles,)."""
-        times: Floats = self.control_period * np.arange(1.0, len(self.history.states) + 1.0)[::every]
+        times: Floats = np.multiply(self.control_period, self._cycles(every) + 1)
         return times
+
+    def _cycles(self, every: int) -> Cycles:
+        if every < 1:
+            raise SimulationError(f"every: expected a whole number >= 1, found {every}")
+        return np.arange(0, len(self.history.states), every)
 
     @property
     def headings(self) -> Floats:
@@ -158,6 +165,17 @@ def lidar(recording: Recording, _sensor: Lidar, cycles: Cycles) -> Floats:
     return found
 
 
+def lidar_points(recording: Recording, sensor: Lidar, cycles: Cycles) -> Floats:
+    """Where in the world each beam ended (cycles, robots, beams, 2) [m]; NaN where nothing is in range."""
+    distances = lidar(recording, sensor, cycles)[..., np.newaxis]
+    beams = np.stack([recording.scene.lidar.beams_x, recording.scene.lidar.beams_y], axis=1)
+    poses = _placed(recording, cycles)[:, :, np.newaxis]
+    c, s = poses[..., 3], poses[..., 4]
+    directions = np.stack([c * beams[:, 0] - s * beams[:, 1], s * beams[:, 0] + c * beams[:, 1]], axis=-1)
+    ends = poses[..., :2] + (sensor.ring_radius + distances) * directions
+    return np.where(distances > 0.0, ends, np.nan)
+
+
 def leds(recording: Recording, lamps: Leds, cycles: Cycles) -> Floats:
     """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255: they show the state."""
     shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
@@ -173,6 +191,7 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
             ground,
             proximity,
             lidar,
+            lidar_points,
             ambient_light,
             velocity,
             accelerometer,
@@ -183,7 +202,7 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
         )
     }
 )
-"""The devices that can be read, by name: the keys of a robot model, and the wheels."""
+"""What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
 
 
 def _velocities(recording: Recording) -> Floats:
@@ -245,7 +264,7 @@ def _fill_lux(
                 away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
                 if (
                     away <= reach
-                    and scene.light.seen[k, i]
+                    and scene.light.lamps[k, i]
                     and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
                 ):
                     found[n, i, 0] += base + math.exp(-decay * away)

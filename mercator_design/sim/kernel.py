@@ -7,7 +7,8 @@ A robot that can touch nothing in a cycle moves by a formula (motion.py). Chipmu
 robots that could touch something, and is stepped only where there are any.
 
 The order in a cycle is that of ARGoS: the wheels carry out what was commanded in the cycle before, then each robot
-senses and decides. So a command moves the robot one cycle later, and nothing moves in the first.
+senses and decides; a floor that changes does so in between. So a command moves the robot one cycle later, and nothing
+moves in the first.
 """
 
 import math
@@ -65,6 +66,13 @@ def begin_motion(scene: Scene, swarm: Swarm) -> None:
 
 
 @jittable
+def end_motion(scene: Scene, swarm: Swarm) -> None:
+    """What comes after Chipmunk's part: robots in its space that reach into walls too far are moved, and marked."""
+    for i in range(len(swarm.poses)):
+        swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i)
+
+
+@jittable
 def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
     """One control cycle of motion."""
     # Robots leave with the state that they had at the end of the cycle before, and glide on from there.
@@ -88,8 +96,10 @@ def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
         for i in range(n):
             if swarm.held[i]:
                 read_state(bridge, i, swarm.poses, swarm.velocities)
-                if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
-                    write_state(bridge, i, swarm.poses, swarm.velocities)
+        end_motion(scene, swarm)
+        for i in range(n):
+            if swarm.moved[i]:
+                write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable
@@ -129,7 +139,7 @@ def sense_and_control(
 def _remembered(model: ReferenceModel) -> int:
     """The senses that remember, which must sense in every cycle if they are read at all."""
     senses = 0
-    if model.neighbour_memory > 0.0:
+    if max(model.neighbour_memory, model.neighbour_count_memory) > 0.0:
         senses |= NEIGHBOURS
     if model.ground_vote_cycles > 0.0:
         senses |= GROUND

@@ -15,7 +15,6 @@ from mercator_design.sim.scene import Lidar, Scene
 
 Floats = NDArray[np.float64]
 
-_TURN = 2.0 * math.pi
 _END = 1e-9
 """A beam so far beyond the end of a wall, as a fraction of its length, still meets it: none slips through a corner."""
 
@@ -83,11 +82,8 @@ def _meet_wall(
     if area < 0.0:  # so that beams go counter-clockwise from the start to the end
         ax, ay, bx, by = bx, by, ax, ay
         wall_x, wall_y, area = -wall_x, -wall_y, -area
-    angle = math.atan2(ay, ax)
-    covered = math.atan2(by, bx) - angle
-    if covered < 0.0:
-        covered += _TURN
-    first = _first_beam(lidar, angle)
+    covered = math.atan2(area, ax * bx + ay * by)  # exact for a wall seen edge on, which differences of angles are not
+    first = _first_beam(lidar, math.atan2(ay, ax))
     count = int(covered / lidar.angle_step) + 2
     beams = len(found)
     for n in range(count + 1):
@@ -144,5 +140,6 @@ def _meet_disc(lidar: Lidar, to_x: float, to_y: float, radius: float, c: float, 
         ray_x, ray_y = lidar.beams_x[k], lidar.beams_y[k]
         past = x * ray_y - y * ray_x
         half_chord = radius * radius - past * past
-        if half_chord >= 0.0:
-            found[k] = min(found[k], x * ray_x + y * ray_y - math.sqrt(half_chord))
+        ahead = x * ray_x + y * ray_y
+        if half_chord >= 0.0 and ahead > 0.0:
+            found[k] = min(found[k], ahead - math.sqrt(half_chord))

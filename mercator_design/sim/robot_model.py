@@ -16,12 +16,14 @@ from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Length, NonNegative, Range, is_name, read
+from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range, is_name, read
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
 Size = Annotated[float, Range(0.01, 10.0)]
 Height = Annotated[float, Range(0.001, 100.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
+Distances = Annotated[tuple[Distance, Distance], Ascending()]
+Bounds = Annotated[tuple[float, float], Ascending()]
 Place = Annotated[float, Range(-10.0, 10.0)]
 Channel = Annotated[int, Range(0, 255)]
 Angles = Annotated[tuple[float, ...], Length(1, 64)]
@@ -142,9 +144,14 @@ class Proximity:
 
     ring_radius: Annotated[float, Range(0.0, 10.0)]  # [m] where the rays start
     angles: Angles  # [rad] in the order of the device's numbering
-    range: tuple[Distance, Distance] = (0.05, 2.0)  # [m] nearer reads minus infinity, farther plus infinity
+    reported: Angles | None = None  # [rad] that the readings are taken for, if not where the rays go
+    range: Distances = (0.05, 2.0)  # [m] nearer reads minus infinity, farther plus infinity
     noise: Noise = None  # [m] on distances
     weight_noise: Noise = None  # on what a sensor counts, 0 to 1, even if it sees nothing
+
+    def __post_init__(self) -> None:
+        if self.reported is not None and len(self.reported) != len(self.angles):
+            raise FieldError("reported", f"expected {len(self.angles)} angles, as many as rays")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,18 +159,26 @@ class Ground:
     """Colour sensors that look at the floor; the mean of several counts, unless the reference model lets them vote."""
 
     positions: Annotated[tuple[tuple[Place, Place], ...], Length(1, 16)]  # [m] from the centre: forwards, to the left
-    noise: Noise = None  # a channel of 0 to 255
+    gray: bool = False  # whether they see no colours, only how bright the floor is
+    noise: Noise = None  # a channel of 0 to 255, or the brightness of the same range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbours:
-    """How robots perceive each other: by a camera or radio that tells place from place, or by the lidar."""
+    """How robots perceive each other: by a camera or radio, which tells where each robot is."""
 
-    device: Literal["camera", "lidar"] = "camera"
-    range: Distance = 13.57  # [m] of the camera; what counts as near is in the reference model
+    device: Literal["camera"] = "camera"
+    range: Distance = 13.57  # [m] what counts as near is in the reference model
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # a vector of this fraction of the distance, in any direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarNeighbours:
+    """Robots perceive each other as clusters of readings of the lidar."""
+
+    device: Literal["lidar"] = "lidar"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,7 +201,7 @@ class LightRing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightCamera:
-    """A camera that sees in which directions lights are."""
+    """A camera that sees where lights are: their direction is that of the vectors to them, added up."""
 
     device: Literal["camera"] = "camera"
     height: Height  # [m]
@@ -204,7 +219,7 @@ class Lidar:
     height: Height  # [m] what is lower is not in its way
     ring_radius: Annotated[float, Range(0.0, 10.0)] = 0.0  # [m] from where distances count
     head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] 0: there is nothing to be seen
-    range: tuple[Distance, Distance] = (0.10, 12.0)  # [m] nearer and farther read 0
+    range: Distances = (0.10, 12.0)  # [m] nearer and farther read 0
     noise: Noise = None  # [m]
 
 
@@ -220,7 +235,7 @@ class AmbientLight:
     base: NonNegative = 138.9171  # [lux]
     decay: NonNegative = 9.145603
     reach: NonNegative = 2.5
-    range: tuple[float, float] = (0.0, 120_000.0)  # [lux]
+    range: Bounds = (0.0, 120_000.0)  # [lux]
     noise: Noise = None  # [lux]
 
 
@@ -228,7 +243,7 @@ class AmbientLight:
 class Device:
     """A sensor of the robot's own motion."""
 
-    range: tuple[float, float]  # in its own unit
+    range: Bounds  # in its own unit
     noise: Noise = None
 
 
@@ -253,6 +268,7 @@ class Physics:
     solver_iterations: Annotated[int, Range(1, 1000)] = 10
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
     wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] allowed at the end of a cycle; None: any
+    corner_radius: Annotated[float, Range(0.0, 0.004)] = 0.002  # [m] of boxes, in contacts: Chipmunk likes round ones
     wall_friction: Friction = 0.1
 
 
@@ -267,7 +283,7 @@ class RobotModel:
     drive: Drive
     proximity: Proximity | None = None
     ground: Ground | None = None
-    neighbours: Neighbours | None = None
+    neighbours: Neighbours | LidarNeighbours | None = None
     light: LightRing | LightCamera | None = None
     lidar: Lidar | None = None
     ambient_light: AmbientLight | None = None  # [lux]
@@ -288,8 +304,11 @@ class RobotModel:
                 raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
             if not isinstance(_value_at(self, key), float):
                 raise FieldError("vary", f"{key}: no number of this robot model has this key")
-        if self.neighbours is not None and self.neighbours.device == "lidar" and self.lidar is None:
-            raise FieldError("neighbours.device", "there is no lidar")
+        if isinstance(self.neighbours, LidarNeighbours):
+            if self.lidar is None:
+                raise FieldError("neighbours.device", "there is no lidar")
+            if self.lidar.head_radius == 0.0 and self.lidar.height >= self.body.height:
+                raise FieldError("neighbours.device", "the lidar sees no robots: lidar.head_radius is 0")
 
     @property
     def fastest(self) -> float:

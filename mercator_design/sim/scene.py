@@ -16,6 +16,9 @@ class Proximity(NamedTuple):
     ring: float  # its radius [m]
     directions_x: Floats  # (sensors,) unit vector of each, forwards ...
     directions_y: Floats  # ... and to the left
+    counts_x: Floats  # (sensors,) the same of the directions that their readings count for
+    counts_y: Floats
+    range: float  # [m] of the sensors
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of what they count
 
@@ -24,6 +27,7 @@ class Ground(NamedTuple):
     """The ground sensors."""
 
     places: Floats  # (sensors, 2) in the robot's frame [m]
+    gray: bool  # whether they see no colours
     noise: Floats
 
 
@@ -41,7 +45,8 @@ class Light(NamedTuple):
     """The lights, and the sensors of their direction."""
 
     lights: Floats  # (lights, 4) x, y, z [m], intensity
-    seen: NDArray[np.bool_]  # (lights, robots) by which robots
+    seen: NDArray[np.bool_]  # (lights, robots) which robots sense its direction
+    lamps: NDArray[np.bool_]  # (lights, robots) whom it gives light
     by_camera: bool  # else by a ring of sensors
     angles: Floats  # (sensors,) of the ring [rad]
     directions_x: Floats  # (sensors,) as in Proximity

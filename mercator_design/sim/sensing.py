@@ -27,6 +27,7 @@ _TURN = 2.0 * math.pi
 def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
     """What robot i perceives with some of its senses (bits of modules.SENSES); what it does not sense is neutral."""
     n = 0
+    count = 0.0
     light_x, light_y = 0.0, 0.0
     if senses & PROXIMITY:
         _sense_obstacles(scene, model, swarm, cycle, i)
@@ -46,8 +47,9 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
                 swarm.bearings_x,
                 swarm.bearings_y,
             )
+            count = float(n)
         else:
-            n = _sense_robots(scene, model, swarm, cycle, i)
+            n, count = _sense_robots(scene, model, swarm, cycle, i)
     if senses & GROUND:
         _sense_ground(scene, model, swarm, cycle, i)
     else:
@@ -58,12 +60,13 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     return perceive(
         model,
         swarm.proximity,
-        scene.proximity.directions_x,
-        scene.proximity.directions_y,
+        scene.proximity.counts_x,
+        scene.proximity.counts_y,
         swarm.distances,
         swarm.bearings_x,
         swarm.bearings_y,
         n,
+        count,
         swarm.ground,
         (light_x, light_y),
     )
@@ -75,9 +78,12 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
     seen = swarm.proximity
     sensors, key = len(seen), swarm.noise_keys[i]
     row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
-    cast(scene, swarm.poses, i, model.proximity_range, seen)
+    reach = min(model.proximity_range, scene.proximity.range)
+    cast(scene, swarm.poses, i, reach, seen)
     for k in range(sensors):
-        if row[0] != NO_NOISE and seen[k] <= model.proximity_range:
+        if seen[k] > reach:
+            seen[k] = math.inf
+        elif row[0] != NO_NOISE:
             seen[k] = max(0.0, seen[k] + noise(row, key, device.PROXIMITY, cycle * sensors + k))
         seen[k] = proximity_weight(model, seen[k])
         if weight_row[0] != NO_NOISE:
@@ -86,26 +92,31 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
 
 
 @jittable
-def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
-    """Fill in where the robots are that robot i perceives with its camera, and count them."""
+def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
+    """Fill in where the robots are that robot i perceives with its camera: how many rows that is, how many count."""
     poses, camera = swarm.poses, scene.neighbours
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
     robots = len(poses)
     noisy = camera.noise[0] != NO_NOISE
-    remembers = model.neighbour_memory > 0.0
+    slots = swarm.heard.shape[2]
+    remembers = len(swarm.heard) > 0
     in_range = model.neighbour_range * model.neighbour_range
     seen = camera.range * camera.range
     near = seen if noisy else min(seen, in_range)
     n = 0
+    count = 0.0
     for j in range(robots):
         if j == i:
             continue
         to_x = poses[j, 0] - x
         to_y = poses[j, 1] - y
         squared = to_x * to_x + to_y * to_y
+        perceived = 0.0 < squared < near
+        if not perceived and not remembers:
+            continue  # as most are, in a large swarm
         number = cycle * robots + j
         perceived = (
-            0.0 < squared < near
+            perceived
             and (camera.loss == 0.0 or draw(swarm.noise_keys[i], device.NEIGHBOURS_LOSS, number) >= camera.loss)
             and not (camera.occlusion and is_hidden(scene, poses, i, j, x, y, 0.0, poses[j, 0], poses[j, 1], 0.0))
         )
@@ -119,24 +130,44 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
             squared = ahead * ahead + aside * aside
             perceived = 0.0 < squared < in_range
         if remembers:
-            if perceived:
-                swarm.heard[i, j, 0] = model.neighbour_memory
-                swarm.heard[i, j, 1] = ahead
-                swarm.heard[i, j, 2] = aside
-            elif swarm.heard[i, j, 0] > 0.0:
-                swarm.heard[i, j, 0] -= 1.0
-            if swarm.heard[i, j, 0] > 0.0:
-                perceived = True
-                ahead = swarm.heard[i, j, 1]
-                aside = swarm.heard[i, j, 2]
-                squared = ahead * ahead + aside * aside
-        if perceived:
-            distance = math.sqrt(squared)
-            swarm.distances[n] = distance
-            swarm.bearings_x[n] = ahead / distance
-            swarm.bearings_y[n] = aside / distance
+            slot = cycle % slots
+            swarm.heard[i, j, slot, 0] = 1.0 if perceived else 0.0
+            swarm.heard[i, j, slot, 1] = ahead
+            swarm.heard[i, j, slot, 2] = aside
+            n, counts = _recall(model, swarm, i, j, cycle, n)
+            count += counts
+        elif perceived:
+            _note_neighbour(swarm, n, ahead, aside)
             n += 1
-    return n
+            count += 1.0
+    return n, count
+
+
+@jittable
+def _recall(model: ReferenceModel, swarm: Swarm, i: int, j: int, cycle: int, n: int) -> tuple[int, float]:
+    """Note where robot i has perceived robot j of late, as row n and on; the number of rows then, and 1 if j counts."""
+    slots = swarm.heard.shape[2]
+    counts = 0.0
+    pulls = True
+    for age in range(slots):
+        slot = (cycle - age) % slots
+        if swarm.heard[i, j, slot, 0] == 0.0:
+            continue
+        if age <= model.neighbour_count_memory:
+            counts = 1.0
+        if age <= model.neighbour_memory and pulls:
+            _note_neighbour(swarm, n, swarm.heard[i, j, slot, 1], swarm.heard[i, j, slot, 2])
+            n += 1
+            pulls = model.neighbour_repeats != 0.0
+    return n, counts
+
+
+@jittable
+def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
+    distance = math.sqrt(ahead * ahead + aside * aside)
+    swarm.distances[n] = distance
+    swarm.bearings_x[n] = ahead / distance
+    swarm.bearings_y[n] = aside / distance
 
 
 @jittable
@@ -156,8 +187,11 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ahead, aside = places[k, 0], places[k, 1]
         colour = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
         red, green, blue = colour[0], colour[1], colour[2]
-        if row[0] != NO_NOISE:
-            number = 3 * (cycle * sensors + k)
+        number = 3 * (cycle * sensors + k)
+        if scene.ground.gray:
+            level = gray_level(red, green, blue) + noise(row, swarm.noise_keys[i], device.GROUND, number)
+            red = green = blue = max(0.0, min(255.0, level))
+        elif row[0] != NO_NOISE:
             red = _channel(red + noise(row, swarm.noise_keys[i], device.GROUND, number))
             green = _channel(green + noise(row, swarm.noise_keys[i], device.GROUND, number + 1))
             blue = _channel(blue + noise(row, swarm.noise_keys[i], device.GROUND, number + 2))
@@ -167,8 +201,8 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ground[0] += red / sensors
         ground[1] += green / sensors
         ground[2] += blue / sensors
-    if model.ground_vote_cycles > 0.0:
-        ages = int(model.ground_vote_cycles)
+    ages = swarm.votes.shape[1]
+    if ages > 0:
         swarm.votes[i, cycle % ages, 0] = blacks
         swarm.votes[i, cycle % ages, 1] = whites
         for age in range(1, ages):
@@ -197,16 +231,14 @@ def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
         ahead = c * to_x + s * to_y
         aside = c * to_y - s * to_x
         if light.by_camera:
-            away = math.sqrt(ahead * ahead + aside * aside)
             if light.noise[0] != NO_NOISE:
+                away = math.sqrt(ahead * ahead + aside * aside)
                 size = away * noise(light.noise, key, device.LIGHT, cycle * lights + n)
                 angle = _TURN * draw(key, device.LIGHT_ANGLE, cycle * lights + n)
                 ahead += size * math.cos(angle)
                 aside += size * math.sin(angle)
-                away = math.sqrt(ahead * ahead + aside * aside)
-            if away > 0.0:
-                sum_x += ahead / away
-                sum_y += aside / away
+            sum_x += ahead
+            sum_y += aside
         else:
             rise = light.lights[n, 2] - light.height
             away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / light.lights[n, 3]

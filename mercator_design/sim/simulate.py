@@ -15,7 +15,7 @@ from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
-from mercator_design.sim import kernel, motion
+from mercator_design.sim import kernel
 from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
@@ -160,7 +160,6 @@ def referee_motion(instance: Instance) -> None:
     for i, robot in enumerate(instance.robots):
         if robot.body.space and not swarm.close[i]:
             space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
-    withdraw = compiled(motion.withdraw)
     close = np.flatnonzero(swarm.close).tolist()
     for i in close:
         robot = instance.robots[i]
@@ -173,12 +172,13 @@ def referee_motion(instance: Instance) -> None:
     if close:
         for _ in range(scene.sub_steps):
             space.step(scene.time_step)
-    for i in close:
-        body = instance.robots[i].body
-        swarm.poses[i, :3] = *body.position, body.angle
-        swarm.velocities[i] = *body.velocity, body.angular_velocity
-        if withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i):
-            _write_state(body, swarm.poses[i], swarm.velocities[i])
+        for i in close:
+            body = instance.robots[i].body
+            swarm.poses[i, :3] = *body.position, body.angle
+            swarm.velocities[i] = *body.velocity, body.angular_velocity
+        compiled(kernel.end_motion)(scene, swarm)
+        for i in np.flatnonzero(swarm.moved).tolist():
+            _write_state(instance.robots[i].body, swarm.poses[i], swarm.velocities[i])
 
 
 def _write_state(body: pymunk.Body, pose: Floats, velocity: Floats) -> None:

@@ -4,13 +4,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.missions.arena import Box
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim import scene
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Noise, RobotModel, Uniform
+from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Neighbours, Noise, RobotModel, Uniform
 from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
@@ -78,24 +79,26 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity
     if device is None:
-        return scene.Proximity(0.0, _NOTHING, _NOTHING, _QUIET, _QUIET)
+        return scene.Proximity(0.0, _NOTHING, _NOTHING, _NOTHING, _NOTHING, 0.0, _QUIET, _QUIET)
+    directions = *_directions(device.angles), *_directions(device.reported or device.angles)
     noises = noise_row(device.noise), noise_row(device.weight_noise)
-    return scene.Proximity(device.ring_radius, *_directions(device.angles), *noises)
+    return scene.Proximity(device.ring_radius, *directions, device.range[1], *noises)
 
 
 def _ground(model: RobotModel) -> scene.Ground:
     device = model.ground
     if device is None:
-        return scene.Ground(np.zeros((0, 2)), _QUIET)
-    return scene.Ground(np.array(device.positions), noise_row(device.noise))
+        return scene.Ground(np.zeros((0, 2)), gray=False, noise=_QUIET)
+    return scene.Ground(np.array(device.positions), gray=device.gray, noise=noise_row(device.noise))
 
 
 def _neighbours(model: RobotModel) -> scene.Neighbours:
     device = model.neighbours
-    if device is None:
-        return scene.Neighbours(by_lidar=False, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
+    if not isinstance(device, Neighbours):
+        by_lidar = device is not None
+        return scene.Neighbours(by_lidar=by_lidar, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
     return scene.Neighbours(
-        by_lidar=device.device == "lidar",
+        by_lidar=False,
         range=device.range,
         occlusion=device.occlusion,
         loss=device.loss,
@@ -107,12 +110,20 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
     device = model.light
     lights = [light for light in mission.lights if light.intensity > 0.0]
     everyone = range(mission.robots)
-    seen = [[light.seen_by is None or robot in light.seen_by for robot in everyone] for light in lights]
     ring = device if isinstance(device, LightRing) else None
+
+    def seen(others: str) -> NDArray[np.bool_]:
+        """Who senses which light, with a device that is not for those others."""
+        rows = [
+            [light.kind != others and robot in (light.seen_by or everyone) for robot in everyone] for light in lights
+        ]
+        return np.array(rows, dtype=np.bool_).reshape(-1, mission.robots)
+
     angles = ring.angles if ring else ()
     return scene.Light(
         np.array([[*light.position, light.intensity] for light in lights]).reshape(-1, 4),
-        np.array(seen, dtype=np.bool_).reshape(-1, mission.robots),
+        seen("beacon" if ring else "lamp"),
+        seen("beacon"),
         ring is None,
         np.array(angles, dtype=float),
         *_directions(angles),

@@ -1,5 +1,6 @@
 """The part of an experiment that changes, and what is recorded of it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,15 +25,16 @@ class Swarm(NamedTuple):
     control_keys: NDArray[np.uint64]  # (robots,) streams of draws
     noise_keys: NDArray[np.uint64]
     # What robots remember of what they perceived; without rows where the reference model remembers nothing.
-    heard: Floats  # (robots, robots, 3) of each other: cycles that it still counts, place ahead, place to the left [m]
+    heard: Floats  # (robots, robots, latest cycles, 3) of each other: 1 if perceived; where, ahead and to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
+    moved: NDArray[np.bool_]  # (robots,) whether it was moved out of a wall at the end of this cycle
     former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
     # Scratch of one robot: what it senses.
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
     scan: Floats  # (beams,) of the lidar, if neighbours are found with it
-    distances: Floats  # (robots or more,) of neighbours
+    distances: Floats  # (robots or more,) of neighbours, one as often as it pulls
     bearings_x: Floats  # (the same,)
     bearings_y: Floats  # (the same,)
     ground: Floats  # (3,)
@@ -62,7 +64,8 @@ def new_swarm(
 ) -> Swarm:
     """A swarm at rest at its poses (robots, 3), before its first cycle."""
     n = len(poses)
-    most = max(n, beams)  # clusters of beams may be anything
+    recalled = math.ceil(max(model.neighbour_memory, model.neighbour_count_memory))
+    most = max(n * (1 + recalled), beams)  # clusters of beams may be anything
     return Swarm(
         poses=np.hstack([poses, np.zeros((n, 2))]),
         velocities=np.zeros((n, 3)),
@@ -73,8 +76,9 @@ def new_swarm(
         memory=np.zeros((n, MEMORY)),
         control_keys=control_keys,
         noise_keys=noise_keys,
-        heard=np.zeros((n, n, 3) if model.neighbour_memory > 0.0 else (0, 0, 3)),
-        votes=np.zeros((n, int(model.ground_vote_cycles), 2)),
+        heard=np.zeros((n, n, 1 + recalled, 3) if recalled else (0, 0, 1, 3)),
+        votes=np.zeros((n, math.ceil(model.ground_vote_cycles), 2)),
+        moved=np.zeros(n, dtype=np.bool_),
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
         proximity=np.zeros(sensors),

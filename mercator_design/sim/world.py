@@ -172,6 +172,7 @@ class World:
         robot = new_robot(
             half_size=body.half_size,
             round_=self._scene.round,
+            corner_radius=self.robot_model.physics.corner_radius,
             mass=body.mass,
             inertia=body.inertia,
             force=drive.force,

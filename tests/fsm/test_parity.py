@@ -106,8 +106,10 @@ def test_perception(data):
         *map(list, zip(*neighbours, strict=True)),
     ]
     ground, light = [1.0, 2.0, 3.0], [0.5, -0.5]
-    plain = perceive(model, *rows, n, ground, light)
-    fast = compiled(perceive)(model, *map(np.array, rows), n, np.array(ground), np.array(light))
+    count = float(data.draw(st.integers(0, 5)))
+    plain = perceive(model, *rows, n, count, ground, light)
+    fast = compiled(perceive)(model, *map(np.array, rows), n, count, np.array(ground), np.array(light))
+    assert plain.neighbours == count
     assert tuple(fast) == tuple(plain)
     assert math.hypot(plain.proximity_x, plain.proximity_y) <= 1.0 + 1e-12
 

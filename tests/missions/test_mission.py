@@ -14,14 +14,30 @@ from mercator_design import seeds, shipped
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, dump
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
-from mercator_design.missions.floor import COLOURS, Disc, Floor, HalfPlane, Rectangle, Tiles
+from mercator_design.missions.floor import (
+    COLOURS,
+    Disc,
+    Dynamics,
+    Floor,
+    HalfPlane,
+    PolygonZone,
+    Rectangle,
+    Ring,
+    Tiles,
+)
 from mercator_design.missions.mission import (
     Mission,
     Objective,
     load_mission,
     parse_mission,
 )
-from mercator_design.missions.placement import DiscPlacement, FixedPlacement, RectanglePlacement
+from mercator_design.missions.placement import (
+    DiscPlacement,
+    DrawnPlacement,
+    FixedPlacement,
+    HalfPlaneLimit,
+    RectanglePlacement,
+)
 from mercator_design.missions.trace import Trace
 
 SHIPPED = shipped.missions()
@@ -32,12 +48,14 @@ def instance(mission, seed=1, robots=None):
     """A trace of robots that jump about at random."""
     robots = robots or mission.robots
     rng = seeds.generator(seed, "test")
+    poses = rng.uniform(-1.2, 1.2, (mission.cycles + 1, robots, 3))
     return Trace(
-        poses=rng.uniform(-1.2, 1.2, (mission.cycles + 1, robots, 3)),
+        poses=poses,
         states=np.zeros((mission.cycles, robots), dtype=np.int8),
         floor=mission.floor.realise(rng),
         zone_rows=mission.floor.zone_rows(),
         control_period=mission.control_period,
+        measure=lambda _, every: poses[1::every, :, np.newaxis, :2] + 0.5,  # a beam each
     )
 
 
@@ -163,6 +181,10 @@ def test_a_mistake_in_a_mission(old, new, message):
             "--set placement.center=[5, 0]: placement.center: lies outside the walls",
         ),
         ("placement={shape: poses, poses: [[0, 0, 0]]}", "placement.poses: expected a pose for each of 3"),
+        ("placement.waiting=[[0, 0, 0]]", "placement.waiting: expected a pose for each of 3 robots"),
+        ("placement.half_plane={point: [0, 5], normal: [0, 1]}", "placement.half_plane: lies outside the walls"),
+        ("placement.uniform_in=angle", "placement.uniform_in: expected one of area, radius"),
+        ("placement={shape: one_of, regions: []}", "placement.regions: expected a list of at least 1"),
         ("placement={shape: poses, poses: [[0,0,0], [2,0,0], [1,0,0]]}", "placement.poses[1]: lies outside"),
         ("arena.walls={shape: polygon, vertices: [[0,0],[1,1],[1,0],[0,1]]}", "walls.vertices[2]: the wall"),
         ("arena.walls={shape: polygon, vertices: [[0,0],[1,1]]}", "walls.vertices: expected a list of at"),
@@ -284,9 +306,21 @@ _zones = st.lists(
     st.builds(Disc, center=_point, radius=_size, color=_color)
     | st.builds(Rectangle, center=_point, size=st.tuples(_size, _size), angle=st.floats(-9, 9), color=_color)
     | st.builds(HalfPlane, point=_point, normal=st.tuples(_size, st.floats(-1, 1)), color=_color)
+    | st.builds(Ring, center=_point, radius=st.floats(1, 2), inner_radius=st.floats(0.1, 0.9), color=_color)
+    | st.just(PolygonZone(vertices=((0.0, 0.0), (1.0, 0.25), (0.5, 3.0)), color="red"))
     | st.just(Tiles(centers=((1.0, 0.0), (0.5, 2e-17)), size=0.3, colors={"red": 1, "blue": 1}, name="tiles")),
     max_size=3,
     unique_by=lambda zone: zone.name or id(zone),
+)
+CHANGING = Floor(
+    zones=(Disc(center=(0.0, 0.0), radius=0.5, color="red", name="spot"),),
+    dynamics=(
+        Dynamics(name="visited", parameters={"zones": ("spot",), "color": (1, 2, 3), "lasts": 2.5}),
+        Dynamics(
+            name="schedule",
+            parameters={"zones": ("spot",), "times": (1.0, 2.0), "colors": ("red", (4, 5, 6)), "every": None},
+        ),
+    ),
 )
 _heading = st.just("uniform") | st.floats(-9, 9)
 _missions = st.builds(
@@ -303,10 +337,28 @@ _missions = st.builds(
         walls=_walls | st.just(Polygon(vertices=((-1.0, -1.0), (1.0, -1.0), (0.0, 2.5)))),
         obstacles=st.lists(st.builds(Box, center=_within, size=st.tuples(_size, _size)), max_size=2).map(tuple),
     ),
-    floor=st.builds(Floor, background=_color, zones=_zones.map(tuple)),
+    floor=st.builds(Floor, background=_color, zones=_zones.map(tuple)) | st.just(CHANGING),
     lights=st.lists(st.builds(Light, position=st.tuples(*[_size] * 3), intensity=_size), max_size=2).map(tuple),
     placement=st.builds(DiscPlacement, radius=st.floats(0.1, 2), heading=_heading)
     | st.builds(RectanglePlacement, size=st.tuples(_size, _size), heading=_heading)
+    | st.builds(
+        DiscPlacement,
+        radius=st.just(1.0),
+        inner_radius=st.floats(0, 0.9),
+        uniform_in=st.sampled_from(["area", "radius"]),
+        half_plane=st.none() | st.builds(HalfPlaneLimit, point=_within, normal=st.tuples(_size, _size)),
+        waiting=st.sampled_from([(), ((0.0, -0.4, 0.0), (0.4, -0.6, 0.0), (0.4, -0.6, 1.5))]),
+    )
+    | st.builds(
+        DrawnPlacement,
+        regions=st.lists(
+            st.builds(DiscPlacement, radius=st.floats(0.1, 1))
+            | st.builds(RectanglePlacement, size=st.just((1.0, 2.0))),
+            min_size=1,
+            max_size=3,
+        ).map(tuple),
+        heading=_heading,
+    )
     | st.just(FixedPlacement(poses=((0.0, 0.0, 1e-9), (0.5, 0.0, 3.0), (-0.5, 0.0, 3.0)))),
     objective=st.builds(
         Objective,

@@ -1,5 +1,7 @@
 """Each objective on traces drawn by hand, and against a second, literal form of its definition."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,8 +9,27 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mercator_design import seeds
-from mercator_design.missions.floor import Disc, Floor, HalfPlane, Tiles
-from mercator_design.missions.objectives import OBJECTIVES, cell_age, color_value, robots_in_zone, trips
+from mercator_design.missions.floor import Disc, Dynamics, Floor, HalfPlane, Tiles
+from mercator_design.missions.objectives import OBJECTIVES
+from mercator_design.missions.objectives.coverage import (
+    cell_age,
+    cells_visited,
+    coverage_outside_zones,
+    surface_and_perimeter,
+    surface_distance,
+)
+from mercator_design.missions.objectives.distances import distance_to, nearest_distance, pair_distance, path_length
+from mercator_design.missions.objectives.groups import network_area, network_diameter, network_share
+from mercator_design.missions.objectives.in_zones import (
+    color_value,
+    robots_in_emptiest_zone,
+    robots_in_fullest_zone,
+    robots_in_zone,
+    zones_in_color,
+)
+from mercator_design.missions.objectives.journeys import gate_crossings, trips
+from mercator_design.missions.objectives.mapping import seen_area
+from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
 from mercator_design.missions.trace import Trace
 
 FLOOR = Floor(
@@ -22,9 +43,33 @@ FLOOR = Floor(
 )
 EVERY_PARAMETER = {
     "robots_in_zone": {"zones": ("spot", "nest"), "when": "always"},
-    "color_value": {"values": {"black": 1.0, "red": -0.5}, "when": "always"},
     "cell_age": {"side": 4.0, "cells": 5},
+    "cells_visited": {"side": 4.0, "cells": 50},
+    "color_value": {"values": {"black": 1.0, "red": -0.5}, "when": "always"},
+    "coverage_outside_zones": {"zones": ("spot",)},
+    "distance_to": {"point": (1.0, -1.0)},
+    "gate_crossings": {"width": 3.0},
+    "nearest_distance": {},
+    "network_area": {"link": 2.0},
+    "network_diameter": {"link": 2.0},
+    "network_share": {"zones": ("spot",), "link": 2.0},
+    "pair_distance": {},
+    "path_length": {},
+    "robots_in_emptiest_zone": {"zones": ("spot", "nest"), "when": "always", "share": True},
+    "robots_in_fullest_zone": {"zones": ("spot", "nest"), "when": "always"},
+    "robots_where_told": {"signal": "spot", "places": {"black": "nest", "white": "spot"}},
+    "seen_area": {"side": 6.0, "cells": 30, "every": 5},
+    "stop_when_found": {"zones": ("yolk",)},
+    "stop_when_told": {"signal": "spot", "color": "white"},
+    "surface_and_perimeter": {
+        "square_center": (-0.6, 0.0),
+        "square_side": 0.6,
+        "circle_center": (0.6, 0.0),
+        "circle_radius": 0.3,
+    },
+    "surface_distance": {"square_center": (0.0, 0.0), "square_side": 2.0},
     "trips": {"sources": ("spot", "other"), "nests": ("nest",)},
+    "zones_in_color": {"zones": ("tiles", "spot"), "color": "red", "when": "always"},
 }
 
 VALUES = {"green": 0.0, "red": 1.0, "yellow": 2.0}
@@ -32,15 +77,21 @@ GRID = {"side": 2.50001, "cells": 10}
 ZONES = {"sources": ("spot", "other"), "nests": ("nest",)}
 
 
-def trace(positions, floor=FLOOR):
-    """Of positions (cycles + 1, robots, 2), the first being the start."""
+def trace(positions, floor=FLOOR, beams=((1.0, 0.0), (0.0, 0.5))):
+    """Of positions (cycles + 1, robots, 2), the first being the start; each lidar's beams end at the same places."""
     positions = np.asarray(positions, dtype=float)
+
+    def measure(device, every):
+        assert device == "lidar_points"
+        return positions[1::every, :, np.newaxis] + np.array(beams)
+
     return Trace(
         poses=np.concatenate([positions, np.zeros((*positions.shape[:2], 1))], axis=2),
         states=np.zeros((len(positions) - 1, positions.shape[1]), dtype=np.int8),
         floor=floor.realise(seeds.generator(1, "floor")),
         zone_rows=floor.zone_rows(),
         control_period=0.1,
+        measure=measure,
     )
 
 
@@ -153,6 +204,245 @@ class TestTrips:
         assert trips(walk(AWAY, (0.0, 0.0), SPOT), **zones) == 1
 
 
+class TestShares:
+    ROBOTS = trace([[AWAY] * 4, [SPOT, SPOT, OTHER, AWAY], [SPOT, OTHER, OTHER, OTHER]])
+    SPOTS = ("spot", "other")
+
+    def test_of_all_robots(self):
+        assert robots_in_zone(self.ROBOTS, zones=("spot",), share=True) == 0.25
+        assert robots_in_zone(self.ROBOTS, zones=self.SPOTS, when="always", share=True) == 0.75 + 1.0
+
+    def test_fullest_zone(self):
+        assert robots_in_fullest_zone(self.ROBOTS, zones=self.SPOTS) == 3.0
+        assert robots_in_fullest_zone(self.ROBOTS, zones=self.SPOTS, share=True) == 0.75
+        assert robots_in_fullest_zone(self.ROBOTS, zones=self.SPOTS, when="always") == 2.0 + 3.0
+
+    def test_emptiest_zone(self):
+        assert robots_in_emptiest_zone(self.ROBOTS, zones=self.SPOTS) == 1.0
+        assert robots_in_emptiest_zone(self.ROBOTS, zones=self.SPOTS, share=True) == 0.5
+        assert robots_in_emptiest_zone(self.ROBOTS, zones=self.SPOTS, when="always") == 1.0 + 1.0
+        half = trace([[AWAY] * 4, [SPOT, SPOT, OTHER, OTHER]])
+        assert robots_in_emptiest_zone(half, zones=self.SPOTS, share=True) == 1.0
+
+
+class TestCellsVisited:
+    def test_a_cell_counts_from_the_cycle_of_its_first_visit(self):
+        """Four cells of 1 m; one is visited in cycles 1 and 3, another in cycle 2, of four: 4 + 3 quarters."""
+        robot = walk((9.0, 9.0), (0.5, 0.5), (-0.5, 0.5), (0.5, 0.5), (9.0, 9.0))
+        assert cells_visited(robot, side=2.0, cells=2) == (4 + 3) / 4
+        assert cells_visited(walk((0.5, 0.5), (9.0, 9.0)), side=2.0, cells=2) == 0.0
+
+    def test_two_robots_in_one_cell_count_once(self):
+        assert cells_visited(trace([[AWAY] * 2, [(0.1, 0.1), (0.2, 0.2)]]), side=2.0, cells=2) == 1 / 4
+
+
+class TestDistancesFromPoints:
+    """Mean distances have closed forms: over a square of side s from its centre s x 0.3826, over a disc r x 2 / 3."""
+
+    FROM_CENTRE = (math.sqrt(2.0) + math.log(1.0 + math.sqrt(2.0))) / 6.0
+    SPC = EVERY_PARAMETER["surface_and_perimeter"]
+
+    def test_spc_of_nobody(self):
+        worst = 0.85 / 0.08 + 0.6 / 0.06
+        assert surface_and_perimeter(walk(AWAY, AWAY), **self.SPC) == pytest.approx(worst, rel=1e-12)
+        assert surface_and_perimeter(walk(AWAY, (0.6, 0.0)), **self.SPC) == pytest.approx(worst, rel=1e-12)
+
+    def test_spc_of_a_robot_in_the_square(self):
+        expected = 0.6 * self.FROM_CENTRE / 0.08 + 10.0
+        assert surface_and_perimeter(walk(AWAY, (-0.6, 0.0)), **self.SPC) == pytest.approx(expected, rel=1e-3)
+
+    def test_spc_of_a_robot_on_the_line(self):
+        """On the line itself the mean chord is 4 r / pi."""
+        expected = 0.85 / 0.08 + 4.0 * 0.3 / math.pi / 0.06
+        assert surface_and_perimeter(walk(AWAY, (0.9, 0.0)), **self.SPC) == pytest.approx(expected, rel=1e-3)
+        for beside, counts in ((0.039, True), (-0.039, True), (0.041, False), (-0.041, False)):
+            found = surface_and_perimeter(walk(AWAY, (0.9 + beside, 0.0)), **self.SPC)
+            assert (found < 0.85 / 0.08 + 9.0) == counts
+
+    def test_spd8(self):
+        square = {"square_center": (0.6, 0.0), "square_side": 1.0}
+        assert surface_distance(walk(AWAY, (-1.0, 0.0)), **square) == pytest.approx(67.0**2)
+        found = surface_distance(walk(AWAY, (0.6, 0.0)), **square)
+        assert found == pytest.approx((100.0 * self.FROM_CENTRE) ** 2, rel=1e-3)
+
+    def test_cfa(self):
+        """From the centre, points uniform in distance from it are R / 2 away in the mean."""
+        zones = {"zones": ("other",)}
+        assert coverage_outside_zones(walk(AWAY, (0.0, 0.0)), **zones) == pytest.approx((2.5 - 0.6) * 100.0, rel=1e-4)
+        assert coverage_outside_zones(walk(AWAY, (2.0, 0.0)), **zones) == 0.0  # in the zone: nobody counts
+        assert coverage_outside_zones(walk(AWAY, (90.0, 0.0)), **zones) == 0.0
+
+    def test_the_error_is_as_said(self):
+        """Against ten times as many points, for robots anywhere."""
+        robots = seeds.generator(1, "test").uniform(-1.2, 1.2, (60, 2))
+        along = -0.9 + 0.6 * (np.arange(400) + 0.5) / 400
+        x, y = np.meshgrid(along, along + 0.6)
+        own = robots[np.all(np.abs(robots - (-0.6, 0.0)) <= 0.3, axis=1)]
+        distances = [np.hypot(x - a, y - b) for a, b in own]
+        expected = np.mean(np.minimum.reduce(distances)) / 0.08
+        spc = {**self.SPC, "circle_center": (9.0, 9.0)}
+        assert len(own) > 1
+        assert surface_and_perimeter(trace([robots, robots]), **spc) - 10.0 == pytest.approx(expected, rel=1e-3)
+
+
+class TestDistances:
+    ROBOTS = trace([[(0, 0)] * 3, [(0, 0), (3, 0), (0, 4)], [(0, 0), (1, 0), (3, 0)]])
+
+    def test_pairs(self):
+        assert pair_distance(self.ROBOTS) == (3 + 4 + 5) + (1 + 2 + 3)
+
+    def test_nearest(self):
+        assert nearest_distance(self.ROBOTS) == (3 + 3 + 4) + (1 + 1 + 2)
+        assert nearest_distance(walk(AWAY, AWAY)) == 0.0
+
+    def test_path(self):
+        assert path_length(self.ROBOTS) == pytest.approx((0 + 3 + 4) + (0 + 2 + 5))
+
+    def test_to_a_point(self):
+        assert distance_to(self.ROBOTS, point=(0.0, -1.0)) == pytest.approx(1 + 10**0.5 + 5 + 1 + 2**0.5 + 10**0.5)
+
+
+class TestGroups:
+    def test_a_robot_alone_sees_a_disc(self):
+        assert network_area(walk(AWAY, (0.013, 0.027))) == pytest.approx(math.pi * 0.25**2, abs=1e-3)
+
+    def test_what_lies_beyond_the_arena_does_not_count(self):
+        assert network_area(walk(AWAY, (5.0, 0.0))) == 0.0
+
+    def test_only_the_largest_group_counts(self):
+        lens = 2 * 0.25**2 * math.acos(0.3 / 0.5) - 0.15 * math.sqrt(4 * 0.25**2 - 0.3**2)
+        pair = 2 * math.pi * 0.25**2 - lens
+        robots = [(-0.6, 0.0), (-0.3, 0.0), (0.6, 0.0)]
+        assert network_area(trace([robots, robots])) == pytest.approx(pair, abs=2e-3)
+
+    def test_a_link_is_shorter_than_its_limit(self):
+        apart = [(0.013, 0.027), (0.363, 0.027)]
+        assert network_area(trace([apart, apart])) == pytest.approx(math.pi * 0.25**2, abs=1e-3)
+
+    def test_of_two_groups_as_large_the_better_counts(self):
+        """The right one lies half beyond the arena."""
+        robots = [(1.2, 0.0), (-0.487, 0.027)]
+        for order in (robots, robots[::-1]):
+            assert network_area(trace([order, order])) == pytest.approx(math.pi * 0.25**2, abs=1e-3)
+
+    def test_a_share_of_the_zone(self):
+        """A robot in the middle of the spot (radius 0.5) sees (0.3 / 0.5)^2 of it, one outside nothing."""
+        share = {"zones": ("spot",), "link": 0.3, "sight": 0.3}
+        assert network_share(walk(AWAY, (0.0, 0.0), (0.0, 0.0)), **share) == pytest.approx(2 * 0.36, rel=0.02)
+        assert network_share(walk(AWAY, (0.6, 0.0)), **share) == 0.0
+
+    def test_robots_of_a_smaller_group_see_nothing_of_the_zone(self):
+        robots = [(0.0, 0.0), (1.0, 0.0), (1.2, 0.0)]
+        assert network_share(trace([robots, robots]), zones=("spot",)) == 0.0
+
+    def test_diameter(self):
+        chain = [(0.2 * i, 0.0) for i in range(5)]
+        assert network_diameter(trace([chain, chain])) == 4.0
+        bent = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2), (0.0, 0.2), (5.0, 5.0)]
+        assert network_diameter(trace([bent, bent, chain])) == 1.0 + 4.0  # the diagonal is 0.283 m: a link
+        assert network_diameter(trace([bent, bent]), link=0.25) == 2.0
+        assert network_diameter(trace([[AWAY, SPOT], [AWAY, SPOT]])) == 0.0
+
+
+class TestGate:
+    @pytest.mark.parametrize(
+        ("places", "expected"),
+        [
+            ([(0.0, 0.1), (0.0, 0.1), (0.0, -0.1)], 1),
+            ([(0.0, 0.1), (0.0, -0.1), (0.0, -0.2)], 0),  # the start does not count
+            ([(0.0, 0.1), (0.0, 0.1), (0.0, -0.1), (0.0, 0.1), (0.0, -0.1)], 1),
+            ([(0.0, -0.1), (0.0, -0.1), (0.0, 0.1)], 0),  # not less than 0
+            ([(0.0, 0.1), (0.0, 0.1), (0.3, -0.1)], 0),  # beside the gate
+            ([(0.0, 0.1), (0.0, 0.1), (0.0, 0.0), (0.0, -0.1)], 0),
+        ],
+    )
+    def test_one_robot(self, places, expected):
+        assert gate_crossings(walk(*places), width=0.5) == expected
+
+    def test_another_gate(self):
+        robot = walk((1.0, 1.0), (0.9, 1.2), (1.1, 1.2))
+        assert gate_crossings(robot, width=0.5, center=(1.0, 1.0), angle=0.0) == 1.0
+        assert gate_crossings(robot, width=0.3, center=(1.0, 1.0), angle=0.0) == 0.0
+
+
+class TestSeenArea:
+    """In squares of 1 m, of a robot in the middle of one."""
+
+    def test_squares_that_a_beam_crosses(self):
+        robot = trace([[(0.5, 0.5)]] * 2, beams=[(3.0, 0.0)])
+        assert seen_area(robot, side=10.0, cells=10) == 4.0
+        assert seen_area(robot, side=10.0, cells=10, reach=1.0) == 2.0
+        assert seen_area(robot, side=4.0, cells=4) == 2.0
+
+    def test_beams_that_met_nothing_say_nothing(self):
+        assert seen_area(trace([[(0.5, 0.5)]] * 2, beams=[(np.nan, np.nan)]), side=10.0, cells=10) == 0.0
+
+    def test_what_was_seen_counts_once(self):
+        places = [(0.5, 0.5), (0.5, 0.5), (1.5, 0.5), (-4.5, 0.5)]
+        robot = trace([[place] for place in places], beams=[(1.0, 0.0)])
+        assert seen_area(robot, side=10.0, cells=10, every=1) == 2.0 + 1.0 + 2.0
+        assert seen_area(robot, side=10.0, cells=10, every=2) == 2.0 + 2.0
+
+
+class TestSignals:
+    def test_stop_when_found(self):
+        """Two robots, 4 cycles; one finds the yolk in the second, in which the other idles; then one moves once."""
+        robots = trace(
+            [
+                [(1.0, 0.0), (3.0, 3.0)],
+                [(0.5, 0.0), (3.1, 3.0)],
+                [(0.0, 0.0), (3.1, 3.0)],
+                [(0.0, 0.0), (3.2, 3.0)],
+                [(0.0, 0.0), (3.2, 3.0)],
+            ]
+        )
+        assert stop_when_found(robots, zones=("yolk",)) == 2 * 2 * 4 - 2 * 2 - 1 - 1
+
+    def test_a_search_without_end(self):
+        assert stop_when_found(walk(AWAY, AWAY, AWAY), zones=("yolk",)) == 2 * 2 - 2 - 2
+        assert stop_when_found(walk(AWAY, SPOT, AWAY), zones=("yolk",)) == 2 * 2 - 2
+
+    SIGNAL = Floor(
+        zones=(
+            HalfPlane(point=(0.0, 0.0), normal=(0.0, 1.0), color="gray", name="up"),
+            HalfPlane(point=(0.0, 0.0), normal=(0.0, -1.0), color="gray", name="down"),
+            Disc(center=(0.0, 0.0), radius=0.5, color="black", name="disc"),
+        ),
+        dynamics=(
+            Dynamics(
+                name="schedule",
+                parameters={"zones": ("disc",), "times": (0.2, 0.4), "colors": ("white", "black"), "every": None},
+            ),
+        ),
+    )
+
+    def test_stop_when_told(self):
+        """The disc is white in cycles 2 and 3 of four; the robot moves in 1, 3 and 4."""
+        robot = trace([[(0, 1)], [(1, 1)], [(1, 1)], [(2, 1)], [(3, 1)]], floor=self.SIGNAL)
+        assert stop_when_told(robot, signal="disc", color="white") == 3.0
+        still = trace([[(0, 1)]] * 5, floor=self.SIGNAL)
+        assert stop_when_told(still, signal="disc", color="white") == 2.0
+
+    def test_where_told(self):
+        """Up while the disc is black, in cycles 1 and 4, down while it is white."""
+        places = {"black": "up", "white": "down"}
+        up = trace([[(0, 1)]] * 5, floor=self.SIGNAL)
+        assert robots_where_told(up, signal="disc", places=places) == 2.0
+        obedient = trace([[(0, 1), (0, 1)], *[[(0, y), (1, 1)] for y in (1, -1, -1, 1)]], floor=self.SIGNAL)
+        assert robots_where_told(obedient, signal="disc", places=places) == 4.0 + 2.0
+
+    def test_colours_are_those_of_each_cycle(self):
+        robot = trace([[(0, 0)]] * 5, floor=self.SIGNAL)
+        assert color_value(robot, values={"black": 1.0, "white": 10.0}, when="always") == 22.0
+        assert color_value(robot, values={"black": 1.0, "white": 10.0}) == 1.0
+        assert zones_in_color(robot, zones=("disc", "up"), color="white", when="always") == 2.0
+        assert zones_in_color(robot, zones=("disc", "up"), color="gray") == 1.0
+
+
+def test_tiles_are_counted_one_by_one():
+    assert zones_in_color(walk(AWAY, AWAY), zones=("tiles", "yolk"), color="red") == 2.0
+
+
 def test_every_objective_is_tried_here():
     assert set(EVERY_PARAMETER) == set(OBJECTIVES)
 
@@ -166,7 +456,7 @@ def test_the_contract(name):
     assert isinstance(score, float)
     assert np.isfinite(score)
     assert np.array_equal(before.poses[..., :2], positions)
-    assert OBJECTIVES[name](trace(positions[:, ::-1]), **EVERY_PARAMETER[name]) == score
+    assert OBJECTIVES[name](trace(positions[:, ::-1]), **EVERY_PARAMETER[name]) == pytest.approx(score, rel=1e-12)
 
 
 def test_a_trace_must_fit_together():

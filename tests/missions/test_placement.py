@@ -8,6 +8,7 @@ import pytest
 from mercator_design import seeds
 from mercator_design.loading import FieldError
 from mercator_design.missions.arena import Arena, RegularPolygon
+from mercator_design.missions.mission import load_mission
 from mercator_design.missions.placement import (
     DiscPlacement,
     DrawnPlacement,
@@ -16,6 +17,8 @@ from mercator_design.missions.placement import (
     RectanglePlacement,
     outside,
 )
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.world import World
 
 RNG = seeds.generator(1, "test")
 N = 20_000
@@ -102,6 +105,21 @@ def test_fixed_poses_belong_to_robots_by_number():
 def test_a_ring_needs_width():
     with pytest.raises(FieldError, match="inner_radius: expected less than the radius 1"):
         DiscPlacement(radius=1.0, inner_radius=1.0)
+
+
+def test_waiting_robots_block_their_places_until_it_is_their_turn():
+    """As in the original: robots not yet placed stand where its file put them. Mercators are 0.286 m wide."""
+
+    def starts(*overrides):
+        mission = load_mission("aggregation", ["robots=2", "placement={shape: disc, radius: 0.3}", *overrides])
+        world = World(mission, load_robot_model("mercator"))
+        return np.array([world.instance(seed).swarm.poses[:, :2] for seed in range(200)])
+
+    free, waiting = starts(), starts("placement.waiting=[[0, 0, 0], [0.1, 0, 0]]")
+    assert np.hypot(free[:, 0, 0] - 0.1, free[:, 0, 1]).min() < 0.1
+    assert np.hypot(waiting[:, 0, 0] - 0.1, waiting[:, 0, 1]).min() > 0.286
+    second = np.hypot(waiting[:, 1, 0] - 0.1, waiting[:, 1, 1])
+    assert second.min() < 0.286  # its own place is free to itself, and the first robot's is so when it has gone
 
 
 @pytest.mark.parametrize(

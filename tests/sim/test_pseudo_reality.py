@@ -89,7 +89,7 @@ def test_each_instance_has_its_own_robots():
 
 def test_shipped_pseudo_realities_differ_in_what_they_say():
     noisy = load_robot_model("mercator-pseudo-reality")
-    assert (noisy.ground.noise, noisy.neighbours.loss) == (Gaussian(sd=20.0), 0.1)
+    assert (noisy.ground.noise, noisy.neighbours.noise) == (Gaussian(sd=20.0), Gaussian(sd=0.9))
     assert (noisy.body, noisy.reference_model) == (MERCATOR.body, MERCATOR.reference_model)
     epuck = load_robot_model("epuck-pseudo-reality")
     assert (epuck.light.noise, epuck.drive.noise.sd) == (Uniform(half_width=0.9), 0.15)

@@ -34,13 +34,16 @@ def check(seed):
     while True:
         try:
             simulator = Simulator(random_mission(draw), random_robot(draw))
-            outcome = simulator.run(random_pfsm(draw, simulator.robot_model), seed)
+            pfsm = random_pfsm(draw, simulator.robot_model)
+            outcome = simulator.run(pfsm, seed)
             break
         except (FieldError, MissionError):  # walls that cross, no room for the robots, and so on
             continue
     trace, mission, body = outcome.trace, simulator.mission, simulator.robot_model.body
     assert math.isfinite(outcome.score)
     assert np.isfinite(trace.poses).all()
+    if seed % 10 == 0:
+        assert np.array_equal(trace.poses, simulator.run(pfsm, seed, referee=True).trace.poses)
     poses = trace.poses.reshape(-1, 3)
     assert mission.arena.contains(poses[:, :2]).all()
     inside_walls = depth_in_walls(poses, body, mission.arena)
@@ -49,7 +52,7 @@ def check(seed):
     inside_robots = depth_in_robots(trace, body) / (2.0 * simulator.robot_model.fastest * step)
     assert inside_robots < 1.0
     speed = speed_share(trace, simulator.robot_model)
-    assert speed < 1.5
+    assert speed < 2.0
     return inside_walls, inside_robots, speed
 
 
@@ -57,7 +60,7 @@ def test_random_missions():
     with ThreadPoolExecutor(2) as pool:
         inside_walls, inside_robots, speed = np.max(list(pool.map(check, range(200))), axis=0)
     assert inside_walls > 0.0019  # they did push
-    assert min(inside_robots, speed) > 0.3
+    assert min(inside_robots, speed) > 0.2
 
 
 @pytest.mark.slow
@@ -119,8 +122,8 @@ def overlap(one, other):
 def speed_share(trace, model):
     """The highest speed of a robot, and of its corners around its centre, as a share of the fastest corner's.
 
-    A robot that turns with a corner at a wall is kicked away, faster than it drives; and one that is between others
-    that turn adds their speeds to its own. If contacts gave energy, there would be no limit.
+    A robot that turns with a corner at a wall is kicked away faster than it drives; and where it meets the corner of
+    another that turns, they part at most twice as fast as corners are. If contacts gave energy, nothing would limit it.
     """
     moved = np.diff(trace.poses, axis=0) / trace.control_period
     fastest = np.maximum(np.hypot(moved[..., 0], moved[..., 1]), model.body.corner * abs(moved[..., 2])).max()

@@ -1,8 +1,11 @@
 """Small missions for tests."""
 
+from mercator_design.fsm import parse
 from mercator_design.missions.mission import parse_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+
+STOP = parse("--nstates 1 --s0 1")
 
 TEXT = """
 schema: 1
@@ -26,6 +29,7 @@ def mission(
     obstacles="[]",
     floor="{background: gray}",
     placement="{shape: disc, radius: 1.0}",
+    overrides=(),
 ):
     return parse_mission(
         TEXT.format(
@@ -36,12 +40,18 @@ def mission(
             obstacles=obstacles,
             floor=floor,
             placement=placement,
-        )
+        ),
+        overrides=overrides,
     )
 
 
 def simulator(*, robot_model=None, **given):
     return Simulator(mission(**given), robot_model or load_robot_model("mercator"))
+
+
+def look(robot_model=None, **given):
+    """What robots that stand still have perceived and measured after a cycle: its `Outcome`."""
+    return simulator(robot_model=robot_model, **{"duration": 0.1, **given}).run(STOP, 1, record=True)
 
 
 def at(*poses):

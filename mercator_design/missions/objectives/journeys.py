@@ -24,15 +24,13 @@ def trips(trace: Trace, *, sources: Zones, nests: Zones) -> float:
 
 
 @objective
-def gate_crossings(
-    trace: Trace, *, width: Size, center: Point = (0.0, 0.0), direction: float = -math.pi / 2.0
-) -> float:
+def gate_crossings(trace: Trace, *, width: Size, center: Point = (0.0, 0.0), angle: float = -math.pi / 2.0) -> float:
     """How often robots cross a gate's line in a direction, less how often against it, but not less than 0.
 
-    The line is `width` long, has its middle at `center`, and lies across `direction` [rad]. Whoever is on it exactly
-    has not crossed it (DirectionalGate of NEATvsEvo).
+    The line is `width` long, has its middle at `center`, and lies across the direction `angle` [rad]. Whoever is on it
+    exactly has not crossed it (DirectionalGate of NEATvsEvo).
     """
-    ahead_x, ahead_y = math.cos(direction), math.sin(direction)
+    ahead_x, ahead_y = math.cos(angle), math.sin(angle)
     dx = trace.positions[..., 0] - center[0]
     dy = trace.positions[..., 1] - center[1]
     ahead = dx * ahead_x + dy * ahead_y

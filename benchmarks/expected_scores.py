@@ -1,0 +1,114 @@
+"""Make the bands that the tests expect the scores of shipped missions in: tests/data/expected_scores.json.
+
+python benchmarks/expected_scores.py               of the missions that have none yet
+python benchmarks/expected_scores.py NAME ...      of some missions, anew
+python benchmarks/expected_scores.py --all         of all, anew (some minutes)
+
+A band is where the mean of RUNS experiments lies but for a chance of 1e-9 on either side, by Chernoff's bound on the
+distribution of REFERENCE other experiments (with one score more beyond either end, by a standard deviation), and six
+standard errors of the reference's own mean wider: about 7 standard errors to either side. With fewer than 400 bands
+the chance that any fails by luck is below 1e-6.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from mercator_design import shipped
+from mercator_design.fsm import parse
+from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.race.executors import ThreadExecutor, available_jobs
+from mercator_design.sim.simulate import Simulator
+
+FILE = Path(__file__).parents[1] / "tests" / "data" / "expected_scores.json"
+RUNS = 16
+REFERENCE = 300
+CHANCE = 1e-9
+SHORT = 30  # [s] an experiment of many robots
+
+WATERMELON = {
+    "explore": "--nstates 1 --s0 0 --rwm0 5",
+    "stop on black": "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1",
+    "explore, gather, leave": "--nstates 3 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 3 --p0x0 1 --w0x0 5 --s1 2 --att1 4 "
+    "--n1 2 --n1x0 1 --c1x0 5 --p1x0 0.02 --n1x1 1 --c1x1 0 --p1x1 0.05 --s2 3 --rep2 5 --n2 1 --n2x0 0 --c2x0 5 "
+    "--p2x0 0.02",
+}
+CHOCOLATE = {
+    "explore": WATERMELON["explore"],
+    "stop on black": WATERMELON["stop on black"],
+    "to the light, gather, leave": "--nstates 4 --s0 2 --n0 2 --n0x0 0 --c0x0 3 --p0x0 2 --w0x0 4 --n0x1 2 --c0x1 2 "
+    "--p0x1 0.5 --s1 4 --att1 4 --n1 2 --n1x0 1 --c1x0 5 --p1x0 0.02 --n1x1 2 --c1x1 0 --p1x1 0.2 --s2 5 --rep2 4 "
+    "--n2 1 --n2x0 0 --c2x0 5 --p2x0 0.02 --s3 1 --n3 1 --n3x0 1 --c3x0 5 --p3x0 0.01",
+}
+
+
+def fsms(mission: Mission) -> tuple[str, dict[str, str]]:
+    """The flavour that a mission's robots run, and the three FSMs of it."""
+    return ("chocolate", CHOCOLATE) if mission.robot_model == "epuck" else ("watermelon", WATERMELON)
+
+
+def simulator(name: str) -> Simulator:
+    """Of a shipped mission, shortened if it has many robots."""
+    mission = load_mission(name)
+    return Simulator(load_mission(name, [f"duration={SHORT}"]) if mission.robots > 5 else mission)
+
+
+def scores(simulator: Simulator, text: str, seeds: range) -> list[float]:
+    flavour, _ = fsms(simulator.mission)
+    pfsm = parse(text, flavour)
+    found: list[float] = []
+    with ThreadExecutor(available_jobs()) as executor:
+        for some in executor.run(lambda seed: simulator.run(pfsm, seed).score, seeds):
+            found += some
+    return found
+
+
+def band(values: list[float]) -> dict[str, float]:
+    """Mean and standard deviation of the reference, and the limits for the mean of RUNS others."""
+    x = np.array(values)
+    mean, sd = float(x.mean()), float(x.std(ddof=1))
+    if sd == 0.0:
+        return {"mean": mean, "sd": 0.0, "low": mean, "high": mean}
+    tailed = np.concatenate([x, [x.min() - sd, x.max() + sd]])
+    error = 6.0 * sd / math.sqrt(len(x))
+    low = mean - _deviation(mean - tailed) - error
+    high = mean + _deviation(tailed - mean) + error
+    return {"mean": mean, "sd": sd, "low": low, "high": high}
+
+
+def _deviation(x: np.ndarray) -> float:
+    """What the mean of RUNS draws from x exceeds with a chance of at most CHANCE (Chernoff)."""
+    scale = x.std()
+
+    def surplus(deviation: float) -> float:
+        def exponent(tilt: float) -> float:
+            powers = tilt / scale * (x - deviation)
+            return RUNS * float(np.logaddexp.reduce(powers) - math.log(len(x)))
+
+        return minimize_scalar(exponent, bounds=(0.0, 100.0), method="bounded").fun - math.log(CHANCE)
+
+    return float(brentq(surplus, 0.0, x.max() * (1.0 - 1e-9))) if surplus(x.max() * (1.0 - 1e-9)) < 0.0 else x.max()
+
+
+def main() -> None:
+    known = json.loads(FILE.read_text())["bands"] if FILE.exists() else {}
+    names = list(shipped.missions())
+    wanted = [name for name in names if "--all" in sys.argv or name in sys.argv[1:] or name not in known]
+    for name in wanted:
+        runs = simulator(name)
+        _, texts = fsms(runs.mission)
+        known[name] = {label: band(scores(runs, text, range(1001, 1001 + REFERENCE))) for label, text in texts.items()}
+        for label, one in known[name].items():
+            limits = f"{one['low']:.4g} .. {one['high']:.4g}"
+            print(f"{name:<26} {label:<28} {one['mean']:12.4g} sd {one['sd']:10.3g}  {limits}")
+    kept = {name: known[name] for name in sorted(known) if name in names}
+    text = {"how": "made by benchmarks/expected_scores.py; see there", "bands": kept}
+    FILE.write_text(json.dumps(text, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

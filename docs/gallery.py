@@ -1,0 +1,54 @@
+"""Draws every shipped mission into docs/pictures/, and shows them in the README. Run: python docs/gallery.py"""
+
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from mercator_design import shipped
+from mercator_design.files import write_text
+from mercator_design.missions.mission import load_mission
+from mercator_design.report.preview import save_preview
+from mercator_design.sim.simulate import Simulator
+
+ROOT = Path(__file__).parents[1]
+README, PICTURES = ROOT / "README.md", ROOT / "docs" / "pictures"
+BEGIN, END = "<!-- gallery: made by docs/gallery.py -->\n\n", "\n<!-- end of the gallery -->\n"
+COLUMNS = 4
+
+
+def table(names: list[str]) -> str:
+    """The gallery of some missions: pictures that lead to their files."""
+    cells = [f"[![{name}](docs/pictures/{name}.png)](scenarios/{name}.yaml)" for name in names]
+    cells += [""] * (-len(cells) % COLUMNS)
+    rows = [cells[first : first + COLUMNS] for first in range(0, len(cells), COLUMNS)]
+    lines = [[""] * COLUMNS, ["---"] * COLUMNS, *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def draw(name: str, path: Path) -> None:
+    """The picture of a mission in 256 colours, which is a quarter of what `mdesign missions preview` writes."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "picture.png"
+        save_preview(picture, Simulator(load_mission(name)), seed=1)
+        with Image.open(picture) as image:
+            image.convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE).save(path, optimize=True)
+
+
+def main() -> None:
+    names = list(shipped.missions())
+    PICTURES.mkdir(exist_ok=True)
+    for old in PICTURES.glob("*.png"):
+        if old.stem not in names:
+            old.unlink()
+    for name in names:
+        draw(name, PICTURES / f"{name}.png")
+    before, _, rest = README.read_text().partition(BEGIN)
+    _, _, after = rest.partition(END)
+    write_text(README, before + BEGIN + table(names) + END + after)
+    size = sum(path.stat().st_size for path in PICTURES.glob("*.png"))
+    print(f"{PICTURES}: {len(names)} pictures, {size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

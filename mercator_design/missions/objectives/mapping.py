@@ -1,0 +1,56 @@
+"""How much of an arena the swarm's lidars have seen: a map, drawn as the robots drive."""
+
+import math
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.jit import compiled
+from mercator_design.loading import Range
+from mercator_design.missions.arena import Array, Size
+from mercator_design.missions.plugins import objective
+from mercator_design.missions.trace import Trace
+
+_STEP = 0.5
+"""Of a walk along a beam, in cells: none of those it crosses the middle of is left out."""
+
+
+@objective
+def seen_area(
+    trace: Trace,
+    *,
+    side: Size,
+    cells: Annotated[int, Range(1, 2000)],
+    reach: Size = 12.0,
+    every: Annotated[int, Range(1, 1000)] = 10,
+) -> float:
+    """The area [m2] that some beam of a lidar has crossed by the end, no farther than `reach` from its robot.
+
+    It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, in every so many-th
+    cycle from the first on. A beam that meets nothing says nothing of what lies before it, as for the real device.
+    """
+    seen = np.zeros((cells, cells), dtype=np.bool_)
+    points = trace.measure("lidar_points", every)
+    compiled(_mark_seen)(np.ascontiguousarray(trace.positions[::every]), points, side, reach, seen)
+    return float(np.count_nonzero(seen)) * (side / cells) ** 2
+
+
+def _mark_seen(positions: Array, points: Array, side: float, reach: float, seen: NDArray[np.bool_]) -> None:
+    cells = len(seen)
+    scale = cells / side
+    for n in range(len(points)):
+        for i in range(points.shape[1]):
+            x, y = positions[n, i, 0], positions[n, i, 1]
+            for k in range(points.shape[2]):
+                to_x, to_y = points[n, i, k, 0] - x, points[n, i, k, 1] - y
+                distance = math.sqrt(to_x * to_x + to_y * to_y)
+                if not distance > 0.0:  # nor if there is no point
+                    continue
+                steps = int(min(distance, reach) * scale / _STEP)
+                stride = _STEP / (scale * distance)
+                for step in range(steps + 1):
+                    column = math.floor((x + step * stride * to_x) * scale + 0.5 * cells)
+                    row = math.floor((y + step * stride * to_y) * scale + 0.5 * cells)
+                    if 0 <= column < cells and 0 <= row < cells:
+                        seen[row, column] = True

@@ -1,0 +1,190 @@
+"""Objectives and floor dynamics of a user's own: found in a file, checked as ours are, named where they are missing."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from mercator_design import jit
+from mercator_design.errors import MissionError
+from mercator_design.fsm import parse
+from mercator_design.missions import plugins
+from mercator_design.missions.mission import load_mission
+from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin, zone_references
+from mercator_design.sim.simulate import Simulator
+
+NORTHERN = '''
+"""An objective of a user's own."""
+
+from __future__ import annotations
+
+from mercator_design.missions.plugins import When, Zones, objective
+
+
+@objective
+def northernmost(trace, *, zones: Zones, when: When = "end") -> float:
+    """How far north the northernmost robot is."""
+    return float(trace.counted(when)[..., 1].max(axis=1).sum())
+'''
+
+SHRINK = """
+# A zone that grows smaller, the faster the more robots are on it.
+from typing import Annotated
+
+from mercator_design.jit import jittable
+from mercator_design.loading import Positive
+from mercator_design.missions.floor_kernels import zone_contains
+from mercator_design.missions.plugins import Zone, dynamic
+
+
+@jittable
+def shrink_zone(floor, table, poses, time):
+    row = int(table[0, 0])
+    for i in range(len(poses)):
+        if zone_contains(floor, row, poses[i, 0], poses[i, 1]):
+            floor.zones[row, 3] *= table[0, 1]
+
+
+@dynamic(change=shrink_zone)
+def shrinking(site, *, zone: Zone, factor: Positive):
+    return [(float(site.of((zone,))[0]), factor)]
+"""
+
+NORTH = "objective={name: northernmost, direction: maximise, zones: [spot]}"
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(text, name="my.py"):
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return file
+
+
+@pytest.mark.usefixtures("registries")
+class TestLoading:
+    def test_an_objective(self, write):
+        with pytest.raises(MissionError, match='found "northernmost"'):
+            load_mission("aggregation", [NORTH])
+        file = write(NORTHERN)
+        load_plugin(file)
+        load_plugin(file)
+        mission = load_mission("aggregation", [NORTH, "duration=1"])
+        outcome = Simulator(mission).run(parse("--nstates 1 --s0 1"), 1)
+        assert outcome.score == outcome.trace.poses[-1, :, 1].max()
+        assert list(plugins.loaded_plugins()) == ["my.py"]
+
+    def test_a_score_must_be_a_finite_number(self, write):
+        load_plugin(write(NORTHERN.replace(".sum())", '.sum() * float("nan"))')))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match="objective northernmost: expected a finite score, found nan"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    def test_its_parameters_are_checked(self, write):
+        load_plugin(write(NORTHERN))
+        for mistake, message in (
+            ("[spto]", "objective.zones[0]: no zone is called 'spto'; did you mean 'spot'?"),
+            ("[spot], wen: end", "objective.wen: unknown key; did you mean 'when'?"),
+            ("[spot], when: ned", "objective.when: expected one of end, always"),
+        ):
+            with pytest.raises(MissionError, match=re.escape(message)):
+                load_mission("aggregation", [NORTH.replace("[spot]", mistake)])
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("x = 1", "my.py: a plugin that defines neither an @objective nor a @dynamic"),
+            ("\nimport nowhere_at_all", "my.py:2: a plugin that cannot be run: ModuleNotFoundError: No module"),
+            ("x = 1\ny = (", "my.py:2: a plugin that cannot be run: SyntaxError"),
+            ("import sys\nsys.exit(3)", "my.py:2: a plugin that cannot be run: SystemExit: 3"),
+            (NORTHERN.replace("northernmost", "trips"), "ValueError: an objective is called 'trips' already, in "),
+            (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
+            (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),
+            (SHRINK.replace("def shrinking", "def visited"), "what changes a floor is called 'visited' already"),
+            ("\0", "a plugin that cannot be run"),
+        ],
+    )
+    def test_a_mistake_leaves_nothing_behind(self, write, text, message):
+        before = dict(OBJECTIVES), dict(DYNAMICS), list(plugins.CHANGES)
+        with pytest.raises(MissionError, match=re.escape(message)):
+            load_plugin(write(text))
+        assert before == (OBJECTIVES, DYNAMICS, plugins.CHANGES)
+        assert plugins.loaded_plugins() == {}
+
+    def test_a_file_that_cannot_be_read(self, tmp_path):
+        with pytest.raises(MissionError, match=r"nowhere.py: a plugin that cannot be read: No such file"):
+            load_plugin(tmp_path / "nowhere.py")
+        with pytest.raises(MissionError, match="cannot be read: Is a directory"):
+            load_plugin(tmp_path)
+
+    def test_two_of_one_name(self, write, tmp_path):
+        load_plugin(write(NORTHERN))
+        (tmp_path / "other").mkdir()
+        with pytest.raises(MissionError, match="a plugin of that name is loaded already"):
+            load_plugin(write(NORTHERN.replace("northernmost", "other"), "other/my.py"))
+
+    def test_kernels_come_before_the_first_experiment(self, write, monkeypatch):
+        monkeypatch.setattr(jit, "_more_files", [])
+        jit.cache_folder()
+        with pytest.raises(MissionError, match="compiled code; load it before the first experiment"):
+            load_plugin(write(SHRINK))
+        assert "shrinking" not in DYNAMICS
+
+
+def test_references_to_zones_are_found_wherever_they_are():
+    told = {"signal": "a", "places": {"black": "b", "white": "c"}}
+    found = zone_references(OBJECTIVES["robots_where_told"], told)
+    assert list(found) == [("signal", "a"), ("places.black", "b"), ("places.white", "c")]
+    assert list(zone_references(OBJECTIVES["cell_age"], {"side": 1.0, "cells": 2})) == []
+
+
+def mdesign(folder, *arguments, **environment):
+    command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *map(str, arguments)]
+    given = {**os.environ, **environment}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=given, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+class TestOnTheCommandLine:
+    def test_from_race_to_evaluation(self, write, tmp_path):
+        """A race with a user's objective and a user's floor, compiled; evaluated again only with the same file."""
+        text = NORTHERN + SHRINK
+        file = write(text)
+        shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
+        quick = ["--set", "robots=2", "--set", "duration=1", "--set", NORTH, "--set", shrink]
+        code, _, error = mdesign(tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out")
+        assert (code, "known" in error or "expected one of" in error) == (3, True)
+        code, _, error = mdesign(
+            tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
+        )
+        assert code == 0, error
+        measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
+        code, _, error = mdesign(tmp_path, *measure)
+        assert (code, error) == (
+            3, "Error: out/fsm.txt: was designed with the plugin my.py; give --plugin my.py, or --mission\n"
+        )  # fmt: skip
+        compiled = mdesign(tmp_path, *measure, "--json", "--plugin", file)
+        assert compiled[0] == 0, compiled[2]
+        assert mdesign(tmp_path, *measure, "--json", "--plugin", file, NUMBA_DISABLE_JIT="1")[:2] == compiled[:2]
+        write(text + "\n")
+        code, _, error = mdesign(tmp_path, *measure, "--plugin", "my.py")
+        assert (code, "my.py is not what it was when this was designed" in error) == (3, True)
+
+    def test_validate(self, write, tmp_path):
+        write(NORTHERN)
+        (tmp_path / "m.yaml").write_text(
+            "schema: 1\nrobots: 1\nduration: 1\narena: {walls: {shape: regular_polygon, sides: 4, apothem: 1}}\n"
+            "placement: {shape: disc, radius: 0.5}\n"
+            "floor: {zones: [{shape: disc, center: [0, 0], radius: 1, color: red, name: spot}]}\n"
+            "objective: {name: northernmost, direction: maximise, zones: [spot]}\n"
+        )
+        assert mdesign(tmp_path, "validate", "m.yaml")[0] == 3
+        code, out, _ = mdesign(tmp_path, "validate", "m.yaml", "--plugin", "my.py")
+        assert (code, out) == (0, "m.yaml: valid mission, 1 robot, 1 s\n")
+
+    def test_a_file_that_is_not_there(self, tmp_path):
+        code, _, error = mdesign(tmp_path, "validate", "aggregation", "--plugin", "nowhere.py")
+        assert (code, error) == (3, "Error: nowhere.py: a plugin that cannot be read: No such file or directory\n")

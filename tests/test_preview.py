@@ -1,0 +1,204 @@
+"""Pictures of missions: what is where, in which file, and that there is one of each shipped mission."""
+
+import runpy
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from mercator_design import shipped
+from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.report.preview import outline, preview, save_preview
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
+
+ROOT = Path(__file__).parents[1]
+LABYRINTH = """
+schema: 1
+robots: 2
+duration: 10
+arena:
+  walls: {shape: polygon, vertices: [[-2, -1], [2, -1], [2, 1.5], [0, 1.5], [0, 0.5], [-2, 0.5]]}
+  obstacles: [{center: [0.5, 0], size: [0.05, 0.8], angle: 0.4}]
+  room: {shape: polygon, vertices: [[-2.3, -1.2], [2.3, -1.2], [2.3, 1.9], [-2.3, 1.9]]}
+floor:
+  background: white
+  zones:
+    - {name: nest, shape: half_plane, point: [-1.5, 0], normal: [-1, 0], color: blue}
+    - {name: cache, shape: disc, center: [1.5, -0.5], radius: 0.3, color: red}
+    - {name: two, shape: tiles, size: 0.1, centers: [[1, 1], [1.5, 1]], colors: {green: 2}}
+lights:
+  - {position: [50, 3, 2], intensity: 4}
+  - {position: [-1, 1, 0.2], intensity: 4, seen_by: [0]}
+placement: {shape: rectangle, size: [1, 0.9], center: [-0.6, -0.4]}
+objective: {name: robots_in_zone, zones: [nest, cache], direction: maximise}
+"""
+
+
+@pytest.fixture
+def labyrinth():
+    return Simulator(parse_mission(LABYRINTH, name="labyrinth"))
+
+
+def floor_pixel(axes, x, y):
+    """The colour that is drawn at a place of the floor."""
+    (image,) = axes.images
+    left, right, bottom, top = image.get_extent()
+    pixels = np.asarray(image.get_array())
+    row, column = (top - y) / (top - bottom) * len(pixels), (x - left) / (right - left) * pixels.shape[1]
+    return tuple(int(channel) for channel in pixels[int(row), int(column)])
+
+
+def texts(axes):
+    return {text.get_text(): text.get_position() for text in axes.texts}
+
+
+def outlines(axes):
+    """The corners of all polygons drawn, each without its repeated first corner."""
+    return [patch.get_xy()[:-1] for patch in axes.patches]
+
+
+def test_the_floor_is_where_the_mission_says(labyrinth):
+    (axes,) = preview(labyrinth, seed=1).axes
+    assert floor_pixel(axes, -1.9, 0.0) == (0, 0, 255)
+    assert floor_pixel(axes, -1.4, 0.0) == (255, 255, 255)
+    assert floor_pixel(axes, 1.5, -0.25) == (255, 0, 0)
+    assert floor_pixel(axes, 1.5, -0.15) == (255, 255, 255)
+    assert floor_pixel(axes, 1.5, 1.0) == (0, 255, 0)
+
+
+def test_walls_obstacles_and_room_are_drawn(labyrinth):
+    arena = labyrinth.mission.arena
+    drawn = outlines(preview(labyrinth, seed=1).axes[0])
+    for corners in (arena.corners(), arena.obstacles[0].corners(), arena.room.corners()):
+        assert any(len(each) == len(corners) and np.allclose(each, corners) for each in drawn)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_robots_stand_where_the_instance_has_them(labyrinth, seed):
+    drawn = outlines(preview(labyrinth, seed=seed).axes[0])
+    poses = labyrinth.instance(seed).swarm.poses
+    body = load_robot_model("mercator").body
+    for x, y, heading in poses[:, :3]:
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        front_left = np.array([x, y]) + turn @ [0.5 * body.length, 0.5 * body.width]
+        assert any(np.allclose(each[0], front_left) for each in drawn)
+
+
+def test_bodies_have_their_shape():
+    box, disc = (outline(load_robot_model(name)) for name in ("mercator", "epuck"))
+    assert box.max(axis=0) == pytest.approx([0.143, 0.143])
+    assert len(box) == 4
+    radius = load_robot_model("epuck").body.radius
+    assert np.hypot(*disc.T) == pytest.approx(np.full(len(disc), radius))
+
+
+def test_zones_and_lights_are_named(labyrinth):
+    (axes,) = preview(labyrinth, seed=1).axes
+    found = texts(axes)
+    assert found["cache"] == pytest.approx((1.5, -0.5), abs=0.05)
+    assert found["nest"] == pytest.approx((-1.75, -0.25), abs=0.3)
+    assert "two" not in found  # in two pieces
+    assert {"light, 2 m high\nat (50, 3) m", "light, 0.2 m high\nfor robots 0"} <= set(found)
+    (near,) = [marks.get_offsets()[0] for marks in axes.collections if np.allclose(marks.get_offsets()[0], [-1, 1])]
+    assert axes.get_xlim()[0] < near[0]
+    assert axes.get_xlim()[1] < 10
+
+
+def start_area(axes):
+    """The corners of the border of the start area, if one is drawn."""
+    points = [
+        path.vertices for contour in axes.collections if hasattr(contour, "levels") for path in contour.get_paths()
+    ]
+    return np.vstack(points) if points else None
+
+
+def test_the_start_area_is_the_placements_within_the_walls(labyrinth):
+    area = start_area(preview(labyrinth, seed=1).axes[0])
+    assert area.min(axis=0) == pytest.approx([-1.1, -0.85], abs=0.05)
+    assert area.max(axis=0) == pytest.approx([-0.1, 0.05], abs=0.05)
+    wide = Simulator(load_mission("aggregation", ["placement.radius=9"]))
+    assert np.hypot(*start_area(preview(wide, seed=1).axes[0]).T).max() == pytest.approx(1.226, abs=0.06)
+
+
+@pytest.mark.parametrize("poses", ["[[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]"])
+def test_fixed_poses_have_no_start_area(poses):
+    mission = load_mission("aggregation", [f"placement={{shape: poses, poses: {poses}}}"])
+    assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
+
+
+def test_a_start_area_too_small_to_draw():
+    mission = load_mission("aggregation", ["robots=1", "placement.radius=0.001"])
+    assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
+
+
+@pytest.mark.parametrize("size", [(8.0, 0.6), (0.6, 8.0), (0.5, 0.5), (300.0, 200.0)])
+def test_any_shape_fits_with_metres_alike_along_both_axes(size):
+    x, y = size
+    corners = f"[[0, 0], [{x}, 0], [{x}, {y}], [0, {y}]]"
+    mission = load_mission(
+        "aggregation",
+        [
+            "robots=1",
+            f"arena.walls={{shape: polygon, vertices: {corners}}}",
+            f"placement={{shape: poses, poses: [[{x / 2}, {y / 2}, 0]]}}",
+        ],
+    )
+    figure = preview(Simulator(mission), seed=1)
+    (axes,) = figure.axes
+    box, (width, height) = axes.get_position(original=True), figure.get_size_inches()
+    drawn = np.array([box.width * width, box.height * height])
+    shown = np.array([np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())])
+    assert drawn[0] / shown[0] == pytest.approx(drawn[1] / shown[1])
+    assert 0.0 < box.x0 < box.x1 < 1.0
+    assert 0.0 < box.y0 < box.y1 < 1.0
+    ticks = [axis.get_major_locator()() for axis in (axes.xaxis, axes.yaxis)]
+    assert all(len(each) < 22 for each in ticks)  # half an inch or more from one to the next
+
+
+class TestFiles:
+    @pytest.mark.parametrize("suffix", [".png", ".svg"])
+    def test_the_same_to_the_last_byte_whatever_the_users_style(self, tmp_path, labyrinth, suffix):
+        save_preview(tmp_path / f"a{suffix}", labyrinth, seed=1)
+        with mpl.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "text.usetex": True}):
+            save_preview(tmp_path / f"b{suffix}", labyrinth, seed=1)
+            assert mpl.rcParams["font.size"] == 20.0
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+        save_preview(tmp_path / f"c{suffix}", labyrinth, seed=2)
+        assert (tmp_path / f"a{suffix}").read_bytes() != (tmp_path / f"c{suffix}").read_bytes()
+        assert sorted(file.name for file in tmp_path.iterdir()) == [f"a{suffix}", f"b{suffix}", f"c{suffix}"]
+
+    def test_they_are_what_they_are_called(self, tmp_path, labyrinth):
+        save_preview(tmp_path / "a.PNG", labyrinth, seed=1)
+        with Image.open(tmp_path / "a.PNG") as picture:
+            assert picture.format == "PNG"
+            assert picture.width == 736
+            assert picture.getpixel((2, 2))[:3] == (255, 255, 255)
+        save_preview(tmp_path / "a.svg", labyrinth, seed=1)
+        assert ET.fromstring((tmp_path / "a.svg").read_text()).tag.endswith("svg")  # noqa: S314 - our own
+        assert "<dc:date>" not in (tmp_path / "a.svg").read_text()
+
+
+class TestGallery:
+    gallery = runpy.run_path(str(ROOT / "docs" / "gallery.py"))
+
+    def test_the_readme_shows_every_shipped_mission(self):
+        text = self.gallery["README"].read_text()
+        shown = text.partition(self.gallery["BEGIN"])[2].partition(self.gallery["END"])[0]
+        assert shown == self.gallery["table"](list(shipped.missions())), "run python docs/gallery.py"
+
+    def test_every_shipped_mission_has_a_picture_and_no_other_has(self):
+        assert {file.stem for file in self.gallery["PICTURES"].iterdir()} == set(shipped.missions())
+        assert sum(file.stat().st_size for file in self.gallery["PICTURES"].iterdir()) < 1_500_000
+
+    @pytest.mark.parametrize("name", shipped.missions())
+    def test_it_is_drawn_as_the_mission_is_now(self, name, tmp_path):
+        """But for the edges of letters and lines, in which versions of the libraries may differ."""
+        self.gallery["draw"](name, tmp_path / "now.png")
+        with Image.open(tmp_path / "now.png") as now, Image.open(self.gallery["PICTURES"] / f"{name}.png") as kept:
+            assert now.size == kept.size
+            coarse = [np.asarray(picture.convert("RGB").reduce(8), int) for picture in (now, kept)]
+        assert np.mean(np.abs(coarse[0] - coarse[1]).max(axis=-1) > 48) < 0.005, "run python docs/gallery.py"

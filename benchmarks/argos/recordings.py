@@ -1,0 +1,135 @@
+"""Reading recordings of the original: what a file says, and the missions and robots that it speaks of."""
+
+import dataclasses
+import gzip
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mercator_design.errors import MercatorError
+from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
+
+SHIPPED_XML = ("aggregation", "color_aggregation", "coverage")
+MISSIONS = dict(zip(SHIPPED_XML, ("aggregation", "color_aggregation", "grid_exploration"), strict=True))
+ROBOTS = dict(zip(SHIPPED_XML, (3, 3, 5), strict=True))
+RANGES = dict(zip(SHIPPED_XML, (0.4, 0.4, 0.3), strict=True))  # [m] of proximity
+VELOCITIES = dict(zip(SHIPPED_XML, (30.0, 30.0, 0.0), strict=True))  # [cm/s]; coverage sets none
+STARTS = (0.0, -0.4, 0.0), (0.4, -0.6, 0.0)
+"""Where robots stand until they are placed: the first of a mission file, and its others.
+
+Found from the recorded starts: they are those of the original's generator with exactly these poses in the way. Files
+written for other numbers of robots (`n` in the file's settings) put all of them at the first.
+"""
+
+WALL_SIZE = (0.01, 0.66)  # [m]
+WALLS = tuple(
+    ((sign * x, sign * y), number * math.pi / 6)
+    for sign in (1, -1)
+    for number, (x, y) in enumerate(
+        ((1.231, 0.0), (1.066, 0.615), (0.615, 1.066), (0.0, 1.231), (-0.615, 1.066), (-1.066, 0.615))
+    )
+)
+"""Centres [m], rounded to millimetres as they are in its files, and angles."""
+
+_SETTINGS = {"base", "n_robots", "n", "prox_range", "velocity", "length", "walls", "scale", "arena"}
+
+
+class RecordingError(MercatorError):
+    """A file is not a recording that can be compared with."""
+
+    exit_code = 2
+
+
+def read(file: Path) -> dict[str, Any]:
+    """The content of a file: JSON, gzip'd or not, with a list of runs of one kind.
+
+    Raises:
+        RecordingError: naming the file and the place in it.
+    """
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
+    try:
+        data = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f"{file}: damaged gzip: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{file}: expected JSON, gzip'd or not: {error}") from None
+    runs = data.get("runs") if isinstance(data, dict) else None
+    if not isinstance(runs, list) or not runs or not all(isinstance(run, dict) for run in runs):
+        raise RecordingError(f"{file}: expected an object with a list 'runs' of traces or of scores")
+    if not isinstance(data.setdefault("meta", {}), dict):
+        raise RecordingError(f"{file}: meta: expected an object")
+    wanted = {"traces": ("name", "mission", "fsm", "robots"), "scores": ("name", "mission", "fsm", "scores")}
+    data["kind"] = "traces" if "robots" in runs[0] else "scores"
+    for number, run in enumerate(runs):
+        for key in wanted[data["kind"]]:
+            if key not in run:
+                raise RecordingError(f"{file}: runs[{number}]: no '{key}', which each of a file of {data['kind']} has")
+            if key in {"name", "mission", "fsm"} and not isinstance(run[key], str):
+                raise RecordingError(f"{file}: runs[{number}].{key}: expected text, found {run[key]!r:.40}")
+        if not isinstance(run.setdefault("settings", {}), dict):
+            raise RecordingError(f"{file}: runs[{number}].settings: expected an object")
+    return data
+
+
+def walls(scale: float = 1.0) -> str:
+    """The original's twelve walls, ends and all, as obstacles of a mission."""
+    return json.dumps(
+        [
+            {"center": [scale * x, scale * y], "size": [WALL_SIZE[0], scale * WALL_SIZE[1]], "angle": angle}
+            for (x, y), angle in WALLS
+        ]
+    )
+
+
+def robot_model(proximity_range: float, velocity: float = 30.0) -> RobotModel:
+    """The original's robot, with a mission file's proximity range [m], where 0 is blind, and velocity [cm/s]."""
+    model = load_robot_model("mercator-argos")
+    blind = {"obstacle_threshold": 2.0} if proximity_range == 0.0 else {}
+    constants = model.reference_model._replace(proximity_range=max(proximity_range, 1e-3), **blind)
+    drive = dataclasses.replace(model.drive, maximum_speed=velocity / 100.0)
+    return dataclasses.replace(model, reference_model=constants, drive=drive)
+
+
+def mission_and_robot(name: str, settings: Mapping[str, Any]) -> tuple[Mission, RobotModel]:
+    """What a mission of a recording is here.
+
+    Args:
+        name: Of the mission, in the recording.
+        settings: `base`, the shipped mission file that it was made from, if it is not the name; and what differs from
+            that: `n_robots`, `n` (the file was written for so many), `prox_range` [m], `velocity` [cm/s], `length` [s].
+
+    Raises:
+        RecordingError: if it is made from no known one, or a setting is not.
+        MissionError: if the robots do not fit.
+    """
+    base = settings.get("base", name)
+    if base not in MISSIONS:
+        raise RecordingError(f"mission '{name}': made from '{base}'; expected one of {', '.join(MISSIONS)}")
+    unknown = sorted(set(settings) - _SETTINGS)
+    if unknown:
+        raise RecordingError(f"mission '{name}': what its '{unknown[0]}' means is not known here")
+    robots = settings.get("n_robots", settings.get("n", ROBOTS[base]))
+    velocity = settings.get("velocity", VELOCITIES[base])
+    proximity_range = settings.get("prox_range", RANGES[base])
+    length = settings.get("length", 120)
+    scale = settings.get("scale", 1)
+    for key, value in (("velocity", velocity), ("prox_range", proximity_range), ("length", length), ("scale", scale)):
+        if not isinstance(value, int | float) or not 0 <= value < 1e6:
+            raise RecordingError(f"mission '{name}': {key}: expected a number from 0, found {value!r}")
+    if not isinstance(robots, int) or not 1 <= robots <= 1000:
+        raise RecordingError(f"mission '{name}': n_robots: expected a whole number from 1 to 1000, found {robots!r}")
+    others = STARTS[0] if "n" in settings else STARTS[1]
+    waiting = [list(STARTS[0])] + (robots - 1) * [list(others)]
+    overrides = [f"robots={robots}", f"duration={length}", f"placement.waiting={waiting}"]
+    if settings.get("walls", True):
+        overrides += [f"arena.walls.apothem={1.5 * scale}", f"arena.obstacles={walls(scale)}"]
+    else:
+        overrides += ["arena.walls.apothem=99"]
+    return load_mission(MISSIONS[base], overrides), robot_model(proximity_range, velocity)

@@ -1,4 +1,4 @@
-"""Draws every shipped mission into docs/pictures/, and shows them in the README. Run: python docs/gallery.py"""
+"""Draws every shipped mission into docs/pictures/missions/, and shows them in the README. Run: python docs/gallery.py"""
 
 import tempfile
 from pathlib import Path
@@ -12,14 +12,14 @@ from mercator_design.report.preview import save_preview
 from mercator_design.sim.simulate import Simulator
 
 ROOT = Path(__file__).parents[1]
-README, PICTURES = ROOT / "README.md", ROOT / "docs" / "pictures"
+README, PICTURES = ROOT / "README.md", ROOT / "docs" / "pictures" / "missions"
 BEGIN, END = "<!-- gallery: made by docs/gallery.py -->\n\n", "\n<!-- end of the gallery -->\n"
 COLUMNS = 4
 
 
 def table(names: list[str]) -> str:
     """The gallery of some missions: pictures that lead to their files."""
-    cells = [f"[![{name}](docs/pictures/{name}.png)](scenarios/{name}.yaml)" for name in names]
+    cells = [f"[![{name}](docs/pictures/missions/{name}.png)](scenarios/{name}.yaml)" for name in names]
     cells += [""] * (-len(cells) % COLUMNS)
     rows = [cells[first : first + COLUMNS] for first in range(0, len(cells), COLUMNS)]
     lines = [[""] * COLUMNS, ["---"] * COLUMNS, *rows]

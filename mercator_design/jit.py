@@ -26,6 +26,13 @@ R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
+_INNER: dict[str, Any] = {
+    # Kernels pass on tuples of hundreds of numbers; a call that is not inlined copies them all.
+    "forceinline": True,
+    # Nobody but compiled code calls what is inside an entry function.
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 _waiting: list[Callable[..., Any]] = []
 _marked = 0
 _more_files: list[Path] = []
@@ -73,7 +80,8 @@ def compiled(function: F) -> F:
         if function not in _compiled:
             while _waiting:
                 _register(_waiting.pop(0))
-            _compiled[function] = _chain(tuple(function.links)) if hasattr(function, "links") else _compile(function)
+            links = getattr(function, "links", None)
+            _compiled[function] = _compile(function) if links is None else _chain(tuple(links), inner=False)
     return cast("F", _compiled[function])
 
 
@@ -171,8 +179,7 @@ def _register(function: Callable[..., Any]) -> None:
 
     links = getattr(function, "links", None)
     if links is None:
-        # Kernels pass on tuples of hundreds of numbers; a call that is not inlined copies them all.
-        register_jitable(forceinline=True)(function)
+        register_jitable(**_INNER)(function)
         return
 
     chain = _chain(tuple(links))
@@ -181,13 +188,14 @@ def _register(function: Callable[..., Any]) -> None:
         return chain(which, *arguments)
 
     _name(dispatch, "dispatch", links)
-    overload(function, strict=False)(lambda which, *arguments: dispatch)
+    overload(function, jit_options=_INNER, strict=False)(lambda which, *arguments: dispatch)
 
 
-def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
+def _chain(functions: tuple[Callable[..., Any], ...], *, inner: bool = True) -> Callable[..., Any]:
     """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
     import numba
 
+    options = _INNER if inner else {}
     head = functions[0]
     if len(functions) == 1:
 
@@ -195,7 +203,7 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
             return head(*arguments)
 
         _name(last, "chain", functions)
-        return cast("Callable[..., Any]", numba.njit(last))
+        return cast("Callable[..., Any]", numba.njit(**options)(last))
     tail = _chain(functions[1:])
 
     def link(which: int, *arguments: Any) -> Any:
@@ -204,7 +212,7 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
         return tail(which - 1, *arguments)
 
     _name(link, "chain", functions)
-    return cast("Callable[..., Any]", numba.njit(link))
+    return cast("Callable[..., Any]", numba.njit(**options)(link))
 
 
 def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:

@@ -1,4 +1,4 @@
-"""Draws every shipped mission into docs/pictures/missions/, and shows them in the README. Run: python docs/gallery.py"""
+"""Draws every shipped mission into docs/pictures/missions/ and shows them in the README. Run: python docs/gallery.py"""
 
 import tempfile
 from pathlib import Path

@@ -26,7 +26,7 @@ R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
-_INNER: dict[str, Any] = {
+_INNER: Any = {
     # Kernels pass on tuples of hundreds of numbers; a call that is not inlined copies them all.
     "forceinline": True,
     # Nobody but compiled code calls what is inside an entry function.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Mapping
 from typing import Annotated, Literal, NamedTuple
 
@@ -147,6 +148,31 @@ def test_what_an_editor_shows():
     assert apothem["description"] == "[m] from the centre to the inner face of a wall"
     assert MISSION["properties"]["control_period"]["default"] == 0.1
     assert "name" not in MISSION["required"]
+
+
+def properties(schema):
+    """Name and schema of every key of a file, wherever in it."""
+    if isinstance(schema, list):
+        for item in schema:
+            yield from properties(item)
+    elif isinstance(schema, dict):
+        yield from schema.get("properties", {}).items()
+        for part in schema.values():
+            yield from properties(part)
+
+
+@pytest.mark.parametrize("schema", [MISSION, ROBOT_MODEL])
+def test_descriptions_are_read_without_the_source(schema):
+    for name, found in properties(schema):
+        description = found.get("description", "")
+        assert not re.match(r"\.\.\.|\[[^]]*]$", description), (name, description)
+        assert not re.search(r"\.\.\.$|\bNone\b|\bthe same\b", description), (name, description)
+
+
+def test_every_number_of_a_robot_has_its_description():
+    assert [
+        name for name, found in properties(ROBOT_MODEL) if found.get("type") == "number" and "description" not in found
+    ] == []
 
 
 class Mood(NamedTuple):

@@ -1,6 +1,7 @@
 """What the robot's devices measured and did in an experiment, computed afterwards from where the robots were.
 
-No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. Noise is a
+No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. (A lidar by
+which robots perceive each other is computed in the experiment too, and reads the same there.) Noise is a
 function of device, cycle and value (noise.py), so that what is computed later is what would have been measured.
 Sources: the Mercator paper, sections 4.2 and 4.3; where it is silent or differs, the plugin argos3-rvr.
 """
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import SimulationError
+from mercator_design.fsm.reference import Readings
 from mercator_design.jit import compiled
 from mercator_design.sim import noise as device
 from mercator_design.sim.lidar import scan
@@ -31,6 +33,9 @@ Cycles = NDArray[np.int64]
 
 _GRAVITY = 9.81
 """[m/s2]"""
+
+_RED = Readings._fields.index("ground_red")
+"""Where in the readings the ground's colour begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +100,7 @@ def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:
 
 def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
     """Red, green, blue of the ground, 0 to 255: the mean of several sensors, or what they voted for."""
-    return recording.recorded("readings")[cycles][..., 5:8]
+    return recording.recorded("readings")[cycles][..., _RED : _RED + 3]
 
 
 def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:

@@ -10,7 +10,7 @@ import pytest
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
 from mercator_design.sim.devices import DEVICES, Recording
-from mercator_design.sim.noise import LIDAR, draw, noise
+from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
 from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, Uniform, load_robot_model
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
@@ -240,9 +240,11 @@ def test_the_lidar_measures_what_neighbours_are_found_with():
     row = outcome.recording.scene.lidar.noise
     with np.errstate(over="ignore"):
         for cycle, beam in itertools.product((0, 7, 19), np.flatnonzero(base[0, 0])):
-            drawn = noise(row, outcome.recording.noise_keys[0], LIDAR, cycle * 719 + int(beam))
+            drawn = noise(row, outcome.recording.noise_keys[0], LIDAR_DRAWS, cycle * 719 + int(beam))
             assert found[cycle, 0, beam] == pytest.approx(base[0, 0, beam] + drawn, abs=1e-12)
-        assert draw(outcome.recording.noise_keys[0], LIDAR, 3) != draw(outcome.recording.noise_keys[1], LIDAR, 3)
+        assert draw(outcome.recording.noise_keys[0], LIDAR_DRAWS, 3) != draw(
+            outcome.recording.noise_keys[1], LIDAR_DRAWS, 3
+        )
 
 
 def test_the_points_of_the_lidar_lie_where_its_beams_ended():

@@ -34,7 +34,7 @@ _INNER: Any = {
     "no_cfunc_wrapper": True,
 }
 _waiting: list[Callable[..., Any]] = []
-_marked = 0
+_marked: set[Callable[..., Any]] = set()
 _more_files: list[Path] = []
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
 _lock = threading.RLock()
@@ -42,15 +42,19 @@ _lock = threading.RLock()
 
 def jittable(function: F) -> F:
     """Mark a function as callable from compiled code. It stays the plain function it is."""
-    global _marked  # noqa: PLW0603 - a count of what this process has
-    _marked += 1
+    _marked.add(function)
     _waiting.append(function)
     return function
 
 
+def is_marked(function: Callable[..., Any]) -> bool:
+    """Whether compiled code may call a function."""
+    return function in _marked
+
+
 def marked() -> int:
     """How many functions are marked `@jittable` so far."""
-    return _marked
+    return len(_marked)
 
 
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import SimulationError
+from mercator_design.fsm.reference import Readings
 from mercator_design.jit import compiled
 from mercator_design.sim.lidar import scan
 from mercator_design.sim.noise import (
@@ -105,7 +106,17 @@ def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:
 
 def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
     """Red, green, blue of the ground, 0 to 255: the mean of several sensors, or what they voted for."""
-    return recording.recorded("readings")[cycles][..., 5:8]
+    return recording.recorded("readings")[cycles][..., _columns("ground_red", "ground_green", "ground_blue")]
+
+
+def neighbours(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+    """How many neighbours counted, and the vector to them, forwards and to the left: what controllers read."""
+    return recording.recorded("readings")[cycles][..., _columns("neighbours", "neighbours_x", "neighbours_y")]
+
+
+def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+    """The vector to the light, forwards and to the left: what controllers read."""
+    return recording.recorded("readings")[cycles][..., _columns("light_x", "light_y")]
 
 
 def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
@@ -199,6 +210,8 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
             wheels,
             leds,
             ground,
+            neighbours,
+            light,
             proximity,
             lidar,
             lidar_points,
@@ -213,6 +226,10 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
     }
 )
 """What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
+
+
+def _columns(*names: str) -> list[int]:
+    return [Readings._fields.index(name) for name in names]
 
 
 def _velocities(recording: Recording) -> Floats:

@@ -206,6 +206,7 @@ class LightCamera:
     device: Literal["camera"] = "camera"
     height: Height  # [m]
     range: Distance  # [m] of lights that are seen
+    highest: Distance = 1000.0  # [m] lights higher than this are out of its view
     occlusion: bool = False
     noise: Noise = None  # a vector of this fraction of the distance, in any direction
 
@@ -303,7 +304,7 @@ class RobotModel:
             if low > high:
                 raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
             if not isinstance(_value_at(self, key), float):
-                raise FieldError("vary", f"{key}: no number of this robot model has this key")
+                raise FieldError("vary", f"{key}: the robot model has no real number there that could vary")
         if isinstance(self.neighbours, LidarNeighbours):
             if self.lidar is None:
                 raise FieldError("neighbours.device", "there is no lidar")
@@ -339,7 +340,11 @@ def load_robot_model(name_or_path: str) -> RobotModel:
     model = _read(path)
     for key, bounds in (model.vary or {}).items():
         for value in bounds:  # whether each may be
-            _read(path, overrides=(f"{key}={value!r}",))
+            try:
+                _read(path, overrides=(f"{key}={value!r}",))
+            except MissionError as error:
+                _, _, what = str(error).partition(": ")  # the place is that of the override
+                raise MissionError(f"{path}: vary: {what}") from None
     return model
 
 

@@ -12,7 +12,16 @@ from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim import scene
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Neighbours, Noise, RobotModel, Uniform
+from mercator_design.sim.robot_model import (
+    DiscBody,
+    Gaussian,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Noise,
+    RobotModel,
+    Uniform,
+)
 from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
@@ -121,6 +130,7 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
     angles = ring.angles if ring else ()
     directions_x, directions_y = _directions(angles)
     lights = [light for light in mission.lights if light.intensity > 0.0]
+    highest = device.highest if isinstance(device, LightCamera) else math.inf
     everyone = range(mission.robots)
 
     def sensed(kind: Literal["lamp", "beacon"]) -> NDArray[np.bool_]:
@@ -131,9 +141,10 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
         ]
         return np.array(rows, dtype=np.bool_).reshape(-1, mission.robots)
 
+    in_view = np.array([[light.position[2] < highest] for light in lights], dtype=np.bool_).reshape(-1, 1)
     return scene.Light(
         lights=np.array([[*light.position, light.intensity] for light in lights]).reshape(-1, 4),
-        seen=sensed("lamp" if ring else "beacon"),
+        seen=sensed("lamp") if ring else sensed("beacon") & in_view,
         lit=sensed("lamp"),
         by_camera=ring is None,
         angles=np.array(angles, dtype=float),

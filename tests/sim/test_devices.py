@@ -11,7 +11,7 @@ from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
 from mercator_design.sim.devices import DEVICES, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
-from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, Uniform, load_robot_model
+from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, LightCamera, Uniform, load_robot_model
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
@@ -304,6 +304,7 @@ NOISY = dataclasses.replace(
     proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02)),
     lidar=dataclasses.replace(MERCATOR.lidar, noise=Uniform(half_width=0.005)),
     drive=dataclasses.replace(MERCATOR.drive, noise=Gaussian(sd=0.05)),
+    light=LightCamera(height=0.154, range=10.0),
 )
 
 
@@ -343,8 +344,8 @@ class TestEveryDevice:
             without.measure(name)
 
     def test_what_was_not_recorded(self, name):
-        recording = simulator(duration=0.5).run(STOP, 1).recording
-        if name in {"wheels", "ground", "velocity", "accelerometer"}:
+        recording = simulator(duration=0.5, robot_model=NOISY).run(STOP, 1).recording
+        if name in {"wheels", "ground", "neighbours", "light", "velocity", "accelerometer"}:
             with pytest.raises(SimulationError, match="record=True"):
                 recording.measure(name)
         else:

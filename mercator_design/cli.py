@@ -277,17 +277,23 @@ def record(
     from mercator_design.files import write_bytes
     from mercator_design.fsm.text import read_fsm
     from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.sim.devices import DEVICES
     from mercator_design.sim.robot_model import load_robot_model
     from mercator_design.sim.simulate import Simulator
 
     if output.suffix not in FORMATS:
         raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    names = [name.strip() for name in devices.split(",") if name.strip()]
+    for name in names:
+        if name not in DEVICES:
+            raise click.BadParameter(
+                f"no device is called '{name}'; known: {', '.join(DEVICES)}", param_hint="--devices"
+            )
     file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
     loaded = _mission_of(fsm, file, mission, overrides)
     simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
     simulator.rehearse(announce=_tell)
     outcome = simulator.run(file.pfsm, seed, record=True)
-    names = [name.strip() for name in devices.split(",") if name.strip()]
     write_bytes(output, recording_bytes(outcome.recording, names, every=every, suffix=output.suffix))
     click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
 
@@ -366,6 +372,32 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
     else:
         path = shipped.find(mission, shipped.missions(), "mission")
         click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+
+
+@cli.group()
+def robots() -> None:
+    """List and show the shipped robot models."""
+
+
+@robots.command("list")
+def list_robots() -> None:
+    """List the shipped robot models."""
+    from mercator_design import shipped
+    from mercator_design.sim.robot_model import load_robot_model
+
+    names = list(shipped.robot_models())
+    for name in names:
+        click.echo(f"{name:<{max(map(len, names))}}  {load_robot_model(name).description}")
+
+
+@robots.command("show")
+@click.argument("name")
+def show_robot(name: str) -> None:
+    """Print the YAML of a robot model as it stands, with its comments."""
+    from mercator_design import shipped
+
+    path = shipped.find(name, shipped.robot_models(), "robot model")
+    click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
 
 
 def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
@@ -524,11 +556,12 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     from mercator_design.fsm.text import read_fsm
     from mercator_design.missions.mission import load_mission
 
-    if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in shipped.missions() and not file.exists()):
+    names = {*shipped.missions(), *shipped.robot_models()}
+    if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
-        if _has_key(file, "body") or _has_key(file, "base"):
+        if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
             return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
         Simulator(mission).check_placement()

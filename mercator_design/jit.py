@@ -34,7 +34,7 @@ _INNER: Any = {
     "no_cfunc_wrapper": True,
 }
 _waiting: list[Callable[..., Any]] = []
-_marked = 0
+_marked: set[Callable[..., Any]] = set()
 _more_files: list[Path] = []
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
 _lock = threading.RLock()
@@ -42,15 +42,19 @@ _lock = threading.RLock()
 
 def jittable(function: F) -> F:
     """Mark a function as callable from compiled code. It stays the plain function it is."""
-    global _marked  # noqa: PLW0603 - a count of what this process has
-    _marked += 1
+    _marked.add(function)
     _waiting.append(function)
     return function
 
 
+def is_marked(function: Callable[..., Any]) -> bool:
+    """Whether compiled code may call a function."""
+    return function in _marked
+
+
 def marked() -> int:
     """How many functions are marked `@jittable` so far."""
-    return _marked
+    return len(_marked)
 
 
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
@@ -80,8 +84,7 @@ def compiled(function: F) -> F:
         if function not in _compiled:
             while _waiting:
                 _register(_waiting.pop(0))
-            links = getattr(function, "links", None)
-            _compiled[function] = _compile(function) if links is None else _chain(tuple(links), inner=False)
+            _compiled[function] = _compile(function)
     return cast("F", _compiled[function])
 
 
@@ -94,9 +97,9 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
         # references to every array that is passed on would take two thirds of the time.
         options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-        dispatcher: Any = numba.njit(**options)(function)
-        dispatcher._cache = _ForgivingCache(dispatcher._cache)  # noqa: SLF001 - numba offers no other way in
-        return cast("Callable[..., Any]", dispatcher)
+        entry: Any = numba.njit(**options)(function)
+        entry._cache = _ForgivingCache(entry._cache)  # noqa: SLF001 - numba offers no other way in
+        return cast("Callable[..., Any]", entry)
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
 
@@ -191,11 +194,10 @@ def _register(function: Callable[..., Any]) -> None:
     overload(function, jit_options=_INNER, strict=False)(lambda which, *arguments: dispatch)
 
 
-def _chain(functions: tuple[Callable[..., Any], ...], *, inner: bool = True) -> Callable[..., Any]:
+def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
     """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
     import numba
 
-    options = _INNER if inner else {}
     head = functions[0]
     if len(functions) == 1:
 
@@ -203,7 +205,7 @@ def _chain(functions: tuple[Callable[..., Any], ...], *, inner: bool = True) -> 
             return head(*arguments)
 
         _name(last, "chain", functions)
-        return cast("Callable[..., Any]", numba.njit(**options)(last))
+        return cast("Callable[..., Any]", numba.njit(**_INNER)(last))
     tail = _chain(functions[1:])
 
     def link(which: int, *arguments: Any) -> Any:
@@ -212,7 +214,7 @@ def _chain(functions: tuple[Callable[..., Any], ...], *, inner: bool = True) -> 
         return tail(which - 1, *arguments)
 
     _name(link, "chain", functions)
-    return cast("Callable[..., Any]", numba.njit(**options)(link))
+    return cast("Callable[..., Any]", numba.njit(**_INNER)(link))
 
 
 def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:

@@ -138,8 +138,11 @@ def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
         raise _fault(base, "base", str(error)) from None
     if str(path) in labels:
         raise _fault(base, "base", f"{path} is based on itself")
-    below = compose(read_text(path), str(path), path.parent)
-    return merge(_on_base(below, find_base, [*labels, str(path)]), tree)
+    below = _on_base(compose(read_text(path), str(path), path.parent), find_base, [*labels, str(path)])
+    if isinstance(below.content, dict):
+        for key in ("name", "description"):  # are the base's own
+            below.content.pop(key, None)
+    return merge(below, tree)
 
 
 def is_name(text: str) -> bool:
@@ -224,7 +227,7 @@ def _union(node: Node, base: Kind, path: str) -> Any:  # noqa: ANN401
     if len(kinds) > 1 and all(schema.is_record(kind) for kind in kinds):
         key, tagged = schema.tags(kinds)
         return _build(node, tagged[_word(node, key, tagged, path)], path)
-    if len(kinds) == 1:
+    if len(kinds) == 1 and kinds[0] is not types.NoneType:
         return _build(node, kinds[0], path)
     for kind in sorted(kinds, key=lambda kind: kind is not types.NoneType):  # `null` is text only if quoted
         try:

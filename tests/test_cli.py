@@ -543,7 +543,7 @@ class TestRecord:
         ("options", "code", "words"),
         [
             (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
-            (["-o", "trace.csv", "--devices", "radar"], 1, "no device is called 'radar'; known: wheels, leds"),
+            (["-o", "trace.csv", "--devices", "radar"], 2, "no device is called 'radar'; known: wheels, leds"),
             (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
             (["-o", "nowhere/trace.csv"], 1, "nowhere"),
         ],
@@ -555,3 +555,20 @@ class TestRecord:
         assert (found, out) == (code, "")
         assert words in err
         assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt"]
+
+
+class TestRobots:
+    def test_list(self, mdesign):
+        code, out, _ = mdesign("robots", "list")
+        assert code == 0
+        assert [line.split()[0] for line in out.splitlines()] == list(shipped.robot_models())
+
+    def test_show(self, mdesign):
+        code, out, _ = mdesign("robots", "show", "epuck")
+        assert (code, out) == (0, shipped.robot_models()["epuck"].read_text())
+        code, _, err = mdesign("robots", "show", "epuk")
+        assert code == 3
+        assert "did you mean 'epuck'" in err
+
+    def test_models_are_validated_by_name(self, mdesign):
+        assert mdesign("validate", "epuck", "mercator-varied")[0] == 0

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from mercator_design import shipped
-from mercator_design.errors import MissionError
+from mercator_design.errors import MercatorError, MissionError
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
@@ -43,9 +43,18 @@ class Objective:
         """The score of an experiment.
 
         Raises:
-            MissionError: if the function has no finite number to give.
+            MissionError: if the function fails, or has no finite number to give.
         """
-        score = float(OBJECTIVES[self.name](trace, **self.parameters))
+        function = OBJECTIVES[self.name]
+        try:
+            score = float(function(trace, **self.parameters))
+        except MercatorError:
+            raise
+        except Exception as error:
+            # A plugin's mistake is its author's; ours shall be seen whole.
+            if function.__module__.startswith("mercator_design.missions."):
+                raise
+            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error}") from error
         if not math.isfinite(score):
             raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
         return score

@@ -9,6 +9,7 @@ own file, which need not be near this package.
 """
 
 import hashlib
+import importlib
 import inspect
 import sys
 import traceback
@@ -81,10 +82,12 @@ def dynamic(
             (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start.
 
     Raises:
-        ValueError: as `objective`.
+        ValueError: as `objective`, and if the kernel is not marked.
     """
 
     def enter(function: Callable[..., list[tuple[float, ...]]]) -> Callable[..., list[tuple[float, ...]]]:
+        if not jit.is_marked(change):
+            raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
         _enter(DYNAMICS, function, "what changes a floor")
         if change not in CHANGES:
             CHANGES.append(change)
@@ -101,8 +104,11 @@ def change_of(name: str) -> int:
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], kind: str) -> None:
     name = function.__name__
-    for parameter in inspect.signature(function).parameters.values():
-        if parameter.kind is parameter.KEYWORD_ONLY and parameter.annotation is parameter.empty:
+    first, *others = inspect.signature(function).parameters.values()
+    for parameter in others:
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            raise ValueError(f"{name}: write `*,` behind {first.name}: a mission gives {parameter.name} by its name")
+        if parameter.annotation is parameter.empty:
             raise ValueError(f"{name} does not say what its parameter {parameter.name} is: an annotation is missing")
     taken = {"name", "direction"} & parameters_of(function).keys()
     if taken:
@@ -152,6 +158,8 @@ def load_plugin(path: str | Path) -> None:
     except OSError as error:
         raise MissionError(f"{path}: a plugin that cannot be read: {error.strerror}") from None
     digest = hashlib.sha256(source).hexdigest()[:16]
+    for shipped in ("objectives", "dynamics"):  # whose names are taken
+        importlib.import_module(f"mercator_design.missions.{shipped}")
     if any(file.name == other.name for other in _loaded):
         raise MissionError(f"{path}: a plugin of that name is loaded already; give it another")
     objectives, dynamics, changes, marked = dict(OBJECTIVES), dict(DYNAMICS), len(CHANGES), jit.marked()

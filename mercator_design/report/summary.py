@@ -23,6 +23,7 @@ def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: in
     lines = [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
         f"{objective.direction} {objective.name}",
+        f"Designed   with {designer.flavour}, for robot {designer.simulator.robot_model.name}",
         f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
         f"seed {race.seed}; {seconds:.1f} s with {jobs} jobs, {race.used / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),

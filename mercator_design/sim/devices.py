@@ -18,9 +18,19 @@ from numpy.typing import NDArray
 from mercator_design.errors import SimulationError
 from mercator_design.fsm.reference import Readings
 from mercator_design.jit import compiled
-from mercator_design.sim import noise as device
 from mercator_design.sim.lidar import scan
-from mercator_design.sim.noise import NO_NOISE, noise
+from mercator_design.sim.noise import (
+    ACCELEROMETER_DRAWS,
+    AMBIENT_LIGHT_DRAWS,
+    GYROSCOPE_DRAWS,
+    IMU_DRAWS,
+    LOCATOR_DRAWS,
+    NO_NOISE,
+    PROXIMITY_DRAWS,
+    QUATERNION_DRAWS,
+    VELOCITY_DRAWS,
+    noise,
+)
 from mercator_design.sim.robot_model import AmbientLight, Device, Ground, Leds, Lidar, Proximity, RobotModel
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sight import cast, is_lit
@@ -33,9 +43,6 @@ Cycles = NDArray[np.int64]
 
 _GRAVITY = 9.81
 """[m/s2]"""
-
-_RED = Readings._fields.index("ground_red")
-"""Where in the readings the ground's colour begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,12 +107,22 @@ def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:
 
 def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
     """Red, green, blue of the ground, 0 to 255: the mean of several sensors, or what they voted for."""
-    return recording.recorded("readings")[cycles][..., _RED : _RED + 3]
+    return recording.recorded("readings")[cycles][..., _columns("ground_red", "ground_green", "ground_blue")]
+
+
+def neighbours(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+    """How many neighbours counted, and the vector to them, forwards and to the left: what controllers read."""
+    return recording.recorded("readings")[cycles][..., _columns("neighbours", "neighbours_x", "neighbours_y")]
+
+
+def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+    """The vector to the light, forwards and to the left: what controllers read."""
+    return recording.recorded("readings")[cycles][..., _columns("light_x", "light_y")]
 
 
 def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
     """Commanded velocity in the start's frame (eqs. 1-5) [m/s]; forwards is y, as for the RVR."""
-    return _finished(recording, sensor, device.VELOCITY, cycles, _velocities(recording)[cycles])
+    return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording)[cycles])
 
 
 def accelerometer(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
@@ -113,25 +130,25 @@ def accelerometer(recording: Recording, sensor: Device, cycles: Cycles) -> Float
     moved = _velocities(recording)
     changes = np.diff(moved, axis=0, prepend=0.0) / (recording.control_period * _GRAVITY)
     upright = np.concatenate([changes, np.ones((*changes.shape[:2], 1))], axis=2)
-    return _finished(recording, sensor, device.ACCELEROMETER, cycles, upright[cycles])
+    return _finished(recording, sensor, ACCELEROMETER_DRAWS, cycles, upright[cycles])
 
 
 def gyroscope(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
     """Turn about x, y and z over a cycle (eqs. 10-11) [rad/s]; the floor is level."""
     turns = np.diff(recording.headings, axis=0) / recording.control_period
-    return _finished(recording, sensor, device.GYROSCOPE, cycles, _about_z(turns)[cycles])
+    return _finished(recording, sensor, GYROSCOPE_DRAWS, cycles, _about_z(turns)[cycles])
 
 
 def imu(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
     """Pitch, roll and yaw against the world [rad], yaw from -pi to pi."""
     yaws = np.arctan2(np.sin(recording.headings[1:]), np.cos(recording.headings[1:]))
-    return _finished(recording, sensor, device.IMU, cycles, _about_z(yaws)[cycles])
+    return _finished(recording, sensor, IMU_DRAWS, cycles, _about_z(yaws)[cycles])
 
 
 def locator(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
     """Place from the start, along the world's axes (eq. 12) [m]."""
     places = recording.history.poses[1:, :, :2] - recording.history.poses[0, :, :2]
-    return _finished(recording, sensor, device.LOCATOR, cycles, places[cycles])
+    return _finished(recording, sensor, LOCATOR_DRAWS, cycles, places[cycles])
 
 
 def quaternion(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
@@ -139,7 +156,7 @@ def quaternion(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
     half = 0.5 * (recording.headings[1:] - recording.headings[0])
     none = np.zeros_like(half)
     values = np.stack([np.cos(half), none, none, np.sin(half)], axis=2)
-    return _finished(recording, sensor, device.QUATERNION, cycles, values[cycles])
+    return _finished(recording, sensor, QUATERNION_DRAWS, cycles, values[cycles])
 
 
 def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) -> Floats:
@@ -147,7 +164,7 @@ def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) ->
     found = np.zeros((len(cycles), len(recording.noise_keys), 1))
     law = (sensor.height, sensor.base, sensor.decay, sensor.reach)
     compiled(_fill_lux)(recording.scene, _placed(recording, cycles), *sensor.position, law, found)
-    return _finished(recording, sensor, device.AMBIENT_LIGHT, cycles, found)
+    return _finished(recording, sensor, AMBIENT_LIGHT_DRAWS, cycles, found)
 
 
 def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Floats:
@@ -157,7 +174,7 @@ def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Float
     scratch = np.zeros(len(sensors.angles))
     compiled(_fill_proximity)(recording.scene, _placed(recording, cycles), furthest, scratch, found)
     hit = (found >= nearest) & (found <= furthest)
-    disturbed = _disturbed(recording, noise_row(sensors.noise), device.PROXIMITY, cycles, found)
+    disturbed = _disturbed(recording, noise_row(sensors.noise), PROXIMITY_DRAWS, cycles, found)
     return np.where(hit, np.clip(disturbed, 0.0, None), np.where(found < nearest, -np.inf, np.inf))
 
 
@@ -194,6 +211,8 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
             wheels,
             leds,
             ground,
+            neighbours,
+            light,
             proximity,
             lidar,
             lidar_points,
@@ -208,6 +227,10 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
     }
 )
 """What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
+
+
+def _columns(*names: str) -> list[int]:
+    return [Readings._fields.index(name) for name in names]
 
 
 def _velocities(recording: Recording) -> Floats:
@@ -269,7 +292,7 @@ def _fill_lux(
                 away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
                 if (
                     away <= reach
-                    and scene.light.lamps[k, i]
+                    and scene.light.lit[k, i]
                     and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
                 ):
                     found[n, i, 0] += base + math.exp(-decay * away)

@@ -22,7 +22,7 @@ from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
 from mercator_design.sim.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
 from mercator_design.sim.motion import glide, mark_close, withdraw
-from mercator_design.sim.noise import NO_NOISE, WHEELS, noise
+from mercator_design.sim.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensing import sense
 from mercator_design.sim.swarm import History, Swarm
@@ -123,7 +123,7 @@ def sense_and_control(
         for side in range(2):
             speed = wheels[side] * scene.maximum_speed
             if scene.wheel_noise[0] != NO_NOISE:
-                speed += speed * noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS, 2 * cycle + side)
+                speed += speed * noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS_DRAWS, 2 * cycle + side)
             swarm.commands[i, side] = speed
         if records:
             for k in range(len(readings)):

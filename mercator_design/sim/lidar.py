@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.jit import jittable
-from mercator_design.sim.noise import LIDAR, NO_NOISE, noise
+from mercator_design.sim.noise import LIDAR_DRAWS, NO_NOISE, noise
 from mercator_design.sim.scene import Lidar, Scene
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
         if not lidar.nearest <= distance <= lidar.furthest:
             found[k] = 0.0
         elif noisy:
-            disturbed = distance + noise(lidar.noise, key, LIDAR, cycle * beams + k)
+            disturbed = distance + noise(lidar.noise, key, LIDAR_DRAWS, cycle * beams + k)
             found[k] = max(0.0, min(lidar.furthest, disturbed))
         else:
             found[k] = distance

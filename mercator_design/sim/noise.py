@@ -15,41 +15,41 @@ NO_NOISE, GAUSSIAN, UNIFORM = 0.0, 1.0, 2.0
 """Kinds of noise: a row of noise is (kind, mean, standard deviation or half width)."""
 
 (
-    PROXIMITY,
-    PROXIMITY_WEIGHT,
-    GROUND,
-    WHEELS,
-    NEIGHBOURS,
-    NEIGHBOURS_ANGLE,
-    NEIGHBOURS_LOSS,
-    LIGHT,
-    LIGHT_ANGLE,
-    LIDAR,
-    AMBIENT_LIGHT,
-    VELOCITY,
-    ACCELEROMETER,
-    GYROSCOPE,
-    IMU,
-    LOCATOR,
-    QUATERNION,
+    PROXIMITY_DRAWS,
+    PROXIMITY_WEIGHT_DRAWS,
+    GROUND_DRAWS,
+    WHEELS_DRAWS,
+    NEIGHBOURS_DRAWS,
+    NEIGHBOURS_ANGLE_DRAWS,
+    NEIGHBOURS_LOSS_DRAWS,
+    LIGHT_DRAWS,
+    LIGHT_ANGLE_DRAWS,
+    LIDAR_DRAWS,
+    AMBIENT_LIGHT_DRAWS,
+    VELOCITY_DRAWS,
+    ACCELEROMETER_DRAWS,
+    GYROSCOPE_DRAWS,
+    IMU_DRAWS,
+    LOCATOR_DRAWS,
+    QUATERNION_DRAWS,
 ) = range(17)
-"""Devices that draw."""
+"""What draws are for: the streams of a robot."""
 
 _DRAWS = 2  # that one value may use
-_LANE = 1 << 44  # draws of a device in a robot's stream; more than an experiment has
+_LANE = 1 << 44  # draws of one purpose in a robot's stream; more than an experiment has
 
 
 @jittable
-def noise(row: Floats, key: np.uint64, device: int, number: int) -> float:
-    """Value number so and so of a device's noise, from 0 on through all cycles of an experiment."""
+def noise(row: Floats, key: np.uint64, stream: int, number: int) -> float:
+    """Value number so and so of a stream's noise, from 0 on through all cycles of an experiment."""
     if row[0] == GAUSSIAN:
-        return float(row[1] + row[2] * gaussian(key, device * _LANE + _DRAWS * number))
+        return float(row[1] + row[2] * gaussian(key, stream * _LANE + _DRAWS * number))
     if row[0] == UNIFORM:
-        return float(row[1] + row[2] * (2.0 * uniform(key, device * _LANE + _DRAWS * number) - 1.0))
+        return float(row[1] + row[2] * (2.0 * uniform(key, stream * _LANE + _DRAWS * number) - 1.0))
     return 0.0
 
 
 @jittable
-def draw(key: np.uint64, device: int, number: int) -> float:
-    """A uniform draw in [0, 1) of a device."""
-    return uniform(key, device * _LANE + _DRAWS * number)
+def draw(key: np.uint64, stream: int, number: int) -> float:
+    """A uniform draw in [0, 1)."""
+    return uniform(key, stream * _LANE + _DRAWS * number)

@@ -207,6 +207,7 @@ class LightCamera:
     device: Literal["camera"] = "camera"
     height: Height  # [m] of the camera above the floor
     range: Distance  # [m] of lights that are seen
+    highest: Distance = 1000.0  # [m] lights higher than this are out of its view
     occlusion: bool = False  # whether robots, obstacles and walls hide lights
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
 
@@ -305,7 +306,7 @@ class RobotModel:
             if low > high:
                 raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
             if not isinstance(_value_at(self, key), float):
-                raise FieldError("vary", f"{key}: no number of this robot model has this key")
+                raise FieldError("vary", f"{key}: the robot model has no real number there that could vary")
         if isinstance(self.neighbours, LidarNeighbours):
             if self.lidar is None:
                 raise FieldError("neighbours.device", "there is no lidar")
@@ -341,7 +342,11 @@ def load_robot_model(name_or_path: str) -> RobotModel:
     model = _read(path)
     for key, bounds in (model.vary or {}).items():
         for value in bounds:  # whether each may be
-            _read(path, overrides=(f"{key}={value!r}",))
+            try:
+                _read(path, overrides=(f"{key}={value!r}",))
+            except MissionError as error:
+                _, _, what = str(error).partition(": ")  # the place is that of the override
+                raise MissionError(f"{path}: vary: {what}") from None
     return model
 
 

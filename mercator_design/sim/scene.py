@@ -18,7 +18,8 @@ class Proximity(NamedTuple):
     directions_y: Floats  # ... and to the left
     counts_x: Floats  # (sensors,) the same of the directions that their readings count for
     counts_y: Floats
-    range: float  # [m] of the sensors
+    nearest: float  # [m] nearer is too near to be measured
+    furthest: float  # [m]
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of what they count
 
@@ -46,7 +47,7 @@ class Light(NamedTuple):
 
     lights: Floats  # (lights, 4) x, y, z [m], intensity
     seen: NDArray[np.bool_]  # (lights, robots) which robots sense its direction
-    lamps: NDArray[np.bool_]  # (lights, robots) whom it gives light
+    lit: NDArray[np.bool_]  # (lights, robots) whether it is light to a robot's sensor of brightness
     by_camera: bool  # else by a ring of sensors
     angles: Floats  # (sensors,) of the ring [rad]
     directions_x: Floats  # (sensors,) as in Proximity

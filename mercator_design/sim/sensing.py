@@ -11,9 +11,20 @@ from mercator_design.fsm.perception import gray_level, ground_by_vote, light_dir
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
-from mercator_design.sim import noise as device
 from mercator_design.sim.lidar import scan
-from mercator_design.sim.noise import NO_NOISE, draw, noise
+from mercator_design.sim.noise import (
+    GROUND_DRAWS,
+    LIGHT_ANGLE_DRAWS,
+    LIGHT_DRAWS,
+    NEIGHBOURS_ANGLE_DRAWS,
+    NEIGHBOURS_DRAWS,
+    NEIGHBOURS_LOSS_DRAWS,
+    NO_NOISE,
+    PROXIMITY_DRAWS,
+    PROXIMITY_WEIGHT_DRAWS,
+    draw,
+    noise,
+)
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sight import cast, is_hidden, is_lit
 from mercator_design.sim.swarm import Swarm
@@ -78,16 +89,20 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
     seen = swarm.proximity
     sensors, key = len(seen), swarm.noise_keys[i]
     row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
-    reach = min(model.proximity_range, scene.proximity.range)
+    nearest, reach = scene.proximity.nearest, scene.proximity.furthest
+    if row[0] == NO_NOISE:
+        reach = min(reach, model.proximity_range)  # noise may bring nearer what lies beyond
     cast(scene, swarm.poses, i, reach, seen)
     for k in range(sensors):
         if seen[k] > reach:
             seen[k] = math.inf
+        elif seen[k] < nearest:
+            seen[k] = -math.inf
         elif row[0] != NO_NOISE:
-            seen[k] = max(0.0, seen[k] + noise(row, key, device.PROXIMITY, cycle * sensors + k))
+            seen[k] = max(0.0, seen[k] + noise(row, key, PROXIMITY_DRAWS, cycle * sensors + k))
         seen[k] = proximity_weight(model, seen[k])
         if weight_row[0] != NO_NOISE:
-            disturbed = seen[k] + noise(weight_row, key, device.PROXIMITY_WEIGHT, cycle * sensors + k)
+            disturbed = seen[k] + noise(weight_row, key, PROXIMITY_WEIGHT_DRAWS, cycle * sensors + k)
             seen[k] = max(0.0, min(1.0, disturbed))
 
 
@@ -117,14 +132,14 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         number = cycle * robots + j
         perceived = (
             perceived
-            and (camera.loss == 0.0 or draw(swarm.noise_keys[i], device.NEIGHBOURS_LOSS, number) >= camera.loss)
+            and (camera.loss == 0.0 or draw(swarm.noise_keys[i], NEIGHBOURS_LOSS_DRAWS, number) >= camera.loss)
             and not (camera.occlusion and is_hidden(scene, poses, i, j, x, y, 0.0, poses[j, 0], poses[j, 1], 0.0))
         )
         ahead = c * to_x + s * to_y
         aside = c * to_y - s * to_x
         if perceived and noisy:
-            size = math.sqrt(squared) * noise(camera.noise, swarm.noise_keys[i], device.NEIGHBOURS, number)
-            angle = _TURN * draw(swarm.noise_keys[i], device.NEIGHBOURS_ANGLE, number)
+            size = math.sqrt(squared) * noise(camera.noise, swarm.noise_keys[i], NEIGHBOURS_DRAWS, number)
+            angle = _TURN * draw(swarm.noise_keys[i], NEIGHBOURS_ANGLE_DRAWS, number)
             ahead += size * math.cos(angle)
             aside += size * math.sin(angle)
             squared = ahead * ahead + aside * aside
@@ -189,12 +204,12 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         red, green, blue = colour[0], colour[1], colour[2]
         number = 3 * (cycle * sensors + k)
         if scene.ground.gray:
-            level = gray_level(red, green, blue) + noise(row, swarm.noise_keys[i], device.GROUND, number)
+            level = gray_level(red, green, blue) + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number)
             red = green = blue = max(0.0, min(255.0, level))
         elif row[0] != NO_NOISE:
-            red = _channel(red + noise(row, swarm.noise_keys[i], device.GROUND, number))
-            green = _channel(green + noise(row, swarm.noise_keys[i], device.GROUND, number + 1))
-            blue = _channel(blue + noise(row, swarm.noise_keys[i], device.GROUND, number + 2))
+            red = _channel(red + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number))
+            green = _channel(green + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number + 1))
+            blue = _channel(blue + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number + 2))
         level = gray_level(red, green, blue)
         blacks += 1.0 if level < model.ground_vote_black else 0.0
         whites += 1.0 if level > model.ground_vote_white else 0.0
@@ -233,8 +248,8 @@ def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
         if light.by_camera:
             if light.noise[0] != NO_NOISE:
                 away = math.sqrt(ahead * ahead + aside * aside)
-                size = away * noise(light.noise, key, device.LIGHT, cycle * lights + n)
-                angle = _TURN * draw(key, device.LIGHT_ANGLE, cycle * lights + n)
+                size = away * noise(light.noise, key, LIGHT_DRAWS, cycle * lights + n)
+                angle = _TURN * draw(key, LIGHT_ANGLE_DRAWS, cycle * lights + n)
                 ahead += size * math.cos(angle)
                 aside += size * math.sin(angle)
             sum_x += ahead
@@ -252,7 +267,7 @@ def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
         return (sum_x / length, sum_y / length) if length > 0.0 else (0.0, 0.0)
     for k in range(sensors):
         if light.noise[0] != NO_NOISE:
-            readings[k] += noise(light.noise, key, device.LIGHT, cycle * sensors + k)
+            readings[k] += noise(light.noise, key, LIGHT_DRAWS, cycle * sensors + k)
         readings[k] = max(0.0, min(1.0, readings[k]))
     return light_direction(model, readings, light.directions_x, light.directions_y)
 

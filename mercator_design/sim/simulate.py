@@ -7,12 +7,13 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from mercator_design.errors import FsmError, SimulationError
+from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
 from mercator_design.sim import kernel
@@ -80,11 +81,23 @@ class Simulator:
 
         Args:
             announce: Called with a sentence if there is something to compile.
+
+        Raises:
+            MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
         """
         if not is_cached(kernel.experiment):
             announce("Compiling the simulator; later runs find it in the cache ...")
         self.check_placement()
-        trace, _ = self._run(self.instance(0), Pfsm((State("stop"),)), 1)
+        try:
+            trace, _ = self._run(self.instance(0), Pfsm((State("stop"),)), 1)
+        except Exception as error:
+            plugins = ", ".join(loaded_plugins())
+            if not plugins or not type(error).__module__.startswith("numba."):
+                raise
+            reason = next((line for line in reversed(str(error).splitlines()) if line.startswith("File")), "")
+            raise MissionError(
+                f"plugin {plugins}: a kernel cannot be compiled: {error.args[0]!s:.300} {reason}"
+            ) from None
         self.mission.objective(trace)
 
     def check_placement(self) -> None:

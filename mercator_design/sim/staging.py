@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,19 @@ from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim import scene
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.robot_model import DiscBody, Gaussian, LightRing, Neighbours, Noise, RobotModel, Uniform
+from mercator_design.sim.robot_model import (
+    DiscBody,
+    Gaussian,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Noise,
+    RobotModel,
+    Uniform,
+)
 from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
-_NOTHING = np.zeros(0)
 
 
 def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
@@ -78,11 +87,20 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 
 def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity
-    if device is None:
-        return scene.Proximity(0.0, _NOTHING, _NOTHING, _NOTHING, _NOTHING, 0.0, _QUIET, _QUIET)
-    directions = *_directions(device.angles), *_directions(device.reported or device.angles)
-    noises = noise_row(device.noise), noise_row(device.weight_noise)
-    return scene.Proximity(device.ring_radius, *directions, device.range[1], *noises)
+    nearest, furthest = device.range if device else (0.0, 0.0)
+    rays_x, rays_y = _directions(device.angles if device else ())
+    counts_x, counts_y = _directions((device.reported or device.angles) if device else ())
+    return scene.Proximity(
+        ring=device.ring_radius if device else 0.0,
+        directions_x=rays_x,
+        directions_y=rays_y,
+        counts_x=counts_x,
+        counts_y=counts_y,
+        nearest=nearest,
+        furthest=furthest,
+        noise=noise_row(device.noise if device else None),
+        weight_noise=noise_row(device.weight_noise if device else None),
+    )
 
 
 def _ground(model: RobotModel) -> scene.Ground:
@@ -108,25 +126,30 @@ def _neighbours(model: RobotModel) -> scene.Neighbours:
 
 def _light(mission: Mission, model: RobotModel) -> scene.Light:
     device = model.light
-    lights = [light for light in mission.lights if light.intensity > 0.0]
-    everyone = range(mission.robots)
     ring = device if isinstance(device, LightRing) else None
+    angles = ring.angles if ring else ()
+    directions_x, directions_y = _directions(angles)
+    lights = [light for light in mission.lights if light.intensity > 0.0]
+    highest = device.highest if isinstance(device, LightCamera) else math.inf
+    everyone = range(mission.robots)
 
-    def seen(others: str) -> NDArray[np.bool_]:
-        """Who senses which light, with a device that is not for those others."""
+    def sensed(kind: Literal["lamp", "beacon"]) -> NDArray[np.bool_]:
+        """Who senses which light (lights, robots), with a device for this kind."""
         rows = [
-            [light.kind != others and robot in (light.seen_by or everyone) for robot in everyone] for light in lights
+            [light.kind in {None, kind} and robot in (light.seen_by or everyone) for robot in everyone]
+            for light in lights
         ]
         return np.array(rows, dtype=np.bool_).reshape(-1, mission.robots)
 
-    angles = ring.angles if ring else ()
+    in_view = np.array([[light.position[2] < highest] for light in lights], dtype=np.bool_).reshape(-1, 1)
     return scene.Light(
-        np.array([[*light.position, light.intensity] for light in lights]).reshape(-1, 4),
-        seen("beacon" if ring else "lamp"),
-        seen("beacon"),
-        ring is None,
-        np.array(angles, dtype=float),
-        *_directions(angles),
+        lights=np.array([[*light.position, light.intensity] for light in lights]).reshape(-1, 4),
+        seen=sensed("lamp") if ring else sensed("beacon") & in_view,
+        lit=sensed("lamp"),
+        by_camera=ring is None,
+        angles=np.array(angles, dtype=float),
+        directions_x=directions_x,
+        directions_y=directions_y,
         decay=ring.decay if ring else 0.0,
         reach=ring.reach if ring else 0.0,
         height=device.height if device else 0.0,
@@ -137,26 +160,27 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
 
 
 def _lidar(mission: Mission, model: RobotModel) -> scene.Lidar:
-    device = model.lidar
-    if device is None:
-        return scene.Lidar(
-            _NOTHING, _NOTHING, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, np.zeros((0, 6)), sees_bodies=False, noise=_QUIET
-        )
-    arena, step = mission.arena, 2.0 * math.pi / device.beams
-    outlines = [box.corners() for box in arena.obstacles if box.height > device.height]
-    if arena.wall_height > device.height:
-        outlines.append(arena.corners())
-    if arena.room is not None:
-        outlines.append(arena.room.corners())
+    device, arena = model.lidar, mission.arena
+    outlines: list[Floats] = []
+    if device is not None:
+        outlines += [box.corners() for box in arena.obstacles if box.height > device.height]
+        outlines += [arena.corners()] if arena.wall_height > device.height else []
+        outlines += [arena.room.corners()] if arena.room is not None else []
+    beams = device.beams if device else 0
+    first = device.first_angle if device else 0.0
+    step = 2.0 * math.pi / max(1, beams)
+    beams_x, beams_y = _directions([first + step * k for k in range(beams)])
+    nearest, furthest = device.range if device else (0.0, 0.0)
     return scene.Lidar(
-        *_directions([device.first_angle + step * k for k in range(device.beams)]),
-        first_angle=device.first_angle,
+        beams_x=beams_x,
+        beams_y=beams_y,
+        first_angle=first,
         angle_step=step,
-        ring=device.ring_radius,
-        head=device.head_radius,
-        nearest=device.range[0],
-        furthest=device.range[1],
-        outlines=np.vstack([edges(corners) for corners in outlines]) if outlines else np.zeros((0, 6)),
-        sees_bodies=model.body.height > device.height,
-        noise=noise_row(device.noise),
+        ring=device.ring_radius if device else 0.0,
+        head=device.head_radius if device else 0.0,
+        nearest=nearest,
+        furthest=furthest,
+        outlines=np.vstack([np.zeros((0, 6)), *(edges(corners) for corners in outlines)]),
+        sees_bodies=device is not None and model.body.height > device.height,
+        noise=noise_row(device.noise if device else None),
     )

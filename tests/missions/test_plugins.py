@@ -83,6 +83,12 @@ class TestLoading:
         with pytest.raises(MissionError, match="objective northernmost: expected a finite score, found nan"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
+    def test_an_objective_that_fails_is_named(self, write):
+        load_plugin(write(NORTHERN.replace("trace.counted(when)", "trace.nothing")))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match="objective northernmost: AttributeError: 'Trace' object has no"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
         for mistake, message in (
@@ -104,6 +110,8 @@ class TestLoading:
             (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
             (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),
             (SHRINK.replace("def shrinking", "def visited"), "what changes a floor is called 'visited' already"),
+            (NORTHERN.replace("trace, *, ", "trace, "), "write `*,` behind trace: a mission gives zones by its name"),
+            (SHRINK.replace("@jittable\n", ""), "shrinking: its change shrink_zone is not marked @jittable"),
             ("\0", "a plugin that cannot be run"),
         ],
     )

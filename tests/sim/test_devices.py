@@ -10,8 +10,8 @@ import pytest
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
 from mercator_design.sim.devices import DEVICES, Recording
-from mercator_design.sim.noise import LIDAR, draw, noise
-from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, Uniform, load_robot_model
+from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
+from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, LightCamera, Uniform, load_robot_model
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
@@ -240,9 +240,11 @@ def test_the_lidar_measures_what_neighbours_are_found_with():
     row = outcome.recording.scene.lidar.noise
     with np.errstate(over="ignore"):
         for cycle, beam in itertools.product((0, 7, 19), np.flatnonzero(base[0, 0])):
-            drawn = noise(row, outcome.recording.noise_keys[0], LIDAR, cycle * 719 + int(beam))
+            drawn = noise(row, outcome.recording.noise_keys[0], LIDAR_DRAWS, cycle * 719 + int(beam))
             assert found[cycle, 0, beam] == pytest.approx(base[0, 0, beam] + drawn, abs=1e-12)
-        assert draw(outcome.recording.noise_keys[0], LIDAR, 3) != draw(outcome.recording.noise_keys[1], LIDAR, 3)
+        assert draw(outcome.recording.noise_keys[0], LIDAR_DRAWS, 3) != draw(
+            outcome.recording.noise_keys[1], LIDAR_DRAWS, 3
+        )
 
 
 def test_the_points_of_the_lidar_lie_where_its_beams_ended():
@@ -302,6 +304,7 @@ NOISY = dataclasses.replace(
     proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02)),
     lidar=dataclasses.replace(MERCATOR.lidar, noise=Uniform(half_width=0.005)),
     drive=dataclasses.replace(MERCATOR.drive, noise=Gaussian(sd=0.05)),
+    light=LightCamera(height=0.154, range=10.0),
 )
 
 
@@ -341,8 +344,8 @@ class TestEveryDevice:
             without.measure(name)
 
     def test_what_was_not_recorded(self, name):
-        recording = simulator(duration=0.5).run(STOP, 1).recording
-        if name in {"wheels", "ground", "velocity", "accelerometer"}:
+        recording = simulator(duration=0.5, robot_model=NOISY).run(STOP, 1).recording
+        if name in {"wheels", "ground", "neighbours", "light", "velocity", "accelerometer"}:
             with pytest.raises(SimulationError, match="record=True"):
                 recording.measure(name)
         else:

@@ -11,7 +11,7 @@ from mercator_design.sim.robot_model import Gaussian, LightCamera, LightRing, Un
 from tests.sim.worlds import STOP, at, look, simulator
 
 MERCATOR = load_robot_model("mercator")
-CHOCOLATE = load_robot_model("mercator-chocolate")
+CHOCOLATE = dataclasses.replace(load_robot_model("mercator-chocolate"), light=LightCamera(height=0.154, range=13.57))
 EPUCK = load_robot_model("epuck")
 ANGLES = EPUCK.light.angles
 HIGH = 0.5  # [m]
@@ -230,7 +230,7 @@ def test_phototaxis_goes_to_the_light_and_anti_phototaxis_away(name):
         apothem=2.2 * scale,
         robot_model=load_robot_model(name),
         placement=f"{{shape: disc, radius: {0.7 * scale}}}",
-        overrides=[lights((*light, 0.75 * scale, 5.0))],
+        overrides=[lights((*light, 0.3, 5.0))],
     )
 
     def distances(pfsm, seed):
@@ -267,3 +267,18 @@ def test_compiled_engine_referee_and_plain_python_agree(name, monkeypatch):
     for name_ in compiled.history._fields:
         for other in others:
             assert np.array_equal(getattr(compiled.history, name_), getattr(other.history, name_)), name_
+
+
+def test_a_camera_sees_no_light_above_its_view():
+    beacon = "[{{position: [1, 0, {height}], kind: beacon}}]"
+    model = load_robot_model("mercator-chocolate")
+    for height, seen in ((0.3, True), (0.31, False)):
+        world = simulator(
+            duration=0.1,
+            apothem=3.0,
+            robot_model=model,
+            placement=at((0, 0, 0)),
+            overrides=[f"lights={beacon.format(height=height)}"],
+        )
+        readings = world.run(parse("--nstates 1 --s0 1", "chocolate"), 1, record=True).history.readings
+        assert readings[0, 0, 8] == (1.0 if seen else 0.0)

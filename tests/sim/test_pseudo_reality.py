@@ -29,7 +29,7 @@ def test_what_is_not_said_is_as_in_the_base(model):
     other = model("base: mercator\nground: {noise: {sd: 9}}\n")
     assert other.ground.noise == Gaussian(sd=9.0)
     ground = dataclasses.replace(MERCATOR.ground, noise=Gaussian(sd=9.0))
-    assert other == dataclasses.replace(MERCATOR, name=MERCATOR.name, ground=ground)
+    assert other == dataclasses.replace(MERCATOR, name="other", description="", ground=ground)
 
 
 def test_another_kind_takes_nothing_over(model):
@@ -52,8 +52,11 @@ def test_a_base_may_be_a_file_beside_it_and_have_a_base(model):
         ("base: ./other.yaml\n", "is based on itself"),
         ("base: [mercator]\n", "base: expected text"),
         ("base: mercator\ngrund: {}\n", "grund: unknown key; did you mean 'ground'"),
-        ("base: mercator\nvary: {drive.maximum_sped: [0.1, 0.2]}\n", "drive.maximum_sped: no number of this robot"),
-        ("base: mercator\nvary: {drive: [0.1, 0.2]}\n", "drive: no number of this robot"),
+        (
+            "base: mercator\nvary: {drive.maximum_sped: [0.1, 0.2]}\n",
+            "drive.maximum_sped: the robot model has no real number there",
+        ),
+        ("base: mercator\nvary: {drive: [0.1, 0.2]}\n", "drive: the robot model has no real number there"),
         ("base: mercator\nvary: {drive.maximum_speed: [0.3, 0.2]}\n", "expected the lower bound first"),
         ("base: mercator\nvary: {drive.maximum_speed: [-1, 0.2]}\n", "drive.maximum_speed: expected a number >= 0.01"),
         ("base: mercator\nvary: {neighbours.loss: [0, 1.5]}\n", "neighbours.loss: expected a number >= 0 and <= 1"),

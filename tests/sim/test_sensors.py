@@ -178,6 +178,24 @@ class TestNoise:
         assert noisy[:, 0, 0].std() > 0.003
         assert np.hypot(noisy[..., 0], noisy[..., 1]).max() <= 1 + 1e-12
 
+    def test_noise_may_bring_an_obstacle_into_range(self):
+        """A wall at 0.41 m, 0.01 m beyond what counts, is 0.02 m nearer or farther: about a third of the readings."""
+        proximity = dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02))
+        model = dataclasses.replace(MERCATOR, proximity=proximity)
+        placement = at((2.0 - HALF - 0.41, 0, 0))
+        world = simulator(duration=100, sides=4, apothem=2.0, robot_model=model, placement=placement)
+        seen = world.run(STOP, 3, record=True).history.readings[:, 0, 0] > 0.0
+        assert 0.2 < seen.mean() < 0.42  # 0.31, with a standard error of 0.015
+
+    def test_what_is_nearer_than_a_sensor_measures_is_too_near(self):
+        proximity = dataclasses.replace(MERCATOR.proximity, angles=(0.0,), range=(0.3, 2.0))
+        model = dataclasses.replace(MERCATOR, proximity=proximity)
+        for gap, reading in ((0.2, 1.0), (0.35, weight(0.35))):
+            placement = at((2.0 - HALF - gap, 0, 0))
+            world = simulator(duration=0.1, sides=4, apothem=2.0, robot_model=model, placement=placement)
+            found = world.run(STOP, 3, record=True).history.readings[0, 0, 0]
+            assert found == pytest.approx(reading)
+
     def test_nothing_hit_stays_nothing(self):
         """Noise is on what was measured: no robot or wall within range, no vector."""
         proximity = dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.5))

@@ -34,6 +34,7 @@ import pymunk
 from mercator_design.fsm import Controller, parse
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.perception import perceive, proximity_weight
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import World
@@ -46,7 +47,7 @@ FSM = (
 Way = Callable[[int], object]  # runs the experiment of a seed
 
 
-def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
+def naive(world: World, fsm: Pfsm, seed: int) -> list[tuple[float, float]]:
     """The experiment in plain pymunk and Python."""
     instance, model = world.instance(seed), world.robot_model.reference_model
     space, scene, robots = instance.space, instance.scene, instance.robots
@@ -101,7 +102,7 @@ def naive(world: World, fsm, seed: int) -> list[tuple[float, float]]:
             )
             wheels = controller.step(readings, [generator.random() for _ in range(DRAWS)])
             commands.append((wheels.left * scene.maximum_speed, wheels.right * scene.maximum_speed))
-    return [tuple(robot.body.position) for robot in robots]
+    return [(robot.body.position.x, robot.body.position.y) for robot in robots]
 
 
 def scaled(robots: int) -> list[str]:

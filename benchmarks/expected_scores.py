@@ -89,7 +89,7 @@ def _deviation(x: np.ndarray) -> float:
             powers = tilt / scale * (x - deviation)
             return RUNS * float(np.logaddexp.reduce(powers) - math.log(len(x)))
 
-        return minimize_scalar(exponent, bounds=(0.0, 100.0), method="bounded").fun - math.log(CHANCE)
+        return float(minimize_scalar(exponent, bounds=(0.0, 100.0), method="bounded").fun) - math.log(CHANCE)
 
     return float(brentq(surplus, 0.0, x.max() * (1.0 - 1e-9))) if surplus(x.max() * (1.0 - 1e-9)) < 0.0 else x.max()
 

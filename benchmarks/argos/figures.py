@@ -20,7 +20,7 @@ BODY = 0.286  # [m]
 
 
 def _save(figure: Figure, file: Path) -> Path:
-    FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})
+    FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return file
 
 

@@ -55,7 +55,7 @@ def read(file: Path) -> dict[str, Any]:
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
     try:
-        data = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
+        data: dict[str, Any] = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f"{file}: damaged gzip: {error}") from None
     except (ValueError, RecursionError) as error:

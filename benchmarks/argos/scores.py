@@ -24,13 +24,13 @@ from benchmarks.argos.recordings import RecordingError, mission_and_robot
 from benchmarks.argos.repeat import Original
 from mercator_design.errors import FsmError, MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
-from mercator_design.missions.floor import rgb
+from mercator_design.missions.floor import ColourName, rgb
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.swarm import History
 
-COLOURS = ("black", "gray", "green", "red", "yellow")
+COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
 MOST_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
 SINGLE = (*COLOURS, "prox", "front", "nn", "speed_mps", "trans", "r", "spot")
 FALSE_DISCOVERIES = 0.01
@@ -51,7 +51,8 @@ def statistics(score: float, history: History, control_period: float) -> dict[st
     before = np.vstack([np.zeros_like(after[:1]), after[:-1]])
     away = np.hypot(poses[1:, :, 0], poses[1:, :, 1])
     steps = np.hypot(*np.moveaxis(np.diff(poses[..., :2], axis=0), -1, 0))
-    found = {name: np.mean(np.all(ground == rgb(name), axis=-1)) for name in COLOURS}
+    found: dict[str, float | np.floating] = {}
+    found |= {name: np.mean(np.all(ground == rgb(name), axis=-1)) for name in COLOURS}
     found |= {
         "score": score,
         "prox": np.mean(near),
@@ -223,7 +224,7 @@ def same(theirs: Columns, ours: Columns, names: Sequence[str]) -> np.ndarray:
         | np.isnan(theirs[name])
         for name in names
     ]
-    return np.all(agree, axis=0)
+    return np.asarray(np.all(agree, axis=0))
 
 
 def _ours(simulator: Simulator, pfsm: Pfsm, seed: int) -> dict[str, float]:

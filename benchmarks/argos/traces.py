@@ -71,7 +71,7 @@ class Trace:
 
     @property
     def robots(self) -> int:
-        return self.poses.shape[1]
+        return int(self.poses.shape[1])
 
     def instance(self, shift: np.ndarray | float = 0.0) -> Instance:
         """The recorded start, moved by `shift` (robots, 3)."""
@@ -102,7 +102,7 @@ def drive(trace: Trace, shift: np.ndarray | float = 0.0) -> tuple[np.ndarray, np
     cycle = 0
 
     def note(arbiter: pymunk.Arbiter, *_: object) -> None:
-        kind = int(all(shape.body.body_type == pymunk.Body.DYNAMIC for shape in arbiter.shapes))
+        kind = int(all(shape.body and shape.body.body_type == pymunk.Body.DYNAMIC for shape in arbiter.shapes))
         first[kind] = min(first[kind], cycle)
 
     instance.space.on_collision(begin=note)

@@ -564,7 +564,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
             return f"valid robot model {load_robot_model(str(file)).name}"
         mission = load_mission(str(file))
-        Simulator(mission).try_placement()
+        Simulator(mission).check_placement()
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
     pfsm = read_fsm(file, flavour, tolerate=_tolerate(file) if lenient else None).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)

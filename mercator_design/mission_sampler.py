@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from mercator_design.errors import MissionError, SimulationError
+from mercator_design.errors import MissionError
 from mercator_design.missions.arena import Arena, Array, Box, Light, RegularPolygon
 from mercator_design.missions.floor import ColourName, Disc, Floor, Rectangle
 from mercator_design.missions.mission import Mission, Objective
@@ -39,18 +39,18 @@ def sample_mission(class_: MissionClass, *, seed: int, number: int = 1) -> Missi
     """The so many-th random mission of a class under a seed; robots find places to start from in it.
 
     Raises:
-        SimulationError: if none could be laid out.
+        MissionError: if none could be laid out.
     """
     random = generator(seed, f"mission {class_} {number}")
     robot_model = load_robot_model("mercator")
     for _ in range(_DRAWS):
         try:
             mission = _Draw(random, robot_model, class_).mission(seed, number)
-            Simulator(mission, robot_model).try_placement()
+            Simulator(mission, robot_model).check_placement()
         except (_NoRoom, MissionError):
             continue
         return mission
-    raise SimulationError(f"{class_}, seed {seed}: no mission was found in which the robots fit")
+    raise MissionError(f"{class_}, seed {seed}: no mission was found in which the robots fit")
 
 
 @dataclass(frozen=True, slots=True)

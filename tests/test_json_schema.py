@@ -2,20 +2,21 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Mapping
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from mercator_design import shipped
+from mercator_design import shipped, yaml_tree
 from mercator_design.errors import MissionError
 from mercator_design.json_schema import json_schema
 from mercator_design.loading import dump, parse
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.objectives import OBJECTIVES
-from mercator_design.schema import KeywordsOf, Length
+from mercator_design.schema import KeywordsOf, Length, fields_of, is_record, is_union, tags, unwrapped
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 MISSION = json_schema(Mission, title="Mission", given=("name",))
@@ -147,6 +148,48 @@ def test_what_an_editor_shows():
     assert apothem["description"] == "[m] from the centre to the inner face of a wall"
     assert MISSION["properties"]["control_period"]["default"] == 0.1
     assert "name" not in MISSION["required"]
+
+
+def properties(schema):
+    """Name and schema of every key of a file, wherever in it."""
+    if isinstance(schema, list):
+        for item in schema:
+            yield from properties(item)
+    elif isinstance(schema, dict):
+        yield from schema.get("properties", {}).items()
+        for part in schema.values():
+            yield from properties(part)
+
+
+@pytest.mark.parametrize("schema", [MISSION, ROBOT_MODEL])
+def test_descriptions_are_read_without_the_source(schema):
+    for name, found in properties(schema):
+        description = found.get("description", "")
+        assert not re.match(r"\.\.\.|\[[^]]*]$", description), (name, description)
+        assert not re.search(r"\.\.\.$|\bNone\b|\bthe same\b", description), (name, description)
+
+
+def test_every_number_of_a_robot_has_its_description():
+    assert [
+        name for name, found in properties(ROBOT_MODEL) if found.get("type") == "number" and "description" not in found
+    ] == []
+
+
+def kinds_within(kind):
+    """An annotation and all those it is made of."""
+    base, _ = unwrapped(kind)
+    yield base
+    parts = [each for each, _ in fields_of(base).values()] if is_record(base) else get_args(base)
+    for part in parts:
+        yield from kinds_within(part)
+
+
+def test_a_base_knows_every_key_that_tells_alternatives_apart():
+    found = set()
+    for kind in kinds_within(RobotModel):
+        records = [each for each in get_args(kind) if is_record(each)] if is_union(kind) else []
+        found |= {tags(records)[0]} if len(records) > 1 else set()
+    assert found == set(yaml_tree._TAGS)
 
 
 class Mood(NamedTuple):

@@ -124,9 +124,8 @@ def test_the_start_area_is_the_placements_within_the_walls(labyrinth):
     assert np.hypot(*start_area(preview(wide, seed=1).axes[0]).T).max() == pytest.approx(1.226, abs=0.06)
 
 
-@pytest.mark.parametrize("poses", ["[[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]"])
-def test_fixed_poses_have_no_start_area(poses):
-    mission = load_mission("aggregation", [f"placement={{shape: poses, poses: {poses}}}"])
+def test_fixed_poses_have_no_start_area():
+    mission = load_mission("aggregation", ["placement={shape: poses, poses: [[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]}"])
     assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
 
 
@@ -194,7 +193,13 @@ class TestGallery:
         assert {file.stem for file in self.gallery["PICTURES"].iterdir()} == set(shipped.missions())
         assert sum(file.stat().st_size for file in self.gallery["PICTURES"].iterdir()) < 1_500_000
 
-    @pytest.mark.parametrize("name", shipped.missions())
+    @pytest.mark.parametrize(
+        "name",
+        [
+            pytest.param(name, marks=() if name in {"foraging", "mapping", "module_phototaxis"} else pytest.mark.slow)
+            for name in shipped.missions()
+        ],
+    )
     def test_it_is_drawn_as_the_mission_is_now(self, name, tmp_path):
         """But for the edges of letters and lines, in which versions of the libraries may differ."""
         self.gallery["draw"](name, tmp_path / "now.png")

@@ -169,7 +169,7 @@ def compare(
             if not isinstance(settings, Mapping):
                 raise RecordingError(f"mission '{name}': expected an object")
             simulator = Simulator(*mission_and_robot(name, settings))
-            simulator.try_placement()
+            simulator.check_placement()
             original = Original(simulator)
         except MercatorError as error:
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")

@@ -21,7 +21,6 @@ from mercator_design.sim.simulate import referee_motion
 from mercator_design.sim.world import Instance, World
 
 NEAR, BEYOND = -9.0, 9.0  # how a trace writes minus and plus infinity
-ROUNDING = 5e-6  # [m], [rad] of recorded poses
 
 
 class Trace:
@@ -170,7 +169,10 @@ def agreements(trace: Trace) -> dict[str, tuple[int, int]]:
             count("proximity", all(same_distance(a, b, trace.range) for a, b in pairs))
         count("neighbours", readings.neighbours == trace.neighbours[cycle, i])
         if trace.knows_floor:
-            count("ground", readings[5:8] == tuple(trace.ground[cycle, i]))
+            count(
+                "ground",
+                (readings.ground_red, readings.ground_green, readings.ground_blue) == tuple(trace.ground[cycle, i]),
+            )
         count("wheels", same_wheels(trace, cycle, i, readings, memory[i]))
     return {name: (agreed, total) for name, (agreed, total) in counts.items() if total}
 

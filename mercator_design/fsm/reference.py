@@ -41,67 +41,65 @@ class ReferenceModel(NamedTuple):
     """
 
     # Proximity: a distance d [m] in [near, range] weighs, at least 0,
-    #     constant + inverse / d + slope * d + square * d^2 + exponential * exp(-d / decay);
-    # nearer weighs near_weight. By default that is (1/d - 1/range) / (1/near - 1/range): 0 to 1.
-    proximity_near: Positive = 0.05
-    proximity_range: NonNegative = 0.4
-    proximity_near_weight: NonNegative = 1.0
-    proximity_constant: float = -1.0 / 7.0
-    proximity_inverse: float = 1.0 / 17.5  # [m]
-    proximity_slope: float = 0.0  # [1/m]
-    proximity_square: float = 0.0  # [1/m2]
-    proximity_exponential: float = 0.0
-    proximity_decay: Positive = 1.0  # [m]
+    #     constant + inverse / d + slope * d + square * d^2 + exponential * exp(-d / decay).
+    # By default that is (1/d - 1/range) / (1/near - 1/range): 0 to 1.
+    proximity_near: Positive = 0.05  # [m] below which a distance weighs proximity_near_weight
+    proximity_range: NonNegative = 0.4  # [m] beyond which a distance weighs nothing
+    proximity_near_weight: NonNegative = 1.0  # of a distance below proximity_near
+    proximity_constant: float = -1.0 / 7.0  # added to the weight of a distance d
+    proximity_inverse: float = 1.0 / 17.5  # [m] over d, added to the weight
+    proximity_slope: float = 0.0  # [1/m] times d, added to the weight
+    proximity_square: float = 0.0  # [1/m2] times d^2, added to the weight
+    proximity_exponential: float = 0.0  # times exp(-d / proximity_decay), added to the weight
+    proximity_decay: Positive = 1.0  # [m] after which what is exponential has fallen to 1/e
 
     # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)).
-    neighbour_range: Positive = 0.75
-    neighbour_offset: Positive = 1.0
-    neighbour_scale: NonNegative = 1.0  # [1/m] 100 where a variant means centimetres
-    neighbour_gap: NonNegative = 0.0  # [m] between the middles of robots that touch, where a variant starts there
-    neighbour_memory: Cycles = 0.0  # for how many cycles more a robot pulls after it was perceived ...
-    neighbour_repeats: NonNegative = 0.0  # ... if not 0: once for each time that it was, else where it was last
-    neighbour_count_memory: Cycles = 0.0  # for how many cycles more it is counted
-    # One within obstacle_range also weighs on the proximity vector, at its distance less obstacle_radius. 0: never,
-    # because the proximity sensors see robots too.
-    neighbour_obstacle_range: NonNegative = 0.0
-    neighbour_obstacle_radius: NonNegative = 0.275
+    neighbour_range: Positive = 0.75  # [m] within which a robot counts as a neighbour
+    neighbour_offset: Positive = 1.0  # one over the weight of a neighbour at neighbour_gap
+    neighbour_scale: NonNegative = 1.0  # [1/m] of the distance in one over the weight; 100 where a variant means cm
+    neighbour_gap: NonNegative = 0.0  # [m] between the middles of robots that touch, where distances count from there
+    neighbour_memory: Cycles = 0.0  # for how many cycles more a robot pulls after it was perceived
+    neighbour_repeats: NonNegative = 0.0  # not 0: a robot pulls once for each time it was perceived
+    neighbour_count_memory: Cycles = 0.0  # for how many cycles more a robot is counted after it was perceived
+    # By default never, because the proximity sensors see robots too.
+    neighbour_obstacle_range: NonNegative = 0.0  # [m] within which a neighbour is an obstacle too; 0: never
+    neighbour_obstacle_radius: NonNegative = 0.275  # [m] by which such an obstacle is nearer than the neighbour
 
     # Neighbours from a lidar: readings in [lidar_nearest, neighbour_range] are one robot's as long as each is within
     # cluster_distance and cluster_angle of the one before; fewer than cluster_points are none.
-    lidar_nearest: NonNegative = 0.10
-    cluster_distance: NonNegative = 0.02
-    cluster_angle: NonNegative = math.radians(10.0)
-    cluster_points: NonNegative = 5.0
+    lidar_nearest: NonNegative = 0.10  # [m] below which a reading of the lidar is not used
+    cluster_distance: NonNegative = 0.02  # [m] at most between successive readings of one robot
+    cluster_angle: NonNegative = math.radians(10.0)  # [rad] at most between successive readings of one robot
+    cluster_points: NonNegative = 5.0  # readings of one robot, at least
 
-    # Light: perceived where one of several sensors, of readings 0 to 1, reads more than this.
-    light_threshold: NonNegative = 0.2
+    light_threshold: NonNegative = 0.2  # a light is perceived where a sensor reads more, of 0 to 1
 
     # Behaviours.
-    obstacle_threshold: NonNegative = 0.1  # proximity from which exploration turns
-    attraction_gain: NonNegative = 1.2  # k_w of the paper's eq. 18
-    attraction_obstacle_gain: NonNegative = 5.0  # k_o of the same
-    repulsion_gain: NonNegative = 1.0
-    repulsion_obstacle_gain: NonNegative = 5.0
-    light_gain: NonNegative = 1.0
-    light_obstacle_gain: NonNegative = 5.0
-    weakest_pull: Positive = 0.1  # a shorter vector counts as none: straight on
-    strength_step: NonNegative = 0.0  # alpha is rounded down to a multiple of this; 0: real
-    repulsion_power: Positive = 1.0  # the power with which alpha enters repulsion
+    obstacle_threshold: NonNegative = 0.1  # length of the proximity vector, 0 to 1, from which exploration turns
+    attraction_gain: NonNegative = 1.2  # weight of the neighbours in attraction, k_w of the Mercator paper's eq. 18
+    attraction_obstacle_gain: NonNegative = 5.0  # weight of obstacles in attraction, k_o of that equation
+    repulsion_gain: NonNegative = 1.0  # weight of the neighbours in repulsion
+    repulsion_obstacle_gain: NonNegative = 5.0  # weight of obstacles in repulsion
+    light_gain: NonNegative = 1.0  # weight of the light in phototaxis and anti-phototaxis
+    light_obstacle_gain: NonNegative = 5.0  # weight of obstacles in phototaxis and anti-phototaxis
+    weakest_pull: Positive = 0.1  # length of the sum of weighted vectors below which a robot drives straight on
+    strength_step: NonNegative = 0.0  # of which the strength alpha is a multiple, rounded down; 0: not rounded
+    repulsion_power: Positive = 1.0  # with which the strength alpha enters repulsion
 
     # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
-    black_highest: NonNegative = 0.05 * 255
-    gray_lowest: NonNegative = 0.3 * 255
-    gray_highest: NonNegative = 0.7 * 255
-    white_lowest: NonNegative = 0.78 * 255
+    black_highest: NonNegative = 0.05 * 255  # gray level of 0 to 255 up to which the floor is black
+    gray_lowest: NonNegative = 0.3 * 255  # gray level of 0 to 255 above which the floor is gray
+    gray_highest: NonNegative = 0.7 * 255  # gray level of 0 to 255 below which the floor is gray
+    white_lowest: NonNegative = 0.78 * 255  # gray level of 0 to 255 from which the floor is white
 
     # Where ground_vote_cycles is not 0, the ground is black, gray (127.5) or white as more than ground_majority of the
     # ground sensors' gray levels of so many cycles say: black < ground_vote_black, white > ground_vote_white.
-    ground_vote_cycles: Cycles = 0.0
-    ground_vote_black: NonNegative = 0.03 * 255
-    ground_vote_white: NonNegative = 0.85 * 255
-    ground_majority: NonNegative = 10.0
+    ground_vote_cycles: Cycles = 0.0  # cycles whose ground readings vote; 0: the latest one's mean counts
+    ground_vote_black: NonNegative = 0.03 * 255  # gray level of 0 to 255 below which a reading votes for black
+    ground_vote_white: NonNegative = 0.85 * 255  # gray level of 0 to 255 above which a reading votes for white
+    ground_majority: NonNegative = 10.0  # votes that black or white needs more than
 
-    # Colours: a label is recognised within these of its hue and of full saturation.
-    hue_tolerance: NonNegative = math.radians(15.0)
-    hue_period: Positive = 2.0 * math.pi  # a huge period makes the difference of hues linear instead of circular
-    saturation_tolerance: NonNegative = 0.2
+    # Colours.
+    hue_tolerance: NonNegative = math.radians(15.0)  # [rad] from a label's hue within which it is recognised
+    hue_period: Positive = 2.0 * math.pi  # [rad] after which hues repeat; a huge one makes their difference linear
+    saturation_tolerance: NonNegative = 0.2  # from full saturation, 1, within which a colour is recognised

@@ -35,7 +35,7 @@ class RegularPolygon:
     """Walls of equal length around the origin."""
 
     shape: Literal["regular_polygon"] = "regular_polygon"
-    sides: Annotated[int, Range(3, 360)]
+    sides: Annotated[int, Range(3, 360)]  # how many walls
     apothem: Size  # [m] from the centre to the inner face of a wall
     rotation: float = 0.0  # [rad] direction from the centre to the middle of the first wall
 
@@ -51,7 +51,7 @@ class Polygon:
     """Walls from corner to corner, in either sense; the last wall closes the polygon."""
 
     shape: Literal["polygon"] = "polygon"
-    vertices: Annotated[tuple[Point, ...], Length(3, 360)]
+    vertices: Annotated[tuple[Point, ...], Length(3, 360)]  # [m] the corners x, y, in either sense
 
     def __post_init__(self) -> None:
         check_polygon(self.vertices, side="wall")
@@ -68,10 +68,10 @@ class Polygon:
 class Box:
     """An obstacle, or a wall inside the arena."""
 
-    center: Point
+    center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
-    angle: float = 0.0  # [rad]
-    height: Height = 0.08  # [m]
+    angle: float = 0.0  # [rad] of its own x
+    height: Height = 0.08  # [m] of its top above the floor
 
     def corners(self) -> Array:
         """The corners (4, 2), counter-clockwise."""
@@ -82,10 +82,10 @@ class Box:
 class Light:
     """A point light above the floor."""
 
-    position: tuple[Coordinate, Coordinate, Coordinate]  # [m]
+    position: tuple[Coordinate, Coordinate, Coordinate]  # [m] x, y, height
     intensity: NonNegative = 1.0  # as ARGoS counts it: the farther the reach, the greater; 0: off
-    kind: Literal["lamp", "beacon"] | None = None  # only light sensors sense a lamp, only cameras a beacon; None: both
-    seen_by: Annotated[tuple[Annotated[int, Range(0, 999)], ...], Length(1, 1000)] | None = None  # robots; None: all
+    kind: Literal["lamp", "beacon"] | None = None  # light sensors sense no beacon, cameras no lamp; null: both do
+    seen_by: Annotated[tuple[Annotated[int, Range(0, 999)], ...], Length(1, 1000)] | None = None  # robots; null: all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,9 +93,9 @@ class Arena:
     """The walls and what stands between them; what is lower than a sensor is not in its way."""
 
     walls: RegularPolygon | Polygon
-    wall_height: Height = 0.08  # [m]
-    obstacles: tuple[Box, ...] = ()
-    room: RegularPolygon | Polygon | None = None  # its walls, beyond the arena's, reach to the ceiling
+    wall_height: Height = 0.08  # [m] of the walls above the floor
+    obstacles: tuple[Box, ...] = ()  # boxes in the arena, which may be walls
+    room: RegularPolygon | Polygon | None = None  # around the arena; its walls reach to the ceiling
 
     def corners(self) -> Array:
         """The corners of the walls' inner face (n, 2), counter-clockwise."""

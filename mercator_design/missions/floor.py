@@ -85,10 +85,10 @@ class Disc:
     """The points at most `radius` from `center`."""
 
     shape: Literal["disc"] = "disc"
-    center: Point
-    radius: Size
+    center: Point  # [m] x, y
+    radius: Size  # [m] from the center to the border
     color: Colour
-    name: Name | None = None
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         return [(DISC, *self.center, self.radius, 0.0, 0.0, *rgb(self.color))]
@@ -99,11 +99,11 @@ class Ring:
     """The points at least `inner_radius` and at most `radius` from `center`."""
 
     shape: Literal["ring"] = "ring"
-    center: Point
-    radius: Size
-    inner_radius: Size
+    center: Point  # [m] x, y
+    radius: Size  # [m] from the center to the outer border
+    inner_radius: Size  # [m] from the center to the inner border
     color: Colour
-    name: Name | None = None
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
@@ -118,11 +118,11 @@ class Rectangle:
     """A rectangle with its border."""
 
     shape: Literal["rectangle"] = "rectangle"
-    center: Point
+    center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
-    angle: float = 0.0  # [rad]
+    angle: float = 0.0  # [rad] of its own x
     color: Colour
-    name: Name | None = None
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         width, height = self.size
@@ -134,10 +134,10 @@ class HalfPlane:
     """The side of the line through `point` to which `normal` points, with the line."""
 
     shape: Literal["half_plane"] = "half_plane"
-    point: Point
-    normal: Point
+    point: Point  # [m] x, y of a point of the border
+    normal: Point  # x, y of a vector across the border, of any length
     color: Colour
-    name: Name | None = None
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
         if math.hypot(*self.normal) < 1e-6:
@@ -152,9 +152,9 @@ class PolygonZone:
     """A simple polygon, its corners in either sense; the last side closes it."""
 
     shape: Literal["polygon"] = "polygon"
-    vertices: Annotated[tuple[Point, ...], Length(3, 360)]
+    vertices: Annotated[tuple[Point, ...], Length(3, 360)]  # [m] x, y of the corners
     color: Colour
-    name: Name | None = None
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
         check_polygon(self.vertices, side="side")
@@ -170,10 +170,10 @@ class Tiles:
     """Squares whose colours are drawn for each instance, each colour `colors[colour]` times."""
 
     shape: Literal["tiles"] = "tiles"
-    centers: Annotated[tuple[Point, ...], Length(1, 1000)]
-    size: Size  # [m] side of a square
-    colors: Mapping[ColourName, Annotated[int, Range(0, 1000)]]
-    name: Name | None = None
+    centers: Annotated[tuple[Point, ...], Length(1, 1000)]  # [m] x, y of the squares' centers
+    size: Size  # [m] of a square's side
+    colors: Mapping[ColourName, Annotated[int, Range(0, 1000)]]  # how many squares have each colour
+    name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
         if sum(self.colors.values()) != len(self.centers):
@@ -194,9 +194,9 @@ class Image:
     It is read once, here, and travels with the mission: the file may change or be out of a worker's reach.
     """
 
-    path: Annotated[str, FilePath()]  # PNG, JPEG, BMP or PPM
+    path: Annotated[str, FilePath()]  # of a PNG, JPEG, BMP or PPM
     size: tuple[Size, Size]  # [m] width and height
-    center: Point = (0.0, 0.0)
+    center: Point = (0.0, 0.0)  # [m] x, y
     pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # (rows, columns, 3)
 
     def __post_init__(self) -> None:
@@ -226,10 +226,10 @@ class Dynamics:
 class Floor:
     """Background, image over it, zones over both in their order, and what changes them, in its order."""
 
-    background: Colour = "gray"
+    background: Colour = "gray"  # where there is nothing else
     image: Image | None = None
-    zones: Annotated[tuple[Zone, ...], Length(high=1000)] = ()
-    dynamics: Annotated[tuple[Dynamics, ...], Length(high=100)] = ()
+    zones: Annotated[tuple[Zone, ...], Length(high=1000)] = ()  # the later over the earlier
+    dynamics: Annotated[tuple[Dynamics, ...], Length(high=100)] = ()  # what changes zones during an experiment
 
     def __post_init__(self) -> None:
         names = [zone.name for zone in self.zones]

@@ -66,12 +66,12 @@ class Mission:
 
     schema: Literal[1]
     name: Name  # by default the file's
-    description: str = ""
+    description: str = ""  # what the mission is, in a line
     source: str = ""  # where the mission was published
-    robots: Annotated[int, Range(1, 1000)]
-    robot_model: Annotated[str, FilePath(unless_name=True)] = "mercator"
-    duration: Annotated[float, Range(0.0, 86_400.0, exclusive_low=True)]  # [s]
-    control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s]
+    robots: Annotated[int, Range(1, 1000)]  # how many
+    robot_model: Annotated[str, FilePath(unless_name=True)] = "mercator"  # name of a shipped one, or a file's path
+    duration: Annotated[float, Range(0.0, 86_400.0, exclusive_low=True)]  # [s] of an experiment
+    control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s] from one control cycle to the next
     arena: Arena
     floor: Floor = _GRAY
     lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()

@@ -22,8 +22,8 @@ Pose: TypeAlias = tuple[Coordinate, Coordinate, float]  # x, y [m], heading [rad
 class HalfPlaneLimit:
     """The side of the line through `point` to which `normal` points, with the line."""
 
-    point: Point
-    normal: Point
+    point: Point  # [m] x, y of a point of the border
+    normal: Point  # x, y of a vector across the border, of any length
 
     def __post_init__(self) -> None:
         if math.hypot(*self.normal) < 1e-6:
@@ -41,13 +41,13 @@ class DiscPlacement:
     draws: ClassVar[int] = 3  # for a pose
 
     shape: Literal["disc"] = "disc"
-    center: Point = (0.0, 0.0)
-    radius: Size
-    inner_radius: Annotated[float, Range(0.0, 1000.0)] = 0.0
-    uniform_in: Literal["area", "radius"] = "area"  # by radius: the denser, the nearer to the centre
-    heading: Heading = "uniform"
-    half_plane: HalfPlaneLimit | None = None  # only there
-    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand until they are placed, and block
+    center: Point = (0.0, 0.0)  # [m] x, y
+    radius: Size  # [m] from the center to the outer border
+    inner_radius: Annotated[float, Range(0.0, 1000.0)] = 0.0  # [m] from the center to the inner border
+    uniform_in: Literal["area", "radius"] = "area"  # radius: the denser, the nearer to the centre
+    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
+    half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
@@ -74,9 +74,9 @@ class RectanglePlacement:
     draws: ClassVar[int] = 3
 
     shape: Literal["rectangle"] = "rectangle"
-    center: Point = (0.0, 0.0)
-    size: tuple[Size, Size]
-    heading: Heading = "uniform"
+    center: Point = (0.0, 0.0)  # [m] x, y
+    size: tuple[Size, Size]  # [m] along x and y
+    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
     half_plane: HalfPlaneLimit | None = None
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
 
@@ -97,8 +97,8 @@ class DrawnPlacement:
     draws: ClassVar[int] = 4
 
     shape: Literal["one_of"] = "one_of"
-    regions: Annotated[tuple[DiscPlacement | RectanglePlacement, ...], Length(1, 100)]
-    heading: Heading = "uniform"
+    regions: Annotated[tuple[DiscPlacement | RectanglePlacement, ...], Length(1, 100)]  # one is drawn for each robot
+    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
     half_plane: HalfPlaneLimit | None = None
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
 
@@ -126,7 +126,7 @@ class FixedPlacement:
     waiting: ClassVar[tuple[Pose, ...]] = ()
 
     shape: Literal["poses"] = "poses"
-    poses: Annotated[tuple[Pose, ...], Length(1, 1000)]
+    poses: Annotated[tuple[Pose, ...], Length(1, 1000)]  # x, y [m] and heading [rad] of each robot
 
     def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Array:
         """The pose (1, 3) of a robot; the same at each call."""

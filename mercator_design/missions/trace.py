@@ -1,7 +1,8 @@
 """What happened in one experiment; all that an objective may look at."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,14 @@ from mercator_design.missions.plugins import When, Zones
 Flags = NDArray[np.bool_]
 
 
-def not_measured(device: str, every: int) -> Array:  # noqa: ARG001 - nobody to ask
-    """What a device measured, (cycles, robots, ...), in every so many-th cycle: not known of tracked robots.
+class Measure(Protocol):
+    """What a device measured, (cycles, robots, ...), in every so many-th cycle from the first on."""
+
+    def __call__(self, device: str, /, every: int = 1) -> Array: ...
+
+
+def not_measured(device: str, /, every: int = 1) -> Array:  # noqa: ARG001 - nobody to ask
+    """The `Measure` of tracked robots: nothing.
 
     Raises:
         MissionError: always.
@@ -42,7 +49,7 @@ class Trace:
     floor: FloorTable  # at the start
     zone_rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in floor.zones
     control_period: float  # [s]
-    measure: Callable[[str, int], Array] = not_measured
+    measure: Measure = not_measured
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape

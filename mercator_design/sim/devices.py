@@ -1,6 +1,7 @@
 """What the robot's devices measured and did in an experiment, computed afterwards from where the robots were.
 
-No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. Noise is a
+No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. (A lidar by
+which robots perceive each other is computed in the experiment too, and reads the same there.) Noise is a
 function of device, cycle and value (noise.py), so that what is computed later is what would have been measured.
 Sources: the Mercator paper, sections 4.2 and 4.3; where it is silent or differs, the plugin argos3-rvr.
 """
@@ -42,6 +43,7 @@ Cycles = NDArray[np.int64]
 
 _GRAVITY = 9.81
 """[m/s2]"""
+
 
 
 @dataclass(frozen=True, slots=True, eq=False)

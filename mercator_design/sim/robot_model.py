@@ -17,15 +17,15 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range, is_name, read
+from mercator_design.missions.arena import Height
+from mercator_design.missions.floor import Channel
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
-Size = Annotated[float, Range(0.01, 10.0)]
-Height = Annotated[float, Range(0.001, 100.0)]
+Extent = Annotated[float, Range(0.01, 10.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
 Distances = Annotated[tuple[Distance, Distance], Ascending()]
 Bounds = Annotated[tuple[float, float], Ascending()]
-Place = Annotated[float, Range(-10.0, 10.0)]
-Channel = Annotated[int, Range(0, 255)]
+Offset = Annotated[float, Range(-10.0, 10.0)]
 Angles = Annotated[tuple[float, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
 Friction = Annotated[float, Range(0.0, 10.0)]
@@ -36,8 +36,8 @@ class Gaussian:
     """Normally distributed noise."""
 
     distribution: Literal["gaussian"] = "gaussian"
-    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0
-    sd: Spread
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # of what is added, in the unit of what is disturbed
+    sd: Spread  # standard deviation, in the unit of what is disturbed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +45,8 @@ class Uniform:
     """Noise uniform within `half_width` of its mean."""
 
     distribution: Literal["uniform"] = "uniform"
-    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0
-    half_width: Spread
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # of what is added, in the unit of what is disturbed
+    half_width: Spread  # of the interval around the mean, in the unit of what is disturbed
 
 
 Noise = Gaussian | Uniform | None
@@ -57,12 +57,12 @@ class BoxBody:
     """A box around the robot's centre."""
 
     shape: Literal["box"] = "box"
-    length: Size  # [m] along the heading
-    width: Size  # [m]
-    height: Height = 0.114  # [m]
-    mass: Amount  # [kg]
-    friction: Friction = 0.7
-    elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0
+    length: Extent  # [m] along the heading
+    width: Extent  # [m] across the heading
+    height: Height = 0.114  # [m] of the body above the floor
+    mass: Amount  # [kg] of the body
+    friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
+    elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
     def inertia(self) -> float:
@@ -95,11 +95,11 @@ class DiscBody:
     """A cylinder around the robot's centre."""
 
     shape: Literal["disc"] = "disc"
-    radius: Size  # [m]
-    height: Height = 0.1  # [m]
-    mass: Amount  # [kg]
-    friction: Friction = 0.7
-    elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0
+    radius: Extent  # [m] of the body
+    height: Height = 0.1  # [m] of the body above the floor
+    mass: Amount  # [kg] of the body
+    friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
+    elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
     def inertia(self) -> float:
@@ -131,11 +131,11 @@ class DiscBody:
 class Drive:
     """Two treads, with a limited force to reach the commanded velocity."""
 
-    tread_distance: Size  # [m]
-    maximum_speed: Size  # [m/s] of a tread
-    force: Amount  # [N]
-    torque: Annotated[float, Range(1e-6, 1000.0)]  # [N m]
-    noise: Noise = None  # as a fraction of a tread's speed
+    tread_distance: Extent  # [m] from the middle of one tread to that of the other
+    maximum_speed: Extent  # [m/s] of a tread
+    force: Amount  # [N] at most, to reach the commanded speed
+    torque: Annotated[float, Range(1e-6, 1000.0)]  # [N m] at most, to reach the commanded turn
+    noise: Noise = None  # on each tread, as a fraction of its speed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +143,7 @@ class Proximity:
     """A ring of distance sensors; from where on they count, and how much, is in the reference model."""
 
     ring_radius: Annotated[float, Range(0.0, 10.0)]  # [m] where the rays start
-    angles: Angles  # [rad] in the order of the device's numbering
+    angles: Angles  # [rad] of the rays, in the order of the device's numbering
     reported: Angles | None = None  # [rad] that the readings are taken for, if not where the rays go
     range: Distances = (0.05, 2.0)  # [m] nearer reads minus infinity, farther plus infinity
     noise: Noise = None  # [m] on distances
@@ -158,9 +158,9 @@ class Proximity:
 class Ground:
     """Colour sensors that look at the floor; the mean of several counts, unless the reference model lets them vote."""
 
-    positions: Annotated[tuple[tuple[Place, Place], ...], Length(1, 16)]  # [m] from the centre: forwards, to the left
+    positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 16)]  # [m] forwards, leftwards of the centre
     gray: bool = False  # whether they see no colours, only how bright the floor is
-    noise: Noise = None  # a channel of 0 to 255, or the brightness of the same range
+    noise: Noise = None  # on each channel, 0 to 255, or on the brightness, 0 to 255
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,10 +168,11 @@ class Neighbours:
     """How robots perceive each other: by a camera or radio, which tells where each robot is."""
 
     device: Literal["camera"] = "camera"
-    range: Distance = 13.57  # [m] what counts as near is in the reference model
+    # By default, 0.154 m * tan(89.35 deg): the camera of argos3-rvr, from its height.
+    range: Distance = 13.57  # [m] that the device reaches; what counts as near is in the reference model
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
-    noise: Noise = None  # a vector of this fraction of the distance, in any direction
+    noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,17 +187,17 @@ class LightRing:
     """Light sensors around the robot, each with its direction.
 
     A light reads exp(-decay x) at x = distance / intensity, up to reach, less linearly the farther from a sensor's
-    direction it is, nothing from 90 degrees on; readings of lights add up to 1 at most.
+    direction it is, nothing from 90 degrees on; readings of lights add up to 1 at most. Defaults are argos3-epuck's.
     """
 
     device: Literal["ring"] = "ring"
-    angles: Angles  # [rad]
-    decay: NonNegative = 2.0
-    reach: NonNegative = 2.5
-    height: Height  # [m]
+    angles: Angles  # [rad] of the sensors' directions
+    decay: NonNegative = 2.0  # [1/m] of a reading with the distance, for a light of intensity 1
+    reach: NonNegative = 2.5  # [m] for a light of intensity 1; one that is farther reads 0
+    height: Height  # [m] of the sensors above the floor
     range: Distance = 1000.0  # [m] of lights that are sensed
-    occlusion: bool = True
-    noise: Noise = None  # a reading of 0 to 1
+    occlusion: bool = True  # whether robots, obstacles and walls hide lights
+    noise: Noise = None  # on a reading, 0 to 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,24 +205,24 @@ class LightCamera:
     """A camera that sees where lights are: their direction is that of the vectors to them, added up."""
 
     device: Literal["camera"] = "camera"
-    height: Height  # [m]
+    height: Height  # [m] of the camera above the floor
     range: Distance  # [m] of lights that are seen
-    highest: Distance = 1000.0  # [m] lights higher than this are out of its view
-    occlusion: bool = False
-    noise: Noise = None  # a vector of this fraction of the distance, in any direction
+    highest: Distance = 1000.0  # [m] above which a light is out of its view
+    occlusion: bool = False  # whether robots, obstacles and walls hide lights
+    noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lidar:
     """A turning distance sensor, on a head that other lidars see."""
 
-    beams: Annotated[int, Range(8, 10_000)] = 719
-    first_angle: float = -math.pi  # [rad]
-    height: Height  # [m] what is lower is not in its way
+    beams: Annotated[int, Range(8, 10_000)] = 719  # readings of a turn
+    first_angle: float = -math.pi  # [rad] of the first beam; the others follow counter-clockwise
+    height: Height  # [m] of the beams above the floor; what is lower is not in their way
     ring_radius: Annotated[float, Range(0.0, 10.0)] = 0.0  # [m] from where distances count
-    head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] 0: there is nothing to be seen
+    head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] of what other lidars see; 0: they see nothing
     range: Distances = (0.10, 12.0)  # [m] nearer and farther read 0
-    noise: Noise = None  # [m]
+    noise: Noise = None  # [m] on distances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,29 +232,29 @@ class AmbientLight:
     Walls, boxes and robots hide lights, as high as they are. The defaults are argos3-rvr's.
     """
 
-    position: tuple[Place, Place] = (0.0, 0.0)  # [m] from the centre
-    height: Height  # [m]
-    base: NonNegative = 138.9171  # [lux]
-    decay: NonNegative = 9.145603
-    reach: NonNegative = 2.5
-    range: Bounds = (0.0, 120_000.0)  # [lux]
-    noise: Noise = None  # [lux]
+    position: tuple[Offset, Offset] = (0.0, 0.0)  # [m] forwards and to the left of the centre
+    height: Height  # [m] of the sensor above the floor
+    base: NonNegative = 138.9171  # [lux] of a light that reaches the sensor, however far it is
+    decay: NonNegative = 9.145603  # [1/m] with the distance, for a light of intensity 1
+    reach: NonNegative = 2.5  # [m] for a light of intensity 1; one that is farther adds nothing
+    range: Bounds = (0.0, 120_000.0)  # [lux] between which readings are kept
+    noise: Noise = None  # [lux] on readings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
     """A sensor of the robot's own motion."""
 
-    range: Bounds  # in its own unit
-    noise: Noise = None
+    range: Bounds  # between which readings are kept, in the device's unit
+    noise: Noise = None  # on readings, in the device's unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leds:
     """Lamps that show the state."""
 
-    positions: Annotated[tuple[tuple[Place, Place], ...], Length(1, 64)]  # [m] from the centre
-    colors: Annotated[tuple[tuple[Channel, Channel, Channel], ...], Length(4, 4)] = (  # of the states
+    positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 64)]  # [m] forwards, leftwards of the centre
+    colors: Annotated[tuple[tuple[Channel, Channel, Channel], ...], Length(4, 4)] = (  # red, green, blue in each state
         (0, 114, 178),
         (230, 159, 0),
         (0, 158, 115),
@@ -265,12 +266,13 @@ class Leds:
 class Physics:
     """How finely the motion is computed."""
 
-    time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; a cycle is divided evenly
-    solver_iterations: Annotated[int, Range(1, 1000)] = 10
-    collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] overlap that is not pushed apart
-    wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] allowed at the end of a cycle; None: any
-    corner_radius: Annotated[float, Range(0.0, 0.004)] = 0.002  # [m] of boxes, in contacts: Chipmunk likes round ones
-    wall_friction: Friction = 0.1
+    time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; cycles are divided evenly
+    solver_iterations: Annotated[int, Range(1, 1000)] = 10  # of Chipmunk, in each step
+    collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] of overlap that Chipmunk does not push apart
+    wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] in walls, when a cycle ends; null: any
+    # Less than half the smallest Extent, so that something is left of the box within.
+    corner_radius: Annotated[float, Range(0.0, 0.004)] = 0.002  # [m] of boxes, where they touch; saves time
+    wall_friction: Friction = 0.1  # coefficient of walls and obstacles; that of ARGoS's boxes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,17 +289,17 @@ class RobotModel:
     neighbours: Neighbours | LidarNeighbours | None = None
     light: LightRing | LightCamera | None = None
     lidar: Lidar | None = None
-    ambient_light: AmbientLight | None = None  # [lux]
-    velocity: Device | None = None  # [m/s]
-    accelerometer: Device | None = None  # [g]
-    gyroscope: Device | None = None  # [rad/s]
-    imu: Device | None = None  # [rad]
-    locator: Device | None = None  # [m]
-    quaternion: Device | None = None
+    ambient_light: AmbientLight | None = None
+    velocity: Device | None = None  # [m/s] along the start's axes
+    accelerometer: Device | None = None  # [g] along x, y and z
+    gyroscope: Device | None = None  # [rad/s] about x, y and z
+    imu: Device | None = None  # [rad] of pitch, roll and yaw
+    locator: Device | None = None  # [m] from the start, along the world's axes
+    quaternion: Device | None = None  # w, x, y, z of the orientation against that at the start
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
-    vary: Mapping[str, tuple[float, float]] | None = None  # key -> bounds of its value, drawn for each instance
+    vary: Mapping[str, tuple[float, float]] | None = None  # bounds of the value of each key, drawn for each instance
 
     def __post_init__(self) -> None:
         for key, (low, high) in (self.vary or {}).items():

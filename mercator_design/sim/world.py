@@ -1,4 +1,7 @@
-"""From a mission and a robot model to what the kernels run on: arrays, and a pymunk space for each instance."""
+"""The starting situation of a seed: the floor, where the robots stand, their streams, and a pymunk space.
+
+What is equal in all instances of a mission is decided in staging.py.
+"""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +33,7 @@ _BATCH = 20  # poses tried at a time
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A starting situation: a space with all robots at their places, and the streams of their draws."""
+    """A starting situation, for one run, which uses it up: robots move in it, and the floor may change."""
 
     robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something

@@ -55,7 +55,7 @@ def instance(mission, seed=1, robots=None):
         floor=mission.floor.realise(rng),
         zone_rows=mission.floor.zone_rows(),
         control_period=mission.control_period,
-        measure=lambda _, every: poses[1::every, :, np.newaxis, :2] + 0.5,  # a beam each
+        measure=lambda _, every=1: poses[1::every, :, np.newaxis, :2] + 0.5,  # a beam each
     )
 
 

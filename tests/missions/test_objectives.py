@@ -1,5 +1,6 @@
 """Each objective on traces drawn by hand, and against a second, literal form of its definition."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mercator_design import seeds
+from mercator_design.errors import MissionError
 from mercator_design.missions.floor import Disc, Dynamics, Floor, HalfPlane, Tiles
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.objectives.coverage import (
@@ -30,7 +32,7 @@ from mercator_design.missions.objectives.in_zones import (
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
 from mercator_design.missions.objectives.mapping import seen_area
 from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
-from mercator_design.missions.trace import Trace
+from mercator_design.missions.trace import Trace, not_measured
 
 FLOOR = Floor(
     zones=(
@@ -81,7 +83,7 @@ def trace(positions, floor=FLOOR, beams=((1.0, 0.0), (0.0, 0.5))):
     """Of positions (cycles + 1, robots, 2), the first being the start; each lidar's beams end at the same places."""
     positions = np.asarray(positions, dtype=float)
 
-    def measure(device, every):
+    def measure(device, /, every=1):
         assert device == "lidar_points"
         return positions[1::every, :, np.newaxis] + np.array(beams)
 
@@ -101,6 +103,13 @@ def walk(*places):
 
 
 SPOT, OTHER, NEST, AWAY = (0.3, 0.0), (2.0, 0.1), (0.0, -2.5), (1.0, 1.0)
+
+
+def test_of_tracked_robots_no_device_is_known():
+    tracked = dataclasses.replace(walk(AWAY, SPOT), measure=not_measured)
+    for measure in (lambda: tracked.measure("lidar"), lambda: tracked.measure("lidar", 10)):
+        with pytest.raises(MissionError, match="lidar measured, and that was not recorded"):
+            measure()
 
 
 class TestRobotsInZone:

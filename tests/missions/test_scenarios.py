@@ -1,6 +1,5 @@
 """Every shipped mission is tested by being there: what it says, that robots fit, and the scores of three FSMs."""
 
-import importlib.util
 import json
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import expected_scores as expected
 from mercator_design import schema, shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
@@ -16,10 +16,6 @@ from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES
 
 ROOT = Path(__file__).parents[2]
 BANDS = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["bands"]
-
-_specification = importlib.util.spec_from_file_location("expected_scores", ROOT / "benchmarks" / "expected_scores.py")
-expected = importlib.util.module_from_spec(_specification)
-_specification.loader.exec_module(expected)
 
 
 @pytest.mark.parametrize("name", shipped.missions())

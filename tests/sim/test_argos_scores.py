@@ -156,7 +156,7 @@ def test_settings_that_are_not_known(settings, complaint):
 
 
 @pytest.mark.slow
-def test_whole_file(comparisons):
+def test_many_experiments():
     """With twenty times the experiments, which tells smaller differences."""
     tests = all_tests(compare(experiments=800))
     assert scores.rejected(tests, FALSE_ALARM) == []

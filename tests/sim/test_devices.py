@@ -31,7 +31,7 @@ def moved(poses, commands, robot_model=MERCATOR):
     history = new_history(len(commands), 1, everything=True)
     history.poses[:, 0] = poses
     history.commands[:, 0] = commands
-    scene = simulator().try_placement().scene
+    scene = simulator().instance(0).scene
     return Recording(robot_model, scene, history, np.array([1], dtype=np.uint64), PERIOD)
 
 

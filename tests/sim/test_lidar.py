@@ -148,7 +148,7 @@ def test_no_beam_slips_through_a_corner(beams, sides):
 )
 def test_a_wall_seen_edge_on_is_met_by_the_beams_along_it_at_most(heading, near, direction):
     """Whatever rounding makes of it: in these cases its two ends seem to lie in the wrong order."""
-    lidar = simulator(robot_model=with_lidar()).try_placement().scene.lidar
+    lidar = simulator(robot_model=with_lidar()).instance(0).scene.lidar
     found = np.full(719, np.inf)
     x, y = math.cos(direction), math.sin(direction)
     far = near + 1.0
@@ -162,7 +162,7 @@ def test_a_large_disc_right_beside_a_lidar_of_few_beams_is_not_behind_it():
     model = dataclasses.replace(model, body=DiscBody(radius=0.15, mass=2.0))
     for bearing in np.linspace(0.0, 6.2, 40):
         other = (0.3001 * math.cos(bearing), 0.3001 * math.sin(bearing), 0.0)
-        scene = simulator(robots=2, robot_model=model, placement=at((0, 0, 0), other)).try_placement().scene
+        scene = simulator(robots=2, robot_model=model, placement=at((0, 0, 0), other)).instance(0).scene
         found = np.full(8, np.inf)
         _meet_disc(scene.lidar, *other[:2], 0.3, 1.0, 0.0, found)
         beams = 0.1 + np.arange(8) * math.pi / 4

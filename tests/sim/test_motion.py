@@ -244,7 +244,7 @@ def test_fixed_poses_that_touch_are_named():
 def test_a_place_is_free_where_pymunk_finds_nothing(poses, half_length, half_width, round_):
     """The first poses are taken, the last one is tried, in a room with a box."""
     scene = simulator(sides=5, apothem=0.9, obstacles="[{center: [0.2, 0.1], size: [0.3, 0.2], angle: 0.5}]")
-    scene = scene.try_placement().scene
+    scene = scene.instance(0).scene
     rows = np.array([[x, y, math.cos(heading), math.sin(heading)] for x, y, heading in poses])
     n = len(rows) - 1
     free = first_free(rows[n:], rows, n, scene.walls, scene.boxes, half_length, half_width, round_)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.arena import Array, Size
+from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
@@ -41,8 +42,9 @@ def network_share(trace: Trace, *, zones: Zones, link: Size = 0.3, sight: Size =
     Only points nearer than `radius` to the origin count, of a grid of 3 cm; error of a cycle's share about 0.5 %.
     """
     points = _disc(radius, _COARSE)
-    rows = [row for zone in zones for row in trace.zone_rows[zone]]
-    in_zones = [any(zone_contains(trace.floor, row, x, y) for row in rows) for x, y in points.tolist()]
+    rows = np.array([row for zone in zones for row in trace.zone_rows[zone]], dtype=np.int64)
+    in_zones = np.zeros(len(points), dtype=np.bool_)
+    compiled(_mark_points)(trace.floor, rows, points, in_zones)
     points = np.ascontiguousarray(points[in_zones])
     seen = _covered(np.ascontiguousarray(trace.positions), points, trace.inside(zones, "always"), link, sight)
     return float(np.sum(seen)) / max(len(points), 1)
@@ -68,7 +70,7 @@ def _disc(radius: float, spacing: float) -> Array:
 def _covered(positions: Array, points: Array, counts: NDArray[np.bool_], link: float, sight: float) -> Numbers:
     """In each cycle, how many points a robot that counts and is of the largest group sees (cycles,)."""
     seen = np.zeros(len(positions), dtype=np.int64)
-    scratch = np.zeros((3, positions.shape[1]), dtype=np.int64)
+    scratch = np.zeros((4, positions.shape[1]), dtype=np.int64)
     counting = np.broadcast_to(counts, positions.shape[:2]).copy()
     compiled(_count_points)(positions, points, counting, link, sight, scratch, seen)
     return seen
@@ -76,27 +78,18 @@ def _covered(positions: Array, points: Array, counts: NDArray[np.bool_], link: f
 
 @jittable
 def _group(positions: Array, cycle: int, link: float, scratch: Numbers) -> int:
-    """Number the groups in row 0 of the scratch, count their robots in row 1; row 2 is a queue. The largest size."""
+    """Number the groups in row 0 of the scratch, count their robots in row 1; rows 2 and 3 are `_walk`'s. The most."""
     robots = positions.shape[1]
     for i in range(robots):
-        scratch[0, i] = -1
+        scratch[0, i] = scratch[3, i] = -1
         scratch[1, i] = 0
     largest = groups = 0
     for first in range(robots):
-        if scratch[0, first] >= 0:
+        if scratch[3, first] >= 0:
             continue
-        scratch[0, first] = groups
-        scratch[2, 0] = first
-        size = 1
-        done = 0
-        while done < size:
-            i = scratch[2, done]
-            done += 1
-            for j in range(robots):
-                if scratch[0, j] < 0 and _linked(positions, cycle, i, j, link):
-                    scratch[0, j] = groups
-                    scratch[2, size] = j
-                    size += 1
+        size = _walk(positions, cycle, link, first, scratch)
+        for k in range(size):
+            scratch[0, scratch[2, k]] = groups
         scratch[1, groups] = size
         largest = max(largest, size)
         groups += 1
@@ -104,10 +97,38 @@ def _group(positions: Array, cycle: int, link: float, scratch: Numbers) -> int:
 
 
 @jittable
+def _walk(positions: Array, cycle: int, link: float, source: int, scratch: Numbers) -> int:
+    """Visit a robot and all that it is linked with, by the number of links to them. How many these are.
+
+    Row 2 of the scratch has them in this order; row 3 the number of links to each robot, -1 for who is not yet visited.
+    """
+    scratch[3, source] = 0
+    scratch[2, 0] = source
+    size = 1
+    done = 0
+    while done < size:
+        i = scratch[2, done]
+        done += 1
+        for j in range(positions.shape[1]):
+            if scratch[3, j] < 0 and _linked(positions, cycle, i, j, link):
+                scratch[3, j] = scratch[3, i] + 1
+                scratch[2, size] = j
+                size += 1
+    return size
+
+
+@jittable
 def _linked(positions: Array, cycle: int, i: int, j: int, link: float) -> bool:
     x = positions[cycle, j, 0] - positions[cycle, i, 0]
     y = positions[cycle, j, 1] - positions[cycle, i, 1]
     return bool(x * x + y * y < link * link)
+
+
+def _mark_points(floor: FloorTable, rows: Numbers, points: Array, inside: NDArray[np.bool_]) -> None:
+    for k in range(len(points)):
+        for row in rows:
+            if zone_contains(floor, row, points[k, 0], points[k, 1]):
+                inside[k] = True
 
 
 def _count_points(
@@ -147,20 +168,8 @@ def _measure_diameters(positions: Array, link: float, scratch: Numbers, diameter
 
 @jittable
 def _farthest(positions: Array, cycle: int, link: float, source: int, scratch: Numbers) -> int:
-    """The most links from a robot to another that it is linked with; row 3 of the scratch has them for each."""
-    robots = positions.shape[1]
-    for i in range(robots):
+    """The most links from a robot to another that it is linked with."""
+    for i in range(positions.shape[1]):
         scratch[3, i] = -1
-    scratch[3, source] = 0
-    scratch[2, 0] = source
-    size = 1
-    done = 0
-    while done < size:
-        i = scratch[2, done]
-        done += 1
-        for j in range(robots):
-            if scratch[3, j] < 0 and _linked(positions, cycle, i, j, link):
-                scratch[3, j] = scratch[3, i] + 1
-                scratch[2, size] = j
-                size += 1
+    size = _walk(positions, cycle, link, source, scratch)
     return int(scratch[3, scratch[2, size - 1]])

@@ -45,7 +45,6 @@ _GRAVITY = 9.81
 """[m/s2]"""
 
 
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """One experiment, of which devices can be read: `recording.measure("imu")`."""

@@ -11,7 +11,7 @@ from PIL import Image
 
 from mercator_design import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
-from mercator_design.report.preview import outline, preview, save_preview
+from mercator_design.report.preview import preview, save_preview
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
@@ -89,7 +89,7 @@ def test_robots_stand_where_the_instance_has_them(labyrinth, seed):
 
 
 def test_bodies_have_their_shape():
-    box, disc = (outline(load_robot_model(name)) for name in ("mercator", "epuck"))
+    box, disc = (load_robot_model(name).body.outline() for name in ("mercator", "epuck"))
     assert box.max(axis=0) == pytest.approx([0.143, 0.143])
     assert len(box) == 4
     radius = load_robot_model("epuck").body.radius

@@ -1,8 +1,8 @@
 """A mission as a picture, seen from above: floor, walls, obstacles, lights, where robots may start, and one start.
 
-Nothing here knows kinds of zones, placements or bodies: the floor is what `colours_at` says point by point, the start
-area is where a placement's candidates fall, and robots stand where an instance puts them. The same mission, seed and
-versions of the libraries give the same file to the last byte.
+Nothing here knows kinds of zones or bodies: the floor is what `colours_at` says point by point, the start area is where
+a placement's candidates fall (fixed poses have none), and robots stand where an instance puts them. The same mission,
+seed and versions of the libraries give the same file to the last byte.
 """
 
 import io
@@ -31,7 +31,6 @@ from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator
-from mercator_design.sim.robot_model import DiscBody, RobotModel
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
@@ -109,15 +108,6 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     for light in mission.lights:
         _draw_light(axes, light, low, high)
     return figure
-
-
-def outline(robot_model: RobotModel) -> Array:
-    """The outline of a robot's body (n, 2), seen from above, in its own frame [m]."""
-    body = robot_model.body
-    if isinstance(body, DiscBody):
-        angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
-        return body.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * body.half_size
 
 
 @contextmanager
@@ -247,7 +237,7 @@ def _candidates(mission: Mission) -> Array:
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:
     """The bodies as they are, with an arrow towards their heading."""
-    body = outline(instance.robot_model)
+    body = instance.robot_model.body.outline()
     arrow = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]]) * np.abs(body).max(axis=0)
     for x, y, heading in instance.swarm.poses[:, :3]:
         turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])

@@ -17,7 +17,7 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range, is_name, read
-from mercator_design.missions.arena import Height
+from mercator_design.missions.arena import Array, Height
 from mercator_design.missions.floor import Channel
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
@@ -91,6 +91,10 @@ class BoxBody:
         """Its size in words."""
         return f"{self.length:g} x {self.width:g} m"
 
+    def outline(self) -> Array:
+        """Its corners (4, 2) around the centre, counter-clockwise, the heading along x [m]."""
+        return np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * self.half_size
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscBody:
@@ -127,6 +131,11 @@ class DiscBody:
     def measures(self) -> str:
         """Its size in words."""
         return f"{2.0 * self.radius:g} m across"
+
+    def outline(self) -> Array:
+        """Points (48, 2) of its border around the centre, counter-clockwise [m]."""
+        angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+        return self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

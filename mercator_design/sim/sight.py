@@ -48,25 +48,20 @@ def distance_to_wall(x: float, y: float, ray_x: float, ray_y: float, walls: Floa
 @jittable
 def distance_to_box(x: float, y: float, ray_x: float, ray_y: float, half_length: float, half_width: float) -> float:
     """Distance [m] along a ray, given in the frame of a box, to the box; 0 from inside, infinity past it."""
-    enter = 0.0
-    leave = math.inf
-    if abs(ray_x) < _PARALLEL:
-        if abs(x) > half_length:
-            return math.inf
-    else:
-        first = (-half_length - x) / ray_x
-        second = (half_length - x) / ray_x
-        enter = max(enter, min(first, second))
-        leave = min(leave, max(first, second))
-    if abs(ray_y) < _PARALLEL:
-        if abs(y) > half_width:
-            return math.inf
-    else:
-        first = (-half_width - y) / ray_y
-        second = (half_width - y) / ray_y
-        enter = max(enter, min(first, second))
-        leave = min(leave, max(first, second))
+    enter_x, leave_x = _slab(x, ray_x, half_length)
+    enter_y, leave_y = _slab(y, ray_y, half_width)
+    enter, leave = max(0.0, enter_x, enter_y), min(leave_x, leave_y)
     return enter if enter <= leave else math.inf
+
+
+@jittable
+def _slab(x: float, ray_x: float, half: float) -> tuple[float, float]:
+    """Where along a ray |x| <= half begins and ends [m]; if nowhere, infinity and minus infinity."""
+    if abs(ray_x) < _PARALLEL:
+        return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
+    first = (-half - x) / ray_x
+    second = (half - x) / ray_x
+    return min(first, second), max(first, second)
 
 
 @jittable
@@ -82,7 +77,7 @@ def distance_to_disc(x: float, y: float, ray_x: float, ray_y: float, radius: flo
 
 
 @jittable
-def cast_at_walls(
+def _cast_at_walls(
     sensors: Proximity, walls: Floats, x: float, y: float, c: float, s: float, reach: float, found: Floats
 ) -> None:
     """Shorten distances to those of the walls.
@@ -109,7 +104,7 @@ def cast_at_walls(
 
 
 @jittable
-def cast_at_box(
+def _cast_at_box(
     sensors: Proximity,
     box_x: float,
     box_y: float,
@@ -123,7 +118,7 @@ def cast_at_box(
     s: float,
     found: Floats,
 ) -> None:
-    """Shorten distances to those of a box at (box_x, box_y) with heading (box_c, box_s); else as `cast_at_walls`."""
+    """Shorten distances to those of a box at (box_x, box_y) with heading (box_c, box_s); else as `_cast_at_walls`."""
     to_x = box_c * (x - box_x) + box_s * (y - box_y)
     to_y = -box_s * (x - box_x) + box_c * (y - box_y)
     turn_c = box_c * c + box_s * s
@@ -142,7 +137,7 @@ def cast_at_box(
 
 
 @jittable
-def cast_at_disc(
+def _cast_at_disc(
     sensors: Proximity,
     disc_x: float,
     disc_y: float,
@@ -153,7 +148,7 @@ def cast_at_disc(
     s: float,
     found: Floats,
 ) -> None:
-    """Shorten distances to those of a disc at (disc_x, disc_y); else as `cast_at_walls`."""
+    """Shorten distances to those of a disc at (disc_x, disc_y); else as `_cast_at_walls`."""
     for k in range(len(found)):
         ray_x = c * sensors.directions_x[k] - s * sensors.directions_y[k]
         ray_y = s * sensors.directions_x[k] + c * sensors.directions_y[k]
@@ -179,9 +174,9 @@ def cast(scene: Scene, poses: Floats, i: int, range_: float, found: Floats) -> N
     for k in range(len(found)):
         found[k] = math.inf
     reach = sensors.ring + range_
-    cast_at_walls(sensors, scene.walls, x, y, c, s, reach, found)
+    _cast_at_walls(sensors, scene.walls, x, y, c, s, reach, found)
     for b in range(len(boxes)):
-        cast_at_box(
+        _cast_at_box(
             sensors, boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5], x, y, c, s, found
         )
     meets = (reach + scene.corner) * (reach + scene.corner)
@@ -191,9 +186,9 @@ def cast(scene: Scene, poses: Floats, i: int, range_: float, found: Floats) -> N
         if j == i or to_x * to_x + to_y * to_y >= meets:
             continue
         if scene.round:
-            cast_at_disc(sensors, poses[j, 0], poses[j, 1], scene.corner, x, y, c, s, found)
+            _cast_at_disc(sensors, poses[j, 0], poses[j, 1], scene.corner, x, y, c, s, found)
         else:
-            cast_at_box(
+            _cast_at_box(
                 sensors,
                 poses[j, 0],
                 poses[j, 1],

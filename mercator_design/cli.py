@@ -104,6 +104,9 @@ def main() -> None:
     except OSError as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(1)
+    except MemoryError:
+        click.echo("Error: not enough memory", err=True)
+        sys.exit(1)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -250,7 +253,9 @@ def evaluate(
 @click.option(
     "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
 )
-@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Record every so many-th cycle.")
+@click.option(
+    "--every", type=click.IntRange(1, 10**9), default=1, show_default=True, help="Record every so many-th cycle."
+)
 @click.option("--mission", help="As for evaluate.")
 @_SEED
 @click.option("--robot-model", help="As for evaluate.")
@@ -294,7 +299,9 @@ def record(
     simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
     simulator.rehearse(announce=_tell)
     outcome = simulator.run(file.pfsm, seed, record=True)
-    write_bytes(output, recording_bytes(outcome.recording, names, every=every, suffix=output.suffix))
+    data = recording_bytes(outcome.recording, names, every=every, suffix=output.suffix)
+    with _naming(output):
+        write_bytes(output, data)
     click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
 
 

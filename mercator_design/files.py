@@ -13,7 +13,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """As `write_text`."""
-    draft = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
+    draft = path.with_name(f".{path.name[:200]}-{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:
             file.write(data)

@@ -115,7 +115,7 @@ def parse(
     try:
         tree = compose(text, label, folder or Path.cwd())
         if find_base is not None:
-            tree = _on_base(tree, find_base, [label])
+            tree = _on_base(tree, find_base, [str(Path(label).resolve())])
         for assignment in overrides:
             override(tree, assignment)
         if isinstance(tree.content, dict):
@@ -136,9 +136,10 @@ def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
         path = find_base(name, tree.folder)
     except MercatorError as error:
         raise _fault(base, "base", str(error)) from None
-    if str(path) in labels:
+    file = str(path.resolve())
+    if file in labels:
         raise _fault(base, "base", f"{path} is based on itself")
-    below = _on_base(compose(read_text(path), str(path), path.parent), find_base, [*labels, str(path)])
+    below = _on_base(compose(read_text(path), str(path), path.parent), find_base, [*labels, file])
     if isinstance(below.content, dict):
         for key in ("name", "description"):  # are the base's own
             below.content.pop(key, None)
@@ -190,7 +191,7 @@ def _scalar(node: Node, base: Kind, _: str) -> Any:  # noqa: ANN401 - what `base
     if base is int:
         return int(text) if re.fullmatch(r"[-+]?[0-9]{1,18}", text) else _WRONG
     if base is float:
-        number = re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", text)
+        number = re.fullmatch(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", text)
         return float(text) if number and math.isfinite(float(text)) else _WRONG
     if base is types.NoneType:
         return None if text in {"", "~", "null"} else _WRONG

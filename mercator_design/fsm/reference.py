@@ -6,8 +6,13 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 import math
 from typing import Annotated, NamedTuple
 
-from mercator_design.schema import NonNegative, Positive, Range
+from mercator_design.schema import Range
 
+Constant = Annotated[float, Range(-1e9, 1e9)]
+NonNegative = Annotated[float, Range(0.0, 1e9)]
+Positive = Annotated[float, Range(1e-6, 1e9)]
+Power = Annotated[float, Range(1e-6, 100.0)]
+Step = Annotated[float, Range(0.0, 1000.0)]
 Cycles = Annotated[float, Range(0.0, 1000.0)]
 
 
@@ -46,11 +51,11 @@ class ReferenceModel(NamedTuple):
     proximity_near: Positive = 0.05  # [m] below which a distance weighs proximity_near_weight
     proximity_range: NonNegative = 0.4  # [m] beyond which a distance weighs nothing
     proximity_near_weight: NonNegative = 1.0  # of a distance below proximity_near
-    proximity_constant: float = -1.0 / 7.0  # added to the weight of a distance d
-    proximity_inverse: float = 1.0 / 17.5  # [m] over d, added to the weight
-    proximity_slope: float = 0.0  # [1/m] times d, added to the weight
-    proximity_square: float = 0.0  # [1/m2] times d^2, added to the weight
-    proximity_exponential: float = 0.0  # times exp(-d / proximity_decay), added to the weight
+    proximity_constant: Constant = -1.0 / 7.0  # added to the weight of a distance d
+    proximity_inverse: Constant = 1.0 / 17.5  # [m] over d, added to the weight
+    proximity_slope: Constant = 0.0  # [1/m] times d, added to the weight
+    proximity_square: Constant = 0.0  # [1/m2] times d^2, added to the weight
+    proximity_exponential: Constant = 0.0  # times exp(-d / proximity_decay), added to the weight
     proximity_decay: Positive = 1.0  # [m] after which what is exponential has fallen to 1/e
 
     # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)).
@@ -67,7 +72,7 @@ class ReferenceModel(NamedTuple):
 
     # Neighbours from a lidar: readings in [lidar_nearest, neighbour_range] are one robot's as long as each is within
     # cluster_distance and cluster_angle of the one before; fewer than cluster_points are none.
-    lidar_nearest: NonNegative = 0.10  # [m] below which a reading of the lidar is not used
+    lidar_nearest: Positive = 0.10  # [m] below which a reading of the lidar is not used
     cluster_distance: NonNegative = 0.02  # [m] at most between successive readings of one robot
     cluster_angle: NonNegative = math.radians(10.0)  # [rad] at most between successive readings of one robot
     cluster_points: NonNegative = 5.0  # readings of one robot, at least
@@ -83,8 +88,8 @@ class ReferenceModel(NamedTuple):
     light_gain: NonNegative = 1.0  # weight of the light in phototaxis and anti-phototaxis
     light_obstacle_gain: NonNegative = 5.0  # weight of obstacles in phototaxis and anti-phototaxis
     weakest_pull: Positive = 0.1  # length of the sum of weighted vectors below which a robot drives straight on
-    strength_step: NonNegative = 0.0  # of which the strength alpha is a multiple, rounded down; 0: not rounded
-    repulsion_power: Positive = 1.0  # with which the strength alpha enters repulsion
+    strength_step: Step = 0.0  # of which the strength alpha is a multiple, rounded down; 0: not rounded
+    repulsion_power: Power = 1.0  # with which the strength alpha enters repulsion
 
     # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
     black_highest: NonNegative = 0.05 * 255  # gray level of 0 to 255 up to which the floor is black

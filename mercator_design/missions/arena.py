@@ -19,6 +19,7 @@ WALL_THICKNESS = 0.01
 
 Coordinate: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
 Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
+Angle: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
 Height: TypeAlias = Annotated[float, Range(0.001, 100.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
 Array: TypeAlias = NDArray[np.float64]
@@ -37,7 +38,7 @@ class RegularPolygon:
     shape: Literal["regular_polygon"] = "regular_polygon"
     sides: Annotated[int, Range(3, 360)]  # how many walls
     apothem: Size  # [m] from the centre to the inner face of a wall
-    rotation: float = 0.0  # [rad] direction from the centre to the middle of the first wall
+    rotation: Angle = 0.0  # [rad] direction from the centre to the middle of the first wall
 
     def corners(self) -> Array:
         """The corners (sides, 2), counter-clockwise; the first wall ends at the first one."""
@@ -70,7 +71,7 @@ class Box:
 
     center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
-    angle: float = 0.0  # [rad] of its own x
+    angle: Angle = 0.0  # [rad] of its own x
     height: Height = 0.08  # [m] of its top above the floor
 
     def corners(self) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
-from mercator_design.missions.arena import Array, Point, Size, check_polygon
+from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
@@ -46,6 +46,9 @@ DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
 LARGEST_IMAGE = 4_000_000
 """Pixels: beyond, a small file could fill the memory."""
 
+
+_MOST_ROWS = 10_000
+"""Of numbers that what changes a floor looks through in every cycle."""
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM")
 
@@ -120,7 +123,7 @@ class Rectangle:
     shape: Literal["rectangle"] = "rectangle"
     center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
-    angle: float = 0.0  # [rad] of its own x
+    angle: Angle = 0.0  # [rad] of its own x
     color: Colour
     name: Name | None = None  # by which objectives and dynamics refer to it
 
@@ -282,7 +285,18 @@ class Floor:
 
     def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
-        return DYNAMICS[dynamics.name](site, **dynamics.parameters)
+        rows = DYNAMICS[dynamics.name](site, **dynamics.parameters)
+        try:
+            numbers = [tuple(map(float, row)) for row in rows]
+        except (TypeError, ValueError) as error:
+            raise FieldError("name", f"{dynamics.name} must give rows of numbers: {error}") from None
+        if len({len(row) for row in numbers}) > 1:
+            raise FieldError("name", f"{dynamics.name} must give rows of one length")
+        if len(numbers) > _MOST_ROWS:
+            raise FieldError(
+                "name", f"{dynamics.name} keeps {len(numbers)} rows of numbers; expected at most {_MOST_ROWS}"
+            )
+        return numbers
 
     def _painted(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """The zones, and the vertices of the polygons among them, as in FloorTable."""

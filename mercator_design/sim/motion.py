@@ -120,8 +120,9 @@ def withdraw(scene: Scene, poses: Floats, velocities: Floats, former: Floats, i:
         i: Which robot.
     """
     x, y = poses[i, 0], poses[i, 1]
-    if scene.wall_overlap == math.inf or not _near_walls(scene, x, y, scene.corner):
-        return False
+    untouched = scene.wall_overlap == math.inf or not _near_walls(scene, x, y, scene.corner)
+    if untouched and is_inside(scene.walls, x, y):
+        return False  # one that is outside jumped over a wall
     c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
     moved = False
     for _ in range(_PASSES):

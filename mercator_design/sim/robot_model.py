@@ -26,7 +26,9 @@ Distance = Annotated[float, Range(0.0, 1000.0)]
 Distances = Annotated[tuple[Distance, Distance], Ascending()]
 Bounds = Annotated[tuple[float, float], Ascending()]
 Offset = Annotated[float, Range(-10.0, 10.0)]
-Angles = Annotated[tuple[float, ...], Length(1, 64)]
+Angle = Annotated[float, Range(-1000.0, 1000.0)]
+Bound = Annotated[float, Range(-1e9, 1e9)]
+Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
 Friction = Annotated[float, Range(0.0, 10.0)]
 
@@ -216,7 +218,7 @@ class LightCamera:
     device: Literal["camera"] = "camera"
     height: Height  # [m] of the camera above the floor
     range: Distance  # [m] of lights that are seen
-    highest: Distance = 1000.0  # [m] lights higher than this are out of its view
+    highest: Distance = 1000.0  # [m] above which a light is out of its view
     occlusion: bool = False  # whether robots, obstacles and walls hide lights
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
 
@@ -226,7 +228,7 @@ class Lidar:
     """A turning distance sensor, on a head that other lidars see."""
 
     beams: Annotated[int, Range(8, 10_000)] = 719  # readings of a turn
-    first_angle: float = -math.pi  # [rad] of the first beam; the others follow counter-clockwise
+    first_angle: Angle = -math.pi  # [rad] of the first beam; the others follow counter-clockwise
     height: Height  # [m] of the beams above the floor; what is lower is not in their way
     ring_radius: Annotated[float, Range(0.0, 10.0)] = 0.0  # [m] from where distances count
     head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] of what other lidars see; 0: they see nothing
@@ -275,7 +277,7 @@ class Leds:
 class Physics:
     """How finely the motion is computed."""
 
-    time_step: Annotated[float, Range(0.0, 0.1, exclusive_low=True)] = 0.01  # [s] at most; cycles are divided evenly
+    time_step: Annotated[float, Range(1e-4, 0.1)] = 0.01  # [s] at most; cycles are divided evenly
     solver_iterations: Annotated[int, Range(1, 1000)] = 10  # of Chipmunk, in each step
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] of overlap that Chipmunk does not push apart
     wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] in walls, when a cycle ends; null: any
@@ -308,7 +310,7 @@ class RobotModel:
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
-    vary: Mapping[str, tuple[float, float]] | None = None  # bounds of the value of each key, drawn for each instance
+    vary: Mapping[str, tuple[Bound, Bound]] | None = None  # bounds of the value of each key, drawn for each instance
 
     def __post_init__(self) -> None:
         for key, (low, high) in (self.vary or {}).items():

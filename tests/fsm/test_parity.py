@@ -20,9 +20,8 @@ from mercator_design.fsm.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.fsm.reference import NonNegative, Readings, ReferenceModel
 from mercator_design.jit import compiled
-from mercator_design.schema import NonNegative
 from mercator_design.sim.world import program_arrays
 from tests.fsm.strategies import pfsms, values
 

@@ -1,58 +1,87 @@
 """Random valid missions, robots and PFSMs: nothing crashes, gets lost, leaves the arena, or moves by itself."""
 
-import dataclasses
 import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.loading import FieldError
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
-from mercator_design.missions.floor import Disc, Floor, Rectangle, Tiles
+from mercator_design.missions.floor import (
+    COLOURS,
+    Disc,
+    Dynamics,
+    Floor,
+    HalfPlane,
+    Image,
+    PolygonZone,
+    Rectangle,
+    Ring,
+    Tiles,
+)
 from mercator_design.missions.mission import Mission, Objective
-from mercator_design.missions.placement import DiscPlacement, FixedPlacement, RectanglePlacement
+from mercator_design.missions.placement import (
+    DiscPlacement,
+    DrawnPlacement,
+    FixedPlacement,
+    HalfPlaneLimit,
+    RectanglePlacement,
+)
 from mercator_design.race import Space
-from mercator_design.sim.robot_model import BoxBody, DiscBody, Drive, Gaussian, Physics, Uniform, load_robot_model
+from mercator_design.sim.robot_model import (
+    BoxBody,
+    DiscBody,
+    Drive,
+    Gaussian,
+    Lidar,
+    LidarNeighbours,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Physics,
+    Uniform,
+    load_robot_model,
+)
 from mercator_design.sim.simulate import Simulator
 
-ROBOTS = [
-    dataclasses.replace(load_robot_model(name), physics=Physics())  # some have the original's, which mends no overlaps
-    for name in ("mercator", "mercator", "epuck", "mercator-chocolate")
-]
+ROBOTS = [load_robot_model(name) for name in shipped.robot_models()]
 PFSMS = {flavour: Space.from_text(parameters_text(flavour), flavour) for flavour in FLAVOURS}
+PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")
 MANY = 100_000
 
 
 def check(seed):
     """One random experiment, and what must hold in each of its cycles; returns how close it came to the limits."""
     draw = np.random.default_rng(seed)
-    while True:
-        try:
-            simulator = Simulator(random_mission(draw), random_robot(draw))
-            pfsm = random_pfsm(draw, simulator.robot_model)
-            outcome = simulator.run(pfsm, seed)
-            break
-        except (FieldError, MissionError):  # walls that cross, no room for the robots, and so on
-            continue
-    trace, mission, body = outcome.trace, simulator.mission, simulator.robot_model.body
+    simulator = random_simulator(draw, seed)
+    pfsm = random_pfsm(draw, simulator.robot_model)
+    outcome = simulator.run(pfsm, seed)
+    trace, mission, model = outcome.trace, simulator.mission, outcome.recording.robot_model
     assert math.isfinite(outcome.score)
     assert np.isfinite(trace.poses).all()
     if seed % 10 == 0:
-        assert np.array_equal(trace.poses, simulator.run(pfsm, seed, referee=True).trace.poses)
+        referee = simulator.run(pfsm, seed, referee=True)
+        assert np.array_equal(trace.poses, referee.trace.poses)
+        assert outcome.score == referee.score
     poses = trace.poses.reshape(-1, 3)
     assert mission.arena.contains(poses[:, :2]).all()
-    inside_walls = depth_in_walls(poses, body, mission.arena)
-    assert inside_walls < 0.003
-    step = mission.control_period / math.ceil(mission.control_period / simulator.robot_model.physics.time_step)
-    inside_robots = depth_in_robots(trace, body) / (2.0 * simulator.robot_model.fastest * step)
-    assert inside_robots < 1.0
-    speed = speed_share(trace, simulator.robot_model)
+    speed = speed_share(trace, model)
     assert speed < 2.0
+    if model.physics.wall_overlap is None:  # the original's, which mends no overlaps
+        return 0.0, 0.0, speed
+    inside_walls = depth_in_walls(poses, model.body, mission.arena)
+    assert inside_walls < 0.003
+    step = mission.control_period / math.ceil(mission.control_period / model.physics.time_step)
+    inside_robots = depth_in_robots(trace, model.body) / (2.0 * model.fastest * step)
+    assert inside_robots < 1.0
     return inside_walls, inside_robots, speed
 
 
@@ -133,126 +162,366 @@ def speed_share(trace, model):
     return float(fastest / (model.fastest * (1.0 + (noise.half_width if noise else 0.0))))
 
 
-def random_mission(draw):
-    walls = random_walls(draw)
+def random_simulator(draw, seed):
+    while True:
+        try:
+            robot = random_robot(draw)
+            simulator = Simulator(random_mission(draw, robot), robot)
+            simulator.instance(seed)
+        except (FieldError, MissionError):  # walls that cross, no room for the robots, and so on
+            continue
+        return simulator
+
+
+def random_mission(draw, robot):
+    walls = one_of(draw, WALLS)(draw, robot.body.corner / 0.2)  # the lengths there are for a Mercator
     reach = np.abs(walls.corners()).max()
-    room = Arena(walls=walls).area / 0.5  # more would seldom fit, and to find that out takes long
+    room = Arena(walls=walls).area / (12.0 * robot.body.corner**2)  # more seldom fit, and to find that out takes long
     robots = int(draw.integers(1, np.clip(room, 2, 13)))
-    boxes = tuple(
-        Box(center=point(draw, reach), size=pair(draw, 0.01, 0.5), angle=draw.uniform(-4, 4))
-        for _ in range(draw.integers(0, 5) * draw.integers(0, 2))
-    )
-    period = float(draw.choice([0.05, 0.1, 0.1, 0.1, 0.2]))
+    period = float(draw.choice([0.02, 0.05, 0.1, 0.1, 0.1, 0.2, 1 / 3]))
+    zones = "abcd"[: draw.integers(5)]
+    objectives = {name: make for name, make in OBJECTIVES.items() if robot.lidar or name != "seen_area"}
     return Mission(
         schema=1,
         name="random",
         robots=robots,
         duration=period * int(draw.integers(10, 50)),
         control_period=period,
-        arena=Arena(walls=walls, obstacles=boxes),
-        floor=Floor(
-            background=random_colour(draw), zones=tuple(random_zone(draw, reach) for _ in range(draw.integers(4)))
+        arena=Arena(
+            walls=walls,
+            wall_height=height(draw),
+            obstacles=several(draw, 4 * draw.integers(2), lambda: random_box(draw, reach)),
+            room=maybe(draw, lambda: RegularPolygon(sides=6, apothem=draw.uniform(1.7, 3) * reach)),
         ),
-        lights=tuple(random_light(draw, reach) for _ in range(draw.integers(3))),
+        floor=Floor(
+            background=colour(draw),
+            image=maybe(draw, lambda: Image(path=PICTURE, size=size(draw, 3 * reach), center=point(draw, reach))),
+            zones=tuple(one_of(draw, ZONES)(draw, reach, name) for name in zones),
+            dynamics=several(draw, 2 * bool(zones), lambda: random_call(draw, Dynamics, DYNAMICS, reach)),
+        ),
+        lights=several(draw, 3, lambda: random_light(draw, reach, robots)),
         placement=random_placement(draw, reach, robots),
-        objective=random_objective(draw),
+        objective=random_call(draw, Objective, objectives, reach, direction="maximise"),
     )
 
 
-def random_walls(draw):
-    kind = draw.integers(4)
-    if kind == 0:
-        return RegularPolygon(
-            sides=int(draw.choice([3, 4, 5, 6, 8, 12, 50])),
-            apothem=draw.uniform(0.5, 1.5),
-            rotation=draw.uniform(-4, 4),
-        )
-    if kind == 1:  # any polygon whose corners are all seen from the middle
-        n = int(draw.integers(3, 12))
-        angles, radii = np.sort(draw.uniform(0, 2 * math.pi, n)), draw.uniform(0.4, 1.8, n)
-        vertices = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
-    elif kind == 2:  # a room with a partition that begins at a wall
-        width, height, half = draw.uniform(0.4, 1.5), draw.uniform(0.4, 1.5), draw.uniform(0.011, 0.1)
-        end = draw.uniform(-0.9, 0.9) * height
-        vertices = [(-width, -height), (width, -height), (width, height), (half, height), (half, end), (-half, end)]
-        vertices += [(-half, height), (-width, height)]
-    else:  # a corridor in which a robot hardly turns
-        width, length, angle = draw.uniform(0.29, 0.6), draw.uniform(0.6, 3), draw.uniform(-4, 4)
-        vertices = corners_of(np.array([[0, 0, angle]]), length, width)[0]
-    return Polygon(vertices=tuple((float(x), float(y)) for x, y in vertices))
+def corridor(draw, unit):
+    """Walls between which a robot hardly turns."""
+    pose = np.array([[0.0, 0.0, angle(draw)]])
+    return polygon(corners_of(pose, unit * draw.uniform(0.6, 3), unit * draw.uniform(0.29, 0.6))[0])
 
 
-def random_zone(draw, reach):
-    kind, colour = draw.integers(3), random_colour(draw)
-    if kind == 0:
-        return Disc(center=point(draw, reach), radius=draw.uniform(0.1, 0.6), color=colour)
-    if kind == 1:
-        return Rectangle(center=point(draw, reach), size=pair(draw, 0.1, 1), angle=draw.uniform(-4, 4), color=colour)
-    return Tiles(centers=(point(draw, reach), point(draw, reach)), size=0.3, colors={"black": 1, "blue": 1})
+def partition(draw, unit):
+    """A room with a wall that begins at a wall."""
+    (width, top), half = pair(draw, 0.4 * unit, 1.5 * unit), draw.uniform(0.011, 0.1)
+    end = draw.uniform(-0.9, 0.9) * top
+    outer = [(-width, -top), (width, -top), (width, top)]
+    return polygon([*outer, (half, top), (half, end), (-half, end), (-half, top), (-width, top)])
 
 
-def random_light(draw, reach):
-    return Light(position=(*point(draw, 2 * reach), draw.uniform(0, 1)), intensity=draw.uniform(0, 5))
+def star(draw, most):
+    """Corners, all of which are seen from the middle."""
+    n = int(draw.integers(3, 12))
+    angles, radii = np.sort(draw.uniform(0, 2 * math.pi, n)), draw.uniform(0.2, 1, n) * most
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
+
+
+def polygon(corners, kind=Polygon, **more):
+    return kind(vertices=tuple((float(x), float(y)) for x, y in corners), **more)
+
+
+WALLS = (
+    corridor,
+    partition,
+    lambda draw, unit: polygon(star(draw, 2 * unit)),
+    lambda draw, unit: RegularPolygon(
+        sides=int(draw.choice([3, 4, 5, 6, 8, 12, 50])), apothem=unit * draw.uniform(0.5, 1.5), rotation=angle(draw)
+    ),
+)
+
+ZONES = (
+    lambda draw, reach, name: Disc(
+        center=point(draw, reach), radius=draw.uniform(0.1, 0.6) * reach, color=colour(draw), name=name
+    ),
+    lambda draw, reach, name: Ring(
+        center=point(draw, reach),
+        inner_radius=draw.uniform(0.01, 0.5) * reach,
+        radius=draw.uniform(0.5, 1) * reach,
+        color=colour(draw),
+        name=name,
+    ),
+    lambda draw, reach, name: Rectangle(
+        center=point(draw, reach), size=size(draw, reach), angle=angle(draw), color=colour(draw), name=name
+    ),
+    lambda draw, reach, name: HalfPlane(
+        point=point(draw, reach), normal=point(draw, reach), color=colour(draw), name=name
+    ),
+    lambda draw, reach, name: polygon(
+        star(draw, reach) + point(draw, 0.5 * reach), PolygonZone, color=colour(draw), name=name
+    ),
+    lambda draw, reach, name: Tiles(
+        centers=tuple(point(draw, reach) for _ in range(3)),
+        size=0.3 * reach,
+        colors={"black": 1, "blue": 2},
+        name=name,
+    ),
+)
+
+DYNAMICS = {
+    "schedule": lambda draw, reach: {
+        "zones": zones_of(draw, 1),
+        "times": tuple(np.cumsum(draw.uniform(0.1, 1, 3)).tolist()),
+        "colors": (colour(draw), colour(draw), colour(draw)),
+        "every": maybe(draw, lambda: draw.uniform(2, 4)),
+    },
+    "drawn_colors": lambda draw, reach: {
+        "zones": zones_of(draw, 1),
+        "colors": (colour(draw), colour(draw)),
+        "latest": draw.uniform(0, 3),
+    },
+    "visited": lambda draw, reach: {
+        "zones": zones_of(draw, 1),
+        "color": colour(draw),
+        "lasts": maybe(draw, lambda: draw.uniform(0.1, 2)),
+    },
+}
+
+OBJECTIVES = {
+    "cell_age": lambda draw, reach: {"side": 2 * reach, "cells": int(draw.integers(1, 40))},
+    "cells_visited": lambda draw, reach: {"side": reach, "cells": int(draw.integers(1, 40))},
+    "surface_and_perimeter": lambda draw, reach: {
+        "square_center": point(draw, reach),
+        "square_side": reach,
+        "circle_center": point(draw, reach),
+        "circle_radius": 0.3 * reach,
+    },
+    "surface_distance": lambda draw, reach: {"square_center": point(draw, reach), "square_side": reach},
+    "coverage_outside_zones": lambda draw, reach: {"zones": zones_of(draw, 1), "radius": reach},
+    "pair_distance": lambda draw, reach: {},
+    "nearest_distance": lambda draw, reach: {},
+    "path_length": lambda draw, reach: {},
+    "distance_to": lambda draw, reach: {"point": point(draw, reach)},
+    "network_area": lambda draw, reach: {"link": draw.uniform(0.1, 1) * reach, "sight": 0.25, "radius": 0.5},
+    "network_share": lambda draw, reach: {"zones": zones_of(draw, 1), "link": 0.5 * reach, "radius": 0.5},
+    "network_diameter": lambda draw, reach: {"link": draw.uniform(0.1, 1) * reach},
+    "robots_in_zone": lambda draw, reach: {"zones": zones_of(draw, 1), "when": when(draw), "share": True},
+    "robots_in_fullest_zone": lambda draw, reach: {"zones": zones_of(draw, 2), "when": when(draw)},
+    "robots_in_emptiest_zone": lambda draw, reach: {"zones": zones_of(draw, 2), "when": when(draw)},
+    "color_value": lambda draw, reach: {"values": {"black": 1.0, colour(draw): -2.0}, "when": when(draw)},
+    "zones_in_color": lambda draw, reach: {"zones": zones_of(draw, 1), "color": colour(draw), "when": when(draw)},
+    "trips": lambda draw, reach: {"sources": zones_of(draw, 1), "nests": zones_of(draw, 1)},
+    "gate_crossings": lambda draw, reach: {"width": reach, "center": point(draw, 0.5 * reach), "angle": angle(draw)},
+    "seen_area": lambda draw, reach: {"side": 2 * reach, "cells": 50, "every": int(draw.integers(5, 20))},
+    "stop_when_found": lambda draw, reach: {"zones": zones_of(draw, 1)},
+    "stop_when_told": lambda draw, reach: {"signal": "a", "color": colour(draw)},
+    "robots_where_told": lambda draw, reach: {"signal": "a", "places": {"black": "b", colour(draw): "a"}},
+}
+
+
+def random_call(draw, kind, table, reach, **more):
+    """A dynamic or an objective; of zones that are not on the floor, it is not valid."""
+    name = one_of(draw, tuple(table))
+    return kind(name=name, parameters=table[name](draw, reach), **more)
+
+
+def zones_of(draw, least):
+    return tuple(sorted(str(name) for name in draw.permutation(list("abc"))[: draw.integers(least, 3)]))
+
+
+def when(draw):
+    return one_of(draw, ("end", "always"))
+
+
+def random_box(draw, reach):
+    return Box(center=point(draw, reach), size=size(draw, 0.4 * reach), angle=angle(draw), height=height(draw))
+
+
+def random_light(draw, reach, robots):
+    return Light(
+        position=(*point(draw, 2 * reach), draw.uniform(0, 1)),
+        intensity=draw.uniform(0, 5) * draw.integers(2),
+        kind=one_of(draw, (None, "lamp", "beacon")),
+        seen_by=maybe(draw, lambda: (int(draw.integers(robots)),)),
+    )
+
+
+REGIONS = (
+    lambda draw, reach, **more: DiscPlacement(
+        center=point(draw, 0.5 * reach), radius=draw.uniform(0.2, 1) * reach, **more
+    ),
+    lambda draw, reach, **more: DiscPlacement(
+        inner_radius=draw.uniform(0, 0.3) * reach, radius=reach, uniform_in="radius", **more
+    ),
+    lambda draw, reach, **more: RectanglePlacement(center=point(draw, 0.5 * reach), size=size(draw, 2 * reach), **more),
+)
 
 
 def random_placement(draw, reach, robots):
-    heading = float(draw.uniform(-4, 4)) if draw.random() < 0.3 else "uniform"
-    kind = draw.integers(3)
-    if kind == 0:
-        return DiscPlacement(center=point(draw, 0.5 * reach), radius=draw.uniform(0.2, 1) * reach, heading=heading)
-    if kind == 1:
-        return RectanglePlacement(center=point(draw, 0.5 * reach), size=pair(draw, 0.1, 2 * reach), heading=heading)
     cells = draw.permutation(100)[:robots]
-    poses = np.column_stack([0.45 * (cells % 10 - 4.5), 0.45 * (cells // 10 - 4.5), draw.uniform(-4, 4, robots)])
-    return FixedPlacement(poses=tuple(tuple(pose) for pose in poses.tolist()))
-
-
-def random_objective(draw):
-    return [
-        Objective(name="cell_age", direction="minimise", parameters={"side": 2.5, "cells": 10}),
-        Objective(name="color_value", direction="maximise", parameters={"values": {"black": 1.0, "white": -1.0}}),
-    ][draw.integers(2)]
+    poses = np.column_stack([cells % 10 - 4.5, cells // 10 - 4.5, draw.uniform(-4, 4, robots)]) * [
+        0.3 * reach,
+        0.3 * reach,
+        1,
+    ]
+    poses = tuple(map(tuple, poses.tolist()))
+    if draw.random() < 0.25:
+        return FixedPlacement(poses=poses)
+    more = {
+        "heading": one_of(draw, ("uniform", "uniform", angle(draw))),
+        "half_plane": maybe(draw, lambda: HalfPlaneLimit(point=point(draw, 0.5 * reach), normal=point(draw, 1))),
+        "waiting": one_of(draw, ((), poses)),
+    }
+    if draw.random() < 0.33:
+        regions = (one_of(draw, REGIONS)(draw, reach) for _ in range(draw.integers(1, 4)))
+        return DrawnPlacement(regions=tuple(regions), **more)
+    return one_of(draw, REGIONS)(draw, reach, **more)
 
 
 def random_pfsm(draw, model):
-    flavour = "watermelon" if model.light is None else "chocolate"
+    flavour = "watermelon" if model.light is None else one_of(draw, FLAVOURS)
     configuration = PFSMS[flavour].build(lambda parameter, bounds: parameter.quantile(draw.random(), bounds))
     return to_pfsm(configuration, flavour)
 
 
 def random_robot(draw):
-    """A shipped robot, in every second mission with another body and drive; in every third it is blind, and pushes."""
-    model = ROBOTS[draw.integers(len(ROBOTS))]
-    if draw.random() < 0.5:
-        length, width = pair(draw, 0.1, 0.4)
-        common = {"mass": draw.uniform(0.5, 5), "friction": draw.random(), "elasticity": 0.5 * draw.random()}
-        box = draw.random() < 0.7
-        body = BoxBody(length=length, width=width, **common) if box else DiscBody(radius=0.5 * width, **common)
-        drive = Drive(
+    """A shipped robot, each part of which is perhaps another."""
+    model = one_of(draw, ROBOTS)
+    for change in CHANGES:
+        if draw.random() < 0.3:
+            model = replace(model, **change(draw, model))
+    return model
+
+
+def another_body(draw, model):
+    length, width = pair(draw, 0.1, 0.4)
+    common = {"mass": draw.uniform(0.5, 5), "friction": draw.random(), "elasticity": 0.5 * draw.random()}
+    common["height"] = height(draw)
+    box = draw.random() < 0.7
+    return {
+        "body": BoxBody(length=length, width=width, **common) if box else DiscBody(radius=0.5 * width, **common),
+        "drive": Drive(
             tread_distance=draw.uniform(0.5, 1) * width,
             maximum_speed=draw.uniform(0.05, 0.5),
             force=draw.uniform(0.5, 10),
             torque=draw.uniform(0.5, 10),
-            noise=random_noise(draw, 0.1),
-        )
-        proximity = dataclasses.replace(model.proximity, noise=random_noise(draw, 0.1))
-        ground = dataclasses.replace(model.ground, noise=random_noise(draw, 20))
-        physics = Physics(time_step=draw.uniform(0.005, 0.02), solver_iterations=int(draw.integers(5, 20)))
-        model = dataclasses.replace(model, body=body, drive=drive, proximity=proximity, ground=ground, physics=physics)
-    if draw.random() < 0.33:
-        constants = model.reference_model._replace(obstacle_threshold=2.0)
-        model = dataclasses.replace(model, reference_model=constants)
-    return model
+            noise=noise(draw, 0.1),
+        ),
+        "vary": None,  # not every noise has what it names
+    }
 
 
-def random_noise(draw, most):
-    if draw.random() < 0.5:
-        return None
-    return Gaussian(sd=most * draw.random()) if draw.random() < 0.5 else Uniform(half_width=most * draw.random())
+def physics(draw, _model):
+    step, iterations = draw.uniform(0.002, 0.02), int(draw.integers(5, 20))
+    rounding = one_of(draw, (0.0, draw.uniform(0.0, 0.004)))
+    return {"physics": Physics(time_step=step, solver_iterations=iterations, corner_radius=rounding)}
 
 
-def random_colour(draw):
-    return str(draw.choice(["black", "white", "gray", "red", "green", "blue"]))
+def neighbours_by_lidar(draw, _model):
+    lidar = Lidar(
+        beams=int(draw.integers(8, 720)),
+        first_angle=angle(draw),
+        height=height(draw),
+        ring_radius=draw.uniform(0, 0.05),
+        head_radius=one_of(draw, (0.0, 0.035)),
+        noise=noise(draw, 0.02),
+    )
+    return {"neighbours": LidarNeighbours(), "lidar": lidar, "vary": None}
+
+
+def camera(draw, _model):
+    device = Neighbours(
+        range=draw.uniform(0, 3), occlusion=bool(draw.integers(2)), loss=draw.random(), noise=noise(draw, 1)
+    )
+    return {"neighbours": device, "vary": None}
+
+
+def light(draw, _model):
+    common = {
+        "height": height(draw),
+        "range": draw.uniform(0, 5),
+        "occlusion": bool(draw.integers(2)),
+        "noise": noise(draw, 1),
+    }
+    ring = LightRing(angles=tuple(draw.uniform(-4, 4, draw.integers(1, 9)).tolist()), **common)
+    return {"light": one_of(draw, (None, ring, LightCamera(**common)))}
+
+
+def constants(draw, model):
+    """Another reference model; in every third such robot it is blind, and pushes."""
+    several = model.reference_model._replace(
+        obstacle_threshold=one_of(draw, (0.1, 0.1, 2.0)),
+        neighbour_memory=float(draw.integers(10)),
+        neighbour_repeats=float(draw.integers(2)),
+        neighbour_count_memory=float(draw.integers(10)),
+        neighbour_obstacle_range=draw.uniform(0, 1) * draw.integers(2),
+        neighbour_gap=draw.uniform(0, 0.3),
+        cluster_points=float(draw.integers(8)),
+        ground_vote_cycles=float(draw.integers(7)),
+        ground_majority=float(draw.integers(10)),
+        strength_step=float(draw.integers(2)),
+        weakest_pull=draw.uniform(0.01, 0.5),
+        light_threshold=draw.random(),
+    )
+    return {"reference_model": several}
+
+
+def ground(draw, model):
+    positions = tuple(point(draw, 0.1) for _ in range(draw.integers(1, 5)))
+    return {
+        "ground": replace(model.ground, positions=positions, gray=bool(draw.integers(2)), noise=noise(draw, 20)),
+        "vary": None,
+    }
+
+
+def proximity(draw, model):
+    return {"proximity": replace(model.proximity, noise=noise(draw, 0.1), weight_noise=noise(draw, 0.5)), "vary": None}
+
+
+def vary(draw, model):
+    values = {
+        "body.mass": model.body.mass,
+        "body.friction": model.body.friction,
+        "drive.maximum_speed": model.drive.maximum_speed,
+        "drive.tread_distance": model.drive.tread_distance,
+        "reference_model.neighbour_range": model.reference_model.neighbour_range,
+    }
+    return {
+        "vary": {key: (draw.uniform(0.7, 1) * value, draw.uniform(1, 1.3) * value) for key, value in values.items()}
+    }
+
+
+CHANGES = (
+    another_body,
+    physics,
+    camera,
+    neighbours_by_lidar,
+    light,
+    constants,
+    ground,
+    proximity,
+    vary,
+)
+
+
+def noise(draw, most):
+    return one_of(draw, (None, Gaussian(sd=most * draw.random()), Uniform(half_width=most * draw.random())))
+
+
+def colour(draw):
+    return one_of(draw, (*COLOURS, (10, 200, 100)))
+
+
+def height(draw):
+    """[m] Lower and higher than robots, their sensors and walls are by default."""
+    return draw.uniform(0.01, 0.3)
+
+
+def angle(draw):
+    return draw.uniform(-4, 4)
+
+
+def size(draw, most):
+    return pair(draw, 0.01, most)
 
 
 def point(draw, reach):
@@ -261,3 +530,15 @@ def point(draw, reach):
 
 def pair(draw, low, high):
     return float(draw.uniform(low, high)), float(draw.uniform(low, high))
+
+
+def one_of(draw, table):
+    return table[draw.integers(len(table))]
+
+
+def maybe(draw, make):
+    return make() if draw.random() < 0.3 else None
+
+
+def several(draw, most, make):
+    return tuple(make() for _ in range(draw.integers(most + 1)))

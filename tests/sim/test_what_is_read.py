@@ -40,7 +40,7 @@ def calls(monkeypatch):
 def run(model, fsm, **given):
     scale = 0.3 if model is EPUCK else 1.0
     placement = f"{{shape: disc, radius: {scale}}}"
-    light = lights((0.5, 0.5, 0.5, 3.0))
+    light = lights((0.5, 0.5, 0.2, 3.0))
     world = simulator(
         robots=3, duration=1, apothem=2.0 * scale, robot_model=model, placement=placement, overrides=[light]
     )

@@ -12,6 +12,9 @@ from mercator_design.missions.plugins import Site, Zones, dynamic
 
 Time = Annotated[float, Range(0.0, 86_400.0)]
 
+_MOST_CHANGES = 10_000
+"""All are looked through in every cycle."""
+
 _EARLY = 1e-6
 """[s] Times are whole numbers of control periods but for rounding."""
 
@@ -43,12 +46,12 @@ def schedule(
         raise FieldError("times", "expected each later than the one before")
     if every is not None and every <= times[-1] - times[0]:
         raise FieldError("every", f"expected more than the {times[-1] - times[0]:g} s from the first time to the last")
+    rows = site.of(zones)
+    if len(times) * len(rows) > _MOST_CHANGES:
+        found = f"{len(times)} of {len(rows)} zones and tiles"
+        raise FieldError("times", f"expected at most {_MOST_CHANGES} changes, found {found}")
     again = math.inf if every is None else every
-    return [
-        (time, again, float(row), *rgb(colour))
-        for time, colour in zip(times, colors, strict=True)
-        for row in site.of(zones)
-    ]
+    return [(time, again, float(row), *rgb(colour)) for time, colour in zip(times, colors, strict=True) for row in rows]
 
 
 @dynamic(change=repaint)

@@ -4,10 +4,13 @@ Of several largest groups that one counts which is best: the original takes the 
 robots matters. Areas are measured on fixed grids of points; the original samples random ones.
 """
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.jit import compiled, jittable
+from mercator_design.loading import Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains
@@ -15,6 +18,7 @@ from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
 
 Numbers = NDArray[np.int64]
+Radius = Annotated[float, Range(0.01, 10.0)]
 
 _FINE = 0.01
 _COARSE = 0.03
@@ -22,7 +26,7 @@ _COARSE = 0.03
 
 
 @objective
-def network_area(trace: Trace, *, link: Size = 0.35, sight: Size = 0.25, radius: Size = 1.2) -> float:
+def network_area(trace: Trace, *, link: Size = 0.35, sight: Size = 0.25, radius: Radius = 1.2) -> float:
     """LCN of Chocolate: the area [m2] that the largest group sees at the end, `radius` from the origin at most.
 
     Of points 1 cm apart; error about 0.002 m2 for 20 robots. (The original's box of points begins at the origin even
@@ -36,7 +40,7 @@ def network_area(trace: Trace, *, link: Size = 0.35, sight: Size = 0.25, radius:
 
 
 @objective
-def network_share(trace: Trace, *, zones: Zones, link: Size = 0.3, sight: Size = 0.3, radius: Size = 1.2) -> float:
+def network_share(trace: Trace, *, zones: Zones, link: Size = 0.3, sight: Size = 0.3, radius: Radius = 1.2) -> float:
     """LCF of Mate: the share of zones that robots in them see which are of the largest group, summed over cycles.
 
     Only points nearer than `radius` to the origin count, of a grid of 3 cm; error of a cycle's share about 0.5 %.

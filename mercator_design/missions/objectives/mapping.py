@@ -6,11 +6,15 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.loading import Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace
+
+_FINEST = 0.001
+"""[m] of a cell's side: finer ones take minutes to count."""
 
 _STEP = 0.5
 """Of a walk along a beam, in cells: none of those it crosses the middle of is left out."""
@@ -20,7 +24,7 @@ _STEP = 0.5
 def seen_area(
     trace: Trace,
     *,
-    side: Size,
+    side: Annotated[float, Range(0.01, 1000.0)],
     cells: Annotated[int, Range(1, 2000)],
     reach: Size = 12.0,
     every: Annotated[int, Range(1, 1000)] = 10,
@@ -30,6 +34,8 @@ def seen_area(
     It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, in every so many-th
     cycle from the first on. A beam that meets nothing says nothing of what lies before it, as for the real device.
     """
+    if side / cells < _FINEST:
+        raise MissionError(f"objective seen_area: expected cells of at least {_FINEST:g} m, found {side / cells:g} m")
     seen = np.zeros((cells, cells), dtype=np.bool_)
     points = trace.measure("lidar_points", every)
     compiled(_mark_seen)(np.ascontiguousarray(trace.positions[::every]), points, side, reach, seen)

@@ -77,8 +77,8 @@ class RectanglePlacement:
     center: Point = (0.0, 0.0)  # [m] x, y
     size: tuple[Size, Size]  # [m] along x and y
     heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
-    half_plane: HalfPlaneLimit | None = None
-    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
+    half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
     def points(self, u: Array) -> Array:
         """As in `DiscPlacement`."""
@@ -99,8 +99,8 @@ class DrawnPlacement:
     shape: Literal["one_of"] = "one_of"
     regions: Annotated[tuple[DiscPlacement | RectanglePlacement, ...], Length(1, 100)]  # one is drawn for each robot
     heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
-    half_plane: HalfPlaneLimit | None = None
-    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()
+    half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
+    waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
     def __post_init__(self) -> None:
         for index, region in enumerate(self.regions):

@@ -1,4 +1,4 @@
-"""From a mission and a robot model to the `Scene` that the kernels run on."""
+"""What is equal in all instances of a mission, as numbers for the kernels: the `Scene`; starts are world.py's."""
 
 import math
 from collections.abc import Sequence

@@ -174,7 +174,7 @@ def random_simulator(draw, seed):
 
 
 def random_mission(draw, robot):
-    walls = one_of(draw, WALLS)(draw, robot.body.corner / 0.2)  # the lengths there are for a Mercator
+    walls = one_of(draw, WALLS)(draw, robot.body.corner * draw.uniform(5, 9))  # 5: lengths are a Mercator's
     reach = np.abs(walls.corners()).max()
     room = Arena(walls=walls).area / (12.0 * robot.body.corner**2)  # more seldom fit, and to find that out takes long
     robots = int(draw.integers(1, np.clip(room, 2, 13)))
@@ -357,12 +357,9 @@ REGIONS = (
 
 
 def random_placement(draw, reach, robots):
-    cells = draw.permutation(100)[:robots]
-    poses = np.column_stack([cells % 10 - 4.5, cells // 10 - 4.5, draw.uniform(-4, 4, robots)]) * [
-        0.3 * reach,
-        0.3 * reach,
-        1,
-    ]
+    cells = draw.permutation(16)[:robots]
+    places = 0.35 * reach * np.column_stack([cells % 4 - 1.5, cells // 4 - 1.5])
+    poses = np.column_stack([places, draw.uniform(-4, 4, robots)])
     poses = tuple(map(tuple, poses.tolist()))
     if draw.random() < 0.25:
         return FixedPlacement(poses=poses)
@@ -447,9 +444,7 @@ def light(draw, _model):
 
 
 def constants(draw, model):
-    """Another reference model; in every third such robot it is blind, and pushes."""
-    several = model.reference_model._replace(
-        obstacle_threshold=one_of(draw, (0.1, 0.1, 2.0)),
+    changed = model.reference_model._replace(
         neighbour_memory=float(draw.integers(10)),
         neighbour_repeats=float(draw.integers(2)),
         neighbour_count_memory=float(draw.integers(10)),
@@ -462,7 +457,12 @@ def constants(draw, model):
         weakest_pull=draw.uniform(0.01, 0.5),
         light_threshold=draw.random(),
     )
-    return {"reference_model": several}
+    return {"reference_model": changed}
+
+
+def blind(_draw, model):
+    """It never turns away from obstacles, but pushes."""
+    return {"reference_model": model.reference_model._replace(obstacle_threshold=2.0)}
 
 
 def ground(draw, model):
@@ -497,6 +497,7 @@ CHANGES = (
     neighbours_by_lidar,
     light,
     constants,
+    blind,
     ground,
     proximity,
     vary,

@@ -79,8 +79,8 @@ def check(seed):
         return 0.0, 0.0, speed
     inside_walls = depth_in_walls(poses, model.body, mission.arena)
     assert inside_walls < 0.003
-    step = mission.control_period / math.ceil(mission.control_period / model.physics.time_step)
-    inside_robots = depth_in_robots(trace, model.body) / (2.0 * model.fastest * step)
+    # In a crowd that is squeezed robots reach into each other, but do not come to the other side.
+    inside_robots = depth_in_robots(trace, model.body) / min(model.body.half_size)
     assert inside_robots < 1.0
     return inside_walls, inside_robots, speed
 
@@ -89,7 +89,8 @@ def test_random_missions():
     with ThreadPoolExecutor(2) as pool:
         inside_walls, inside_robots, speed = np.max(list(pool.map(check, range(200))), axis=0)
     assert inside_walls > 0.0019  # they did push
-    assert min(inside_robots, speed) > 0.2
+    assert inside_robots > 0.02
+    assert speed > 0.2
 
 
 @pytest.mark.slow

@@ -111,10 +111,10 @@ def sense_and_control(
     records = len(history.readings) > 0
     read = 0
     for state in range(len(program.reads)):
-        read |= program.reads[state]
+        read |= _needed(model, program.reads[state])
     always = EVERYTHING if records else read & _remembered(model)
     for i in range(len(swarm.poses)):
-        senses = program.reads[int(swarm.memory[i, STATE])] | always
+        senses = _needed(model, program.reads[int(swarm.memory[i, STATE])]) | always
         readings = sense(scene, model, swarm, cycle, i, senses)
         for k in range(DRAWS):
             swarm.draws[k] = uniform(swarm.control_keys[i], cycle * DRAWS + k)
@@ -133,6 +133,14 @@ def sense_and_control(
             for side in range(2):
                 history.wheels[cycle, i, side] = wheels[side]
                 history.commands[cycle, i, side] = swarm.commands[i, side]
+
+
+@jittable
+def _needed(model: ReferenceModel, read: int) -> int:
+    """The senses that what is read is made of: neighbours may weigh on the proximity vector."""
+    if model.neighbour_obstacle_range > 0.0 and read & PROXIMITY:
+        return read | NEIGHBOURS
+    return read
 
 
 @jittable

@@ -68,7 +68,7 @@ def check(seed):
     assert math.isfinite(outcome.score)
     assert np.isfinite(trace.poses).all()
     if seed % 10 == 0:
-        referee = simulator.run(pfsm, seed, referee=True)
+        referee = simulator.run(pfsm, seed, referee=True, record=True)
         assert np.array_equal(trace.poses, referee.trace.poses)
         assert outcome.score == referee.score
     poses = trace.poses.reshape(-1, 3)

@@ -106,3 +106,16 @@ def test_occlusion_is_looked_at_only_for_what_may_be_seen(calls, loss):
     run(model, "--nstates 1 --s0 4 --att0 3")
     assert (calls["is_hidden"] > 0) == (loss == 0.0)
     assert calls["cast"] == ALL
+
+
+def test_neighbours_that_are_obstacles_are_sensed_with_the_obstacles():
+    """A recorded experiment senses everything; the other only what exploration reads, and must go the same way."""
+    model = load_robot_model("mercator")
+    reference = model.reference_model._replace(neighbour_obstacle_range=0.55)
+    model = dataclasses.replace(model, reference_model=reference)
+    explore = parse("--nstates 1 --s0 0 --rwm0 20")
+    world = simulator(robots=5, duration=20, robot_model=model)
+    recorded = world.run(explore, 1, record=True).trace.poses
+    assert np.array_equal(world.run(explore, 1).trace.poses, recorded)
+    without = simulator(robots=5, duration=20).run(explore, 1).trace.poses
+    assert not np.array_equal(without, recorded)

@@ -61,9 +61,9 @@ def mark_close(
     """Mark the robots that could touch something in this cycle.
 
     A robot by itself gets no farther than its present or its target speed takes it, whichever is higher. One that
-    could touch something could also be pushed, at most as fast as the fastest corner of any robot moves (contacts give
-    no velocity that they did not take); so those near it are marked in turn. Robots at rest do nothing to each other,
-    nor to walls.
+    could touch something could also be pushed, as a rule no faster than the fastest corner of any robot moves; so those
+    near it are marked in turn. (One that is pushed faster may overlap an unmarked robot for the rest of the cycle; in
+    the next both are marked.) Robots at rest do nothing to each other, nor to walls.
 
     Args:
         scene: The arena and the robots' body.

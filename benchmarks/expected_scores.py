@@ -2,19 +2,21 @@
 
 python benchmarks/expected_scores.py               of the missions that have nothing yet
 python benchmarks/expected_scores.py NAME ...      of some missions, anew
-python benchmarks/expected_scores.py --all         of all, anew (some minutes)
+python benchmarks/expected_scores.py --all         of all, anew (seven minutes on two cores)
 
-Two things of each of three FSMs. `scores`: those of the seeds 1 to RUNS, one by one, which tell a spot that is a little
-larger or a wall that is missing. Rounding is not the same on every machine, and an experiment in which robots follow each
-other magnifies it until nothing is as it was; null stands for those whose score is another one if the robots' treads are
-a part in 10^9 farther apart. That is 10^6 times more than rounding, so the others are the same anywhere.
-`low` and `high`: the band in which the mean of RUNS experiments lies but for a chance of 1e-9 on either side, by
-Chernoff's bound on the distribution of REFERENCE other experiments (with one score more beyond either end, by a standard
-deviation), and six standard errors of the reference's own mean wider: about 7 standard errors to either side. With fewer
-than 400 bands the chance that any fails by luck is below 1e-6.
+Two things of each of three FSMs:
 
-A change of the simulator that rounds otherwise must leave all scores and bands as they are; one that draws or moves
-otherwise may change scores, and stays in the bands if experiments go as before. Only then make the file anew.
+* `scores`: those of the seeds 1 to RUNS, one by one, which tell a spot that is a bit larger or a wall that is missing.
+  Rounding differs between machines, and robots that follow each other magnify it until nothing is as it was: null
+  stands for the scores that are others if the robots' treads are a part in 10^9 farther apart. That is a million times
+  what rounding amounts to, so the rest is the same everywhere.
+* `low` and `high`: the band in which the mean of RUNS experiments lies but for a chance of 1e-9 on either side, by
+  Chernoff's bound on the distribution of REFERENCE other experiments (with one score more beyond either end, by a
+  standard deviation), and six standard errors of the reference's own mean wider: about 7 standard errors to either
+  side. With fewer than 400 bands the chance that any fails by luck is below 1e-6.
+
+A change of the simulator that only rounds otherwise leaves all of them as they are. One that draws or moves otherwise
+changes scores, but the means must stay in their bands; only then make the file anew.
 """
 
 import json
@@ -42,14 +44,15 @@ SAME = 1e-6  # of a score, or of 1 if it is less
 SHORT = 30  # [s] an experiment of many robots
 
 WATERMELON = {
-    "explore": "--nstates 1 --s0 0 --rwm0 5",
+    "explore, more on white": "--nstates 2 --s0 0 --rwm0 5 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0.5 --s1 0 --rwm1 50 "
+    "--n1 1 --n1x0 0 --c1x0 1 --p1x0 0.2",
     "stop on black": "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1",
     "explore, gather, leave": "--nstates 3 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 3 --p0x0 1 --w0x0 5 --s1 2 --att1 4 "
     "--n1 2 --n1x0 1 --c1x0 5 --p1x0 0.02 --n1x1 1 --c1x1 0 --p1x1 0.05 --s2 3 --rep2 5 --n2 1 --n2x0 0 --c2x0 5 "
     "--p2x0 0.02",
 }
 CHOCOLATE = {
-    "explore": WATERMELON["explore"],
+    "explore, more on white": WATERMELON["explore, more on white"],
     "stop on black": WATERMELON["stop on black"],
     "to the light, gather, leave": "--nstates 4 --s0 2 --n0 2 --n0x0 0 --c0x0 3 --p0x0 2 --w0x0 4 --n0x1 2 --c0x1 2 "
     "--p0x1 0.5 --s1 4 --att1 4 --n1 2 --n1x0 1 --c1x0 5 --p1x0 0.02 --n1x1 2 --c1x1 0 --p1x1 0.2 --s2 5 --rep2 4 "
@@ -142,7 +145,9 @@ def main() -> None:
         for label, one in known[name].items():
             limits = f"{one['low']:.4g} .. {one['high']:.4g}"
             kept = RUNS - one["scores"].count(None)
-            print(f"{name:<26} {label:<28} {one['mean']:12.4g} sd {one['sd']:10.3g}  {limits:<24} {kept} of {RUNS} kept")
+            print(
+                f"{name:<26} {label:<28} {one['mean']:12.4g} sd {one['sd']:10.3g}  {limits:<24} {kept} of {RUNS} kept"
+            )
     lines = [f"{json.dumps(name)}: {json.dumps(known[name])}" for name in sorted(known) if name in names]
     text = ",\n".join(line.replace('}, "', '},\n  "') for line in lines)
     FILE.write_text(f'{{"how": "made by benchmarks/expected_scores.py; see there", "missions": {{\n{text}\n}}}}\n')

@@ -58,15 +58,15 @@ def run(simulator, text):
         (
             "directional_gate",  # all of it turned by 30 degrees about the centre
             [
-                "floor.zones[0].center=[-0.366665,0.635082]",
-                "floor.zones[0].angle=0.5235988",
-                "floor.zones[1].angle=0.5235988",
-                "objective.angle=-1.0471976",
-                "arena.obstacles[0]={center: [-0.258171, -0.052834], size: [0.045, 0.5], height: 0.07, angle: 0.5235988}",
-                "arena.obstacles[1]={center: [0.174841, 0.197166], size: [0.045, 0.5], height: 0.07, angle: 0.5235988}",
+                "floor.zones[0].center=[-0.36667,0.63508]",
+                "floor.zones[0].angle=0.5236",
+                "floor.zones[1].angle=0.5236",
+                "objective.angle=-1.0472",
+                "arena.obstacles[0]={center: [-0.25817, -0.05283], size: [0.045, 0.5], height: 0.07, angle: 0.5236}",
+                "arena.obstacles[1]={center: [0.17484, 0.19717], size: [0.045, 0.5], height: 0.07, angle: 0.5236}",
             ],
         ),
-        ("directional_gate", ["objective.angle=-1.0471976"]),
+        ("directional_gate", ["objective.angle=-1.0472"]),
         ("aggregation", ["floor.zones[0].radius=0.6"]),
         ("foraging", ["floor.zones[1].center=[-0.75,0.15]"]),
         ("shelter_behind", ["arena.obstacles[2].center=[1.1,0]"]),  # as good as gone

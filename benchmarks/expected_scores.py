@@ -2,7 +2,8 @@
 
 python benchmarks/expected_scores.py               of the missions that have nothing yet
 python benchmarks/expected_scores.py NAME ...      of some missions, anew
-python benchmarks/expected_scores.py --all         of all, anew (seven minutes on two cores)
+python benchmarks/expected_scores.py --all         of all, anew: five minutes on two idle cores; if it is stopped,
+                                                   what is missing is made without --all
 
 Two things of each of three FSMs:
 
@@ -25,6 +26,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -134,23 +136,28 @@ def _deviation(x: np.ndarray) -> float:
     return float(brentq(surplus, 0.0, x.max() * (1.0 - 1e-9))) if surplus(x.max() * (1.0 - 1e-9)) < 0.0 else x.max()
 
 
+def write(known: dict[str, dict[str, Any]]) -> None:
+    """The file, with a line for each FSM."""
+    lines = [f"{json.dumps(name)}: {json.dumps(known[name])}" for name in sorted(known)]
+    text = ",\n".join(line.replace('}, "', '},\n  "') for line in lines)
+    FILE.write_text(f'{{"how": "made by benchmarks/expected_scores.py; see there", "missions": {{\n{text}\n}}}}\n')
+
+
 def main() -> None:
-    known = json.loads(FILE.read_text())["missions"] if FILE.exists() else {}
     names = list(shipped.missions())
-    wanted = [name for name in names if "--all" in sys.argv or name in sys.argv[1:] or name not in known]
-    for name in wanted:
+    known = json.loads(FILE.read_text())["missions"] if FILE.exists() and "--all" not in sys.argv else {}
+    known = {name: entry for name, entry in known.items() if name in names}
+    for name in [name for name in names if name in sys.argv[1:] or name not in known]:
         runs = simulator(name)
         _, texts = fsms(runs.mission)
         known[name] = {label: expectation(runs, text) for label, text in texts.items()}
+        write(known)
         for label, one in known[name].items():
             limits = f"{one['low']:.4g} .. {one['high']:.4g}"
             kept = RUNS - one["scores"].count(None)
             print(
                 f"{name:<26} {label:<28} {one['mean']:12.4g} sd {one['sd']:10.3g}  {limits:<24} {kept} of {RUNS} kept"
             )
-    lines = [f"{json.dumps(name)}: {json.dumps(known[name])}" for name in sorted(known) if name in names]
-    text = ",\n".join(line.replace('}, "', '},\n  "') for line in lines)
-    FILE.write_text(f'{{"how": "made by benchmarks/expected_scores.py; see there", "missions": {{\n{text}\n}}}}\n')
 
 
 if __name__ == "__main__":

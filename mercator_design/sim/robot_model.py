@@ -30,6 +30,7 @@ Angle = Annotated[float, Range(-1000.0, 1000.0)]
 Bound = Annotated[float, Range(-1e9, 1e9)]
 Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
+Inertia = Annotated[float, Range(1e-9, 1e6)]
 Friction = Annotated[float, Range(0.0, 10.0)]
 
 
@@ -63,13 +64,14 @@ class BoxBody:
     width: Extent  # [m] across the heading
     height: Height = 0.114  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
+    inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
     friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
-    def inertia(self) -> float:
-        """Moment of inertia [kg m2]."""
-        return self.mass * (self.length**2 + self.width**2) / 12.0
+    def moment_of_inertia(self) -> float:
+        """About the vertical axis [kg m2]."""
+        return self.mass * (self.length**2 + self.width**2) / 12.0 if self.inertia is None else self.inertia
 
     @property
     def corner(self) -> float:
@@ -104,13 +106,14 @@ class DiscBody:
     radius: Extent  # [m] of the body
     height: Height = 0.1  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
+    inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
     friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
-    def inertia(self) -> float:
-        """Moment of inertia [kg m2]."""
-        return 0.5 * self.mass * self.radius**2
+    def moment_of_inertia(self) -> float:
+        """About the vertical axis [kg m2]."""
+        return 0.5 * self.mass * self.radius**2 if self.inertia is None else self.inertia
 
     @property
     def corner(self) -> float:

@@ -44,7 +44,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         tread_distance=model.drive.tread_distance,
         maximum_speed=model.drive.maximum_speed,
         mass=model.body.mass,
-        inertia=model.body.inertia,
+        inertia=model.body.moment_of_inertia,
         force=model.drive.force,
         torque=model.drive.torque,
         wheel_noise=noise_row(model.drive.noise),

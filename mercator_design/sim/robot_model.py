@@ -182,8 +182,7 @@ class Neighbours:
     """How robots perceive each other: by a camera or radio, which tells where each robot is."""
 
     device: Literal["camera"] = "camera"
-    # By default, 0.154 m * tan(89.35 deg): the camera of argos3-rvr, from its height.
-    range: Distance = 13.57  # [m] that the device reaches; what counts as near is in the reference model
+    range: Distance | None = None  # [m] that the device reaches, where that is less than counts as near; null: all
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
@@ -339,6 +338,11 @@ class RobotModel:
         for key, (low, high) in (self.vary or {}).items():
             model = _replaced(model, key.split("."), float(random.uniform(low, high)))
         return model
+
+    @property
+    def sees_colours(self) -> bool:
+        """Whether it perceives the ground in colours, not only how bright it is."""
+        return self.ground is not None and not self.ground.gray and self.reference_model.ground_vote_cycles == 0.0
 
     @property
     def senses(self) -> frozenset[str]:

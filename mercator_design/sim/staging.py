@@ -117,7 +117,7 @@ def _neighbours(model: RobotModel) -> scene.Neighbours:
         return scene.Neighbours(by_lidar=by_lidar, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
     return scene.Neighbours(
         by_lidar=False,
-        range=device.range,
+        range=math.inf if device.range is None else device.range,
         occlusion=device.occlusion,
         loss=device.loss,
         noise=noise_row(device.noise),

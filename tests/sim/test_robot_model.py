@@ -42,7 +42,9 @@ def test_inertia_is_the_bodys_unless_the_model_says_another():
 def test_inertia_must_be_positive(tmp_path, value):
     file = tmp_path / "model.yaml"
     file.write_text(f"schema: 1\nbase: mercator\nbody: {{inertia: {value}}}\n")
-    with pytest.raises(MissionError, match=rf"model.yaml:3: body.inertia: expected a number >= 1e-09.*found \"{value}\""):
+    with pytest.raises(
+        MissionError, match=rf"model.yaml:3: body.inertia: expected a number >= 1e-09.*found \"{value}\""
+    ):
         load_robot_model(str(file))
 
 

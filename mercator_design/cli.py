@@ -363,8 +363,7 @@ def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     from mercator_design.report.missions import missions_json, missions_table
 
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    click.echo(missions_json() if as_json else missions_table(width))
+    click.echo(missions_json() if as_json else missions_table(_terminal_width()))
 
 
 @missions.command()
@@ -396,12 +395,9 @@ def robots() -> None:
 @robots.command("list")
 def list_robots() -> None:
     """List the shipped robot models."""
-    from mercator_design import shipped
-    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.report.missions import robot_models_table
 
-    names = list(shipped.robot_models())
-    for name in names:
-        click.echo(f"{name:<{max(map(len, names))}}  {load_robot_model(name).description}")
+    click.echo(robot_models_table(_terminal_width()))
 
 
 @robots.command("show")
@@ -412,6 +408,11 @@ def show_robot(name: str) -> None:
 
     path = shipped.find(name, shipped.robot_models(), "robot model")
     click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+
+
+def _terminal_width() -> int | None:
+    """Characters in a line of the terminal that stdout is; None if it is no terminal."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:

@@ -408,10 +408,22 @@ class TestMissions:
             "3", "120", "s", "minimise", "cell_age",
         ]  # fmt: skip
 
-    def test_lines_are_cut_to_a_terminal(self):
-        lines = missions_table(60).splitlines()
-        assert {len(line) for line in lines[1:]} == {60}
-        assert all(line.endswith("…") for line in lines[1:])
+    @pytest.mark.parametrize("command", ["missions", "robots"])
+    def test_lines_are_cut_to_a_terminal(self, mdesign, monkeypatch, command):
+        whole = mdesign(command, "list")[1].splitlines()
+        monkeypatch.setenv("COLUMNS", "70")
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        lines = mdesign(command, "list")[1].splitlines()
+        assert len(lines) == len(whole)
+        assert max(map(len, lines)) == 70 < max(map(len, whole))
+        cut = [(line, text) for line, text in zip(lines, whole, strict=True) if line.endswith("…")]
+        assert len(cut) > 0.5 * len(lines)
+        assert all(len(line) == 70 and line[-15:-1] in text for line, text in cut)
+
+    def test_a_terminal_shows_the_beginning_of_what_a_mission_is(self):
+        line = next(line for line in missions_table(80).splitlines() if line.startswith("aggregation "))
+        assert load_mission("aggregation").description.startswith(line[40:-1])
+        assert len(line) == 80
 
     def test_list_for_programs(self, mdesign):
         found = json.loads(mdesign("missions", "list", "--json")[1])

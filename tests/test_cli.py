@@ -519,8 +519,13 @@ class TestSchema:
         plugin.write_text(
             "from mercator_design.missions.plugins import objective\n"
             "@objective\n"
-            "def eastmost(trace, *, bonus: float):\n"
-            "    return float(trace.final_positions[:, 0].max()) + bonus\n"
+            "def eastmost(\n"
+            "    trace,\n"
+            "    *,\n"
+            "    start: float = 0.0,  # [m] from where distances count\n"
+            "    bonus: float,\n"
+            "):\n"
+            "    return float(trace.final_positions[:, 0].max()) - start + bonus\n"
         )
         script = "from mercator_design.cli import main; main()"
         command = [sys.executable, "-c", script, "schema", "--plugin", str(plugin)]
@@ -528,6 +533,7 @@ class TestSchema:
         alternatives = json.loads(done.stdout)["$defs"]["Objective"]["oneOf"]
         (own,) = [each for each in alternatives if each["properties"]["name"] == {"const": "eastmost"}]
         assert own["properties"]["bonus"] == {"type": "number"}
+        assert own["properties"]["start"]["description"] == "[m] from where distances count"
 
 
 def test_help_needs_no_heavy_module():

@@ -92,7 +92,7 @@ class Disc:
     shape: Literal["disc"] = "disc"
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -107,7 +107,7 @@ class Ring:
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the outer border
     inner_radius: Size  # [m] from the center to the inner border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -126,7 +126,7 @@ class Rectangle:
     center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
     angle: Angle = 0.0  # [rad] of its own x
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -141,7 +141,7 @@ class HalfPlane:
     shape: Literal["half_plane"] = "half_plane"
     point: Point  # [m] x, y of a point of the border
     normal: Point  # x, y of a vector across the border, of any length
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -158,7 +158,7 @@ class PolygonZone:
 
     shape: Literal["polygon"] = "polygon"
     vertices: Annotated[tuple[Point, ...], Length(3, 360)]  # [m] x, y of the corners
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:

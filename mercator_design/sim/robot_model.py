@@ -182,7 +182,7 @@ class Neighbours:
     """How robots perceive each other: by a camera or radio, which tells where each robot is."""
 
     device: Literal["camera"] = "camera"
-    range: Distance | None = None  # [m] that the device reaches, where that is less than counts as near; null: all
+    range: Distance | None = None  # [m] that the device reaches; null: as far as robots count
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
@@ -292,15 +292,15 @@ class Physics:
 class RobotModel:
     """A robot in simulation; what is left out, it does not have."""
 
-    schema: Literal[1] = 1
+    schema: Literal[1] = 1  # version of this format
     name: str  # by default the file's
-    description: str = ""
-    body: BoxBody | DiscBody
+    description: str = ""  # what the robot is, in a line
+    body: BoxBody | DiscBody  # what moves and collides
     drive: Drive
     proximity: Proximity | None = None
     ground: Ground | None = None
-    neighbours: Neighbours | LidarNeighbours | None = None
-    light: LightRing | LightCamera | None = None
+    neighbours: Neighbours | LidarNeighbours | None = None  # how robots perceive each other
+    light: LightRing | LightCamera | None = None  # how robots perceive the direction of lights
     lidar: Lidar | None = None
     ambient_light: AmbientLight | None = None
     velocity: Device | None = None  # [m/s] along the start's axes

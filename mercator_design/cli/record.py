@@ -1,0 +1,66 @@
+"""mdesign record: what happens in one experiment."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN, SEED, SET
+from mercator_design.cli.terminal import naming, tell
+
+
+@click.command()
+@click.argument("fsm", type=FILE)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
+)
+@click.option(
+    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+)
+@click.option(
+    "--every", type=click.IntRange(1, 10**9), default=1, show_default=True, help="Record every so many-th cycle."
+)
+@click.option("--mission", help="As for evaluate.")
+@SEED
+@click.option("--robot-model", help="As for evaluate.")
+@FLAVOUR
+@LENIENT
+@SET
+@PLUGIN
+def record(
+    fsm: Path,
+    output: Path,
+    devices: str,
+    every: int,
+    mission: str | None,
+    seed: int,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+) -> None:
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    --seed is the instance's own, as evaluate --json lists them.
+    """
+    from mercator_design.files import write_bytes
+    from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.sim.devices import DEVICES
+
+    if output.suffix not in FORMATS:
+        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    names = [name.strip() for name in devices.split(",") if name.strip()]
+    for name in names:
+        if name not in DEVICES:
+            raise click.BadParameter(
+                f"no device is called '{name}'; known: {', '.join(DEVICES)}", param_hint="--devices"
+            )
+    file = read_controller(fsm, flavour, lenient=lenient)
+    loaded = mission_of(fsm, file, mission, overrides)
+    simulator = new_simulator(loaded, robot_model)
+    simulator.rehearse(announce=tell)
+    outcome = simulator.run(file.pfsm, seed, record=True)
+    data = recording_bytes(outcome.recording, names, every=every, suffix=output.suffix)
+    with naming(output):
+        write_bytes(output, data)
+    click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")

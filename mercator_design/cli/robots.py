@@ -1,0 +1,29 @@
+"""mdesign robots: list and show robot models."""
+
+import click
+
+
+@click.group()
+def robots() -> None:
+    """List and show the shipped robot models."""
+
+
+@robots.command("list")
+def list_robots() -> None:
+    """List the shipped robot models."""
+    from mercator_design import shipped
+    from mercator_design.sim.robot_model import load_robot_model
+
+    names = list(shipped.robot_models())
+    for name in names:
+        click.echo(f"{name:<{max(map(len, names))}}  {load_robot_model(name).description}")
+
+
+@robots.command("show")
+@click.argument("name")
+def show_robot(name: str) -> None:
+    """Print the YAML of a robot model as it stands, with its comments."""
+    from mercator_design import shipped
+
+    path = shipped.find(name, shipped.robot_models(), "robot model")
+    click.echo(path.read_text(encoding="utf-8-sig"), nl=False)

@@ -21,7 +21,7 @@ from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
-from mercator_design.sim.world import Instance, World, program_arrays
+from mercator_design.sim.world import Instance, World
 
 Floats = NDArray[np.float64]
 
@@ -152,6 +152,16 @@ class Simulator:
             raise FsmError(
                 f"{place}{module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
             )
+
+
+def program_arrays(pfsm: Pfsm) -> Program:
+    """The tables of a PFSM as arrays, for compiled code."""
+    kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
+    arrays = [
+        np.array(table, dtype=kinds.get(name, np.int64))
+        for name, table in zip(Program._fields, pfsm.program(), strict=True)
+    ]
+    return Program(*arrays)
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

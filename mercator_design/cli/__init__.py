@@ -12,7 +12,8 @@ import click
 
 from mercator_design import __version__
 from mercator_design.cli import draw, evaluate, missions, race, record, robots, schema, validate
-from mercator_design.errors import MercatorError
+from mercator_design.cli.terminal import tell
+from mercator_design.errors import MercatorError, printable
 
 
 def main() -> None:
@@ -22,22 +23,23 @@ def main() -> None:
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.ClickException as error:
+        error.message = printable(error.message)  # type: ignore[misc]  # the only way in
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:
-        click.echo(f"Error: {error}", err=True)
+        tell(f"Error: {error}")
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("Interrupted.", err=True)
+        tell("Interrupted.")
         sys.exit(130)
     except BrokenPipeError:  # the reader of our output went away
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except OSError as error:
-        click.echo(f"Error: {error}", err=True)
+        tell(f"Error: {error}")
         sys.exit(1)
     except MemoryError:
-        click.echo("Error: not enough memory", err=True)
+        tell("Error: not enough memory")
         sys.exit(1)
 
 

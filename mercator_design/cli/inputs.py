@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mercator_design.cli.terminal import tell
-from mercator_design.errors import FsmError, MissionError
+from mercator_design.errors import FsmError, MissionError, excerpt
 
 if TYPE_CHECKING:
     from mercator_design.fsm.text import FsmFile
@@ -52,7 +52,7 @@ def mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[s
     except MissionError as error:
         raise MissionError(f"{fsm}: the mission of its header: {error}; give --mission") from None
     if digest and mission.digest != digest:
-        raise MissionError(f"{fsm}: {named} is not what it was when this was designed; give --mission")
+        raise MissionError(f"{fsm}: {excerpt(named)} is not what it was when this was designed; give --mission")
     return load_mission(named, (*raced_with, *overrides))
 
 
@@ -64,7 +64,7 @@ def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
     except ValueError:
         found = None
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
-        raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {text!r}")
+        raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {excerpt(text)}")
     return found
 
 
@@ -76,6 +76,7 @@ def _check_plugins(fsm: Path, file: "FsmFile") -> None:
     for word in file.header.get("plugins", "").split(", "):
         name, _, digest = word.rpartition(" ")
         if name and name not in loaded:
+            name = excerpt(name)
             raise MissionError(f"{fsm}: was designed with the plugin {name}; give --plugin {name}, or --mission")
         if name and loaded[name] != digest:
             raise MissionError(f"{fsm}: {name} is not what it was when this was designed; give --mission")

@@ -9,11 +9,12 @@ from typing import Self
 
 import click
 
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, printable
 
 
 def tell(message: str) -> None:
-    click.echo(message, err=True)
+    """Say something that is no result."""
+    click.echo(printable(message), err=True)
 
 
 class Interrupt:

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
@@ -256,9 +257,9 @@ class Floor:
         known = list(self.zone_rows())
         for place, zone in zone_references(function, parameters):
             if zone not in known:
-                near = get_close_matches(zone, known, n=1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
-                raise FieldError(f"{field}.{place}", f"no zone is called '{zone}'; {hint}")
+                near = get_close_matches(zone[:100], known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
+                raise FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:
         """The floor of one instance, when it starts.

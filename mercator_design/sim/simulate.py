@@ -11,7 +11,7 @@ from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import compiled, is_cached, jit_wanted
+from mercator_design.jit import CompilationError, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -90,14 +90,11 @@ class Simulator:
         self.check_placement()
         try:
             trace, _ = self._run(self.instance(0), Pfsm((State("stop"),)), 1)
-        except Exception as error:
+        except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
-            if not plugins or not type(error).__module__.startswith("numba."):
+            if not plugins:  # then it is our mistake
                 raise
-            reason = next((line for line in reversed(str(error).splitlines()) if line.startswith("File")), "")
-            raise MissionError(
-                f"plugin {plugins}: a kernel cannot be compiled: {error.args[0]!s:.300} {reason}"
-            ) from None
+            raise MissionError(f"plugin {plugins}: a kernel cannot be compiled: {error}") from None
         self.mission.objective(trace)
 
     def check_placement(self) -> None:

@@ -21,8 +21,10 @@ from mercator_design import run_folder, shipped
 from mercator_design.cli import main
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.report import recording
 from mercator_design.report.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
 QUICK = ["--set", "robots=2", "--set", "duration=3"]
@@ -539,13 +541,43 @@ class TestRecord:
             assert arrays["pose"].shape == (2, 3, 3)
             assert arrays["time"].tolist() == [0.1, 1.1]
 
+    def test_what_is_too_large_is_said_before_the_experiment(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.setattr(Simulator, "run", None)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=86400", "-o", tmp_path / "trace.npz"]
+        code, _, err = mdesign("record", tmp_path / "fsm.txt", *options, "--devices", "imu,lidar,imu", "--every", 2)
+        assert code == 1
+        assert "poses, states, imu, lidar: a recording of" in err
+        assert [path.name for path in tmp_path.iterdir()] == ["fsm.txt"]
+
+    @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])
+    def test_a_file_is_whole_or_not_there(self, mdesign, tmp_path, monkeypatch, error):
+        def torn(file, *_, **__):
+            file.write(b"time,")
+            raise error
+
+        monkeypatch.setattr(recording, "write_recording", torn)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        (tmp_path / "trace.csv").write_text("of before")
+        options = ["--mission", "aggregation", "--set", "duration=1", "-o", tmp_path / "trace.csv"]
+        code, out, err = mdesign("record", tmp_path / "fsm.txt", *options)
+        assert (code, out) == ((130, "") if error is KeyboardInterrupt else (1, ""))
+        assert "Interrupted" in err or "trace.csv: cannot be written: No space left" in err
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt", "trace.csv"]
+        assert (tmp_path / "trace.csv").read_text() == "of before"
+
     @pytest.mark.parametrize(
         ("options", "code", "words"),
         [
             (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
             (["-o", "trace.csv", "--devices", "radar"], 2, "no device is called 'radar'; known: wheels, leds"),
             (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
-            (["-o", "nowhere/trace.csv"], 1, "nowhere"),
+            (["-o", "nowhere/trace.csv"], 1, "nowhere/trace.csv: cannot be written: No such file"),
+            (
+                ["-o", "trace.csv", "--devices", "lidar", "--set", "duration=86400"],
+                1,
+                "poses, states, lidar: a recording of 14832 MiB, expected at most 2048 MiB; record fewer devices",
+            ),
         ],
     )
     def test_mistakes_are_named(self, mdesign, tmp_path, monkeypatch, options, code, words):

@@ -43,13 +43,13 @@ def record(
 
     --seed is the instance's own, as evaluate --json lists them.
     """
-    from mercator_design.files import write_bytes
-    from mercator_design.report.recording import FORMATS, recording_bytes
+    from mercator_design.files import replacing
+    from mercator_design.report.recording import FORMATS, check_size, write_recording
     from mercator_design.sim.devices import DEVICES
 
     if output.suffix not in FORMATS:
         raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
-    names = [name.strip() for name in devices.split(",") if name.strip()]
+    names = list(dict.fromkeys(name.strip() for name in devices.split(",") if name.strip()))
     for name in names:
         if name not in DEVICES:
             raise click.BadParameter(
@@ -58,9 +58,8 @@ def record(
     file = read_controller(fsm, flavour, lenient=lenient)
     loaded = mission_of(fsm, file, mission, overrides)
     simulator = new_simulator(loaded, robot_model)
-    simulator.rehearse(announce=tell)
-    outcome = simulator.run(file.pfsm, seed, record=True)
-    data = recording_bytes(outcome.recording, names, every=every, suffix=output.suffix)
-    with naming(output):
-        write_bytes(output, data)
+    check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
+    with naming(output), replacing(output) as stream:
+        outcome = simulator.run(file.pfsm, seed, record=True)
+        write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
     click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")

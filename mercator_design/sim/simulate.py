@@ -76,11 +76,14 @@ class Simulator:
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
         return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
 
-    def rehearse(self, announce: Callable[[str], None]) -> None:
+    def rehearse(self, announce: Callable[[str], None]) -> Recording:
         """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
 
         Args:
             announce: Called with a sentence if there is something to compile.
+
+        Returns:
+            All that was recorded of that cycle.
 
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
@@ -89,13 +92,14 @@ class Simulator:
             announce("Compiling the simulator; later runs find it in the cache ...")
         self.check_placement()
         try:
-            trace, _ = self._run(self.instance(0), Pfsm((State("stop"),)), 1)
+            trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
             if not plugins:  # then it is our mistake
                 raise
             raise MissionError(f"plugin {plugins}: a kernel cannot be compiled: {error}") from None
         self.mission.objective(trace)
+        return recording
 
     def check_placement(self) -> None:
         """Make sure that the robots find places to start from, and not only by luck.

@@ -278,7 +278,7 @@ class Physics:
     """How finely the motion is computed."""
 
     time_step: Annotated[float, Range(1e-4, 0.1)] = 0.01  # [s] at most; cycles are divided evenly
-    solver_iterations: Annotated[int, Range(1, 1000)] = 10  # of Chipmunk, in each step
+    solver_iterations: Annotated[int, Range(1, 1000)] = 5  # of Chipmunk, in each step
     collision_slop: Annotated[float, Range(0.0, 1.0)] = 0.001  # [m] of overlap that Chipmunk does not push apart
     wall_overlap: Annotated[float, Range(0.0, 1.0)] | None = 0.002  # [m] in walls, when a cycle ends; null: any
     # Less than half the smallest Extent, so that something is left of the box within.

@@ -54,6 +54,7 @@ __all__ = [
     "parse",
     "plain",
     "read",
+    "text_of",
 ]
 
 T = TypeVar("T")
@@ -84,13 +85,9 @@ def read(
     Raises:
         error: with file, line, path of the key, what was expected and what was found.
     """
-    try:
-        text = read_text(Path(path))
-    except Fault as fault:
-        raise error(str(fault)) from None
     folder = Path(path).parent
     return parse(
-        text,
+        text_of(path, error=error),
         kind,
         error=error,
         label=str(path),
@@ -99,6 +96,14 @@ def read(
         defaults=defaults,
         find_base=find_base,
     )
+
+
+def text_of(path: str | Path, *, error: type[MercatorError]) -> str:
+    """The text of a file that `read` would look at; errors are of the class given."""
+    try:
+        return read_text(Path(path))
+    except Fault as fault:
+        raise error(str(fault)) from None
 
 
 def parse(

@@ -604,3 +604,120 @@ class TestRobots:
 
     def test_models_are_validated_by_name(self, mdesign):
         assert mdesign("validate", "epuck", "mercator-varied")[0] == 0
+
+
+ESCAPE = "\x1b[31m\x9b2J\u202e"
+"""Colours the terminal, clears it, turns the direction of writing."""
+
+
+class TestMessages:
+    """No text of a user, or of a file from a stranger, steers the terminal; nobody sees a traceback."""
+
+    @pytest.mark.parametrize(
+        "arguments",
+        [
+            ["validate", f"{ESCAPE}.yaml"],
+            ["validate", f"{ESCAPE}.txt"],
+            ["validate", "escapes.txt", "token.txt"],
+            ["evaluate", "mission.txt"],
+            ["evaluate", "flavour.txt"],
+            ["evaluate", "plugin.txt"],
+            ["evaluate", "set.txt"],
+            ["evaluate", "ignored.txt", "--lenient", "--mission", ESCAPE],
+            ["record", "mission.txt", "-o", f"{ESCAPE}.csv"],
+            ["record", "set.txt", "-o", "x.csv", "--devices", ESCAPE],
+            ["draw", ESCAPE],
+            ["draw", "token.txt"],
+            ["missions", "show", ESCAPE],
+            ["missions", "show", f"{ESCAPE}/"],
+            ["missions", "preview", "aggregation", "-o", f"{ESCAPE}/x.png"],
+            ["missions", "preview", "aggregation", "--robot-model", f"{ESCAPE}.yaml"],
+            ["missions", ESCAPE],
+            ["robots", "show", ESCAPE],
+            ["race", "aggregation", "--budget", "60", "--set", f"{ESCAPE}=3"],
+            ["race", "aggregation", "--budget", "60", "--set", 'name="\\e[31m\\x9b2J\\u202e"'],
+            ["race", "aggregation", "--budget", "60", "--set", 'objective.zones=["\\e[31m\\x9b2J\\u202e"]'],
+            [
+                "race",
+                "aggregation",
+                "--budget",
+                "60",
+                "--set",
+                'floor.image={path: "\\e[31m\\x9b2J\\u202e", size: [1,1]}',
+            ],
+            ["race", "aggregation", "--budget", ESCAPE],
+            ["race", "aggregation", "--plugin", f"{ESCAPE}.py"],
+            ["race", "aggregation", "--plugin", "raises.py"],
+            ["race", "aggregation", "--plugin", "names.py"],
+            [ESCAPE],
+            ["race", f"--{ESCAPE}"],
+        ],
+    )
+    def test_what_they_quote_is_printable(self, mdesign, tmp_path, monkeypatch, arguments):
+        monkeypatch.chdir(tmp_path)
+        fsm = "--nstates 1 --s0 1"
+        for name, text in {
+            "escapes.txt": ESCAPE,
+            "token.txt": f"--nstates 1 --s0 {ESCAPE}",
+            "mission.txt": f"# mission: {ESCAPE}\n{fsm}",
+            "flavour.txt": f"# flavour: {ESCAPE}\n{fsm}",
+            "plugin.txt": f"# mission: aggregation\n# plugins: {ESCAPE} 0123\n{fsm}",
+            "set.txt": f"# mission: aggregation\n# set: {ESCAPE}\n{fsm}",
+            "ignored.txt": f"{fsm} --n0 0 --nothing 3",
+            "raises.py": f"raise ValueError({ESCAPE!r})",
+            "names.py": "from mercator_design.missions.plugins import objective\n"
+            f"def f(trace, *, x): ...\nf.__name__ = {ESCAPE!r}\nobjective(f)",
+        }.items():
+            (tmp_path / name).write_text(text)
+        code, out, err = mdesign(*arguments)
+        assert code in {1, 2, 3}
+        assert r"\x1b[31m\x9b2J\u202e" in err or "not valid YAML" in err
+        assert all(line.isprintable() for line in [*out.splitlines(), *err.splitlines()])
+
+    def test_what_is_long_is_cut(self, mdesign, tmp_path):
+        (tmp_path / "long.txt").write_text(f"# mission: {60_000 * 'x'}\n--nstates 1 --s0 1")
+        for arguments in (
+            ["evaluate", tmp_path / "long.txt"],
+            ["missions", "show", "aggregation", "--set", f"objective.zones=[{60_000 * 'x'}]"],
+        ):
+            code, _, err = mdesign(*arguments)
+            assert (code, len(err) < 2000) == (3, True)
+
+    @pytest.mark.parametrize("verb", [["robots", "show"], ["missions", "show"], ["validate"], ["draw"]])
+    @pytest.mark.parametrize("content", [b"\xff\xfe\x00", None])
+    def test_what_is_no_text_is_refused(self, mdesign, tmp_path, verb, content):
+        file = tmp_path / "x.yaml" if content else Path("/dev/zero")
+        if content:
+            file.write_bytes(content)
+        code, out, err = mdesign(*verb, file)
+        assert (code, out) == (3, "")
+        assert "expected UTF-8 text" in err or "found a device" in err
+
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
+    @pytest.mark.parametrize("verb", ["--help", "schema", "robots list"])
+    def test_no_room_for_the_output(self, verb):
+        done = run_with_stdout(Path("/dev/full").open("wb"), verb)
+        assert (done.returncode, done.stderr) == (1, "Error: [Errno 28] No space left on device\n")
+
+    @pytest.mark.parametrize("verb", ["--help", "missions list", "schema"])
+    def test_the_reader_of_the_output_goes_away(self, verb):
+        reader, writer = os.pipe()
+        os.close(reader)
+        done = run_with_stdout(os.fdopen(writer, "wb"), verb)
+        assert (done.returncode, done.stderr) == (1, "")
+
+    def test_no_output_at_all(self):
+        script = "import sys; sys.stdout = None; from mercator_design.cli import main; main()"
+        command = [sys.executable, "-c", script, "missions", "list"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def run_with_stdout(stdout, verb):
+    """A command in a process of its own that keeps its output until it is full, as usual."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *verb.split()]
+    with stdout:
+        return subprocess.run(
+            command, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment, check=False
+        )  # fmt: skip

@@ -32,11 +32,11 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         tell("Interrupted.")
         sys.exit(130)
-    except BrokenPipeError:  # the reader of our output went away
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
     except OSError as error:
-        tell(f"Error: {error}")
+        if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
+            tell(f"Error: {error}")
+        if sys.stdout is not None:  # what could not be written would be tried again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except MemoryError:
         tell("Error: not enough memory")

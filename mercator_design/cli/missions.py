@@ -10,7 +10,7 @@ import click
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, SEED, SET
 from mercator_design.cli.terminal import naming
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, MissionError
 
 if TYPE_CHECKING:
     from mercator_design.mission_sampler import MissionClass
@@ -33,7 +33,7 @@ def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     from mercator_design.report.missions import missions_json, missions_table
 
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    width = shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
     click.echo(missions_json() if as_json else missions_table(width))
 
 
@@ -47,7 +47,7 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
     With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
     """
     from mercator_design import shipped
-    from mercator_design.loading import dump
+    from mercator_design.loading import dump, text_of
     from mercator_design.missions.mission import load_mission
 
     loaded = load_mission(mission, overrides)
@@ -55,7 +55,7 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
         click.echo(dump(loaded), nl=False)
     else:
         path = shipped.find(mission, shipped.missions(), "mission")
-        click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+        click.echo(text_of(path, error=MissionError), nl=False)
 
 
 def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:

@@ -7,6 +7,7 @@ import click
 from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN, SEED, SET
 from mercator_design.cli.terminal import naming, tell
+from mercator_design.errors import printable
 
 
 @click.command()
@@ -62,4 +63,4 @@ def record(
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
         write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
-    click.echo(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}")
+    click.echo(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

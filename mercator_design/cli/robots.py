@@ -2,6 +2,8 @@
 
 import click
 
+from mercator_design.errors import MissionError
+
 
 @click.group()
 def robots() -> None:
@@ -24,6 +26,8 @@ def list_robots() -> None:
 def show_robot(name: str) -> None:
     """Print the YAML of a robot model as it stands, with its comments."""
     from mercator_design import shipped
+    from mercator_design.loading import text_of
+    from mercator_design.sim.robot_model import load_robot_model
 
-    path = shipped.find(name, shipped.robot_models(), "robot model")
-    click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+    load_robot_model(name)
+    click.echo(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False)

@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.inputs import new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN
 from mercator_design.cli.terminal import tell
-from mercator_design.errors import FsmError, MissionError
+from mercator_design.errors import FsmError, MissionError, printable
 
 
 @click.command()
@@ -24,7 +24,7 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
     invalid = False
     for file in files:
         try:
-            click.echo(f"{file}: {_validated(file, flavour, lenient)}")
+            click.echo(printable(f"{file}: {_validated(file, flavour, lenient)}"))
         except (MissionError, FsmError) as error:
             invalid = True
             tell(f"Error: {error}")

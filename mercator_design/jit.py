@@ -16,6 +16,7 @@ import hashlib
 import inspect
 import json
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -122,9 +123,9 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return entry(*arguments)
         except (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError) as error:
-            lines = str(error).splitlines()
-            place = next((line for line in reversed(lines) if line.startswith("File")), "")
-            raise CompilationError(f"{' '.join(lines)[:300]} {place}".strip()) from error
+            innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
+            reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
+            raise CompilationError(reason[:500]) from error
 
     return call
 

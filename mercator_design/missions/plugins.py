@@ -40,7 +40,6 @@ CHANGES: list[Change] = []
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[Path, str] = {}  # file -> digest
 _LARGEST = 1024 * 1024  # bytes of a file
-_OURS = "mercator_design."  # what the names of our modules begin with
 
 
 class _ZoneReference:
@@ -99,6 +98,11 @@ def dynamic(
         return function
 
     return enter
+
+
+def is_ours(function: Callable[..., Any]) -> bool:
+    """Whether a function is of this package, not of a plugin."""
+    return function.__module__.startswith("mercator_design.")
 
 
 def change_of(name: str) -> int:
@@ -193,7 +197,7 @@ def snapshot() -> Callable[[], None]:
 
     def restore() -> None:
         defined = {*OBJECTIVES.values(), *DYNAMICS.values()} - {*entries[0].values(), *entries[1].values()}
-        foreign = [each for each in {*(jit.marked() - marked), *defined} if not each.__module__.startswith(_OURS)]
+        foreign = [each for each in {*(jit.marked() - marked), *defined} if not is_ours(each)]
         jit.forget(foreign)
         for registry, entry in zip(registries, entries, strict=True):
             registry.clear()

@@ -15,6 +15,7 @@ from mercator_design.loading import dump
 from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin, zone_references
+from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 
 NORTHERN = '''
@@ -95,6 +96,28 @@ class TestLoading:
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
         with pytest.raises(MissionError, match="objective northernmost: AttributeError: 'Trace' object has no"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ("1 / 0", "floor.dynamics[0].name: shrinking: ZeroDivisionError: division by zero"),
+            ("return 3", "floor.dynamics[0].name: shrinking must give rows of numbers: 'int' object is not iterable"),
+            ("return [(1.0, 2.0), (1.0,)]", "floor.dynamics[0].name: shrinking must give rows of one length"),
+            ("raise ValueError('\\033')", r"ValueError: \x1b"),
+        ],
+    )
+    def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
+        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+        load_plugin(write(SHRINK.replace("    return [", f"    {body}\n    return [")))
+        with pytest.raises(MissionError, match=re.escape(message)):
+            load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
+
+    def test_a_dynamic_that_fails_in_some_instances_is_named(self, write, monkeypatch):
+        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+        load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
+        mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
+        with pytest.raises(MissionError, match=r"floor.dynamics: shrinking: ZeroDivisionError"):
+            _ = [mission.floor.realise(generator(seed, "floor")) for seed in range(50)]
 
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
@@ -288,6 +311,15 @@ class TestOnTheCommandLine:
         write(text + "\n")
         code, _, error = mdesign(tmp_path, *measure, "--plugin", "my.py")
         assert (code, "my.py is not what it was when this was designed" in error) == (3, True)
+
+    def test_a_kernel_that_cannot_be_compiled(self, write, tmp_path):
+        write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2"))
+        shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
+        arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
+        code, out, error = mdesign(tmp_path, *arguments)
+        assert (code, out) == (3, "")
+        assert "Error: plugin my.py: a kernel cannot be compiled: Unknown attribute 'nothing' of type" in error
+        assert "Traceback" not in error
 
     def test_validate(self, write, tmp_path):
         write(NORTHERN)

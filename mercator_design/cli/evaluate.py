@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
+from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, PLUGIN, SEED, SET
 from mercator_design.cli.terminal import Interrupt, tell
 
@@ -53,6 +53,7 @@ def evaluate(
     file = read_controller(fsm, flavour, lenient=lenient)
     loaded = mission_of(fsm, file, mission, overrides)
     simulator = new_simulator(loaded, robot_model)
+    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
     simulator.rehearse(announce=tell)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, runs) as display:
 

@@ -1,7 +1,5 @@
 """mdesign missions: list, show and draw them, and make random ones."""
 
-import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +7,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, SEED, SET
-from mercator_design.cli.terminal import naming
+from mercator_design.cli.terminal import naming, terminal_width
 from mercator_design.errors import MercatorError, MissionError
 
 if TYPE_CHECKING:
@@ -33,8 +31,7 @@ def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     from mercator_design.report.missions import missions_json, missions_table
 
-    width = shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
-    click.echo(missions_json() if as_json else missions_table(width))
+    click.echo(missions_json() if as_json else missions_table(terminal_width()))
 
 
 @missions.command()

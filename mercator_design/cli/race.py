@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mercator_design.cli.inputs import doubt
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
 from mercator_design.cli.terminal import Interrupt, tell
 from mercator_design.fsm.pfsm import FLAVOURS
@@ -52,6 +53,8 @@ def race(
     fsm.txt in the results' folder, and a summary to stdout.
     """
     from mercator_design.design import Designer
+    from mercator_design.fsm.conditions import CONDITIONS
+    from mercator_design.fsm.modules import numbered
     from mercator_design.missions.mission import load_mission
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import RaceDisplay
@@ -61,6 +64,7 @@ def race(
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
+    doubt(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)

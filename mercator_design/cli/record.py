@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
+from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN, SEED, SET
 from mercator_design.cli.terminal import naming, tell
 from mercator_design.errors import printable
@@ -59,6 +59,7 @@ def record(
     file = read_controller(fsm, flavour, lenient=lenient)
     loaded = mission_of(fsm, file, mission, overrides)
     simulator = new_simulator(loaded, robot_model)
+    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
     check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)

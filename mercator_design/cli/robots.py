@@ -2,6 +2,7 @@
 
 import click
 
+from mercator_design.cli.terminal import terminal_width
 from mercator_design.errors import MissionError
 
 
@@ -13,12 +14,9 @@ def robots() -> None:
 @robots.command("list")
 def list_robots() -> None:
     """List the shipped robot models."""
-    from mercator_design import shipped
-    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.report.missions import robot_models_table
 
-    names = list(shipped.robot_models())
-    for name in names:
-        click.echo(f"{name:<{max(map(len, names))}}  {load_robot_model(name).description}")
+    click.echo(robot_models_table(terminal_width()))
 
 
 @robots.command("show")

@@ -1,8 +1,10 @@
 """What the verbs share of talking to people: messages, Ctrl-C, and files that cannot be written."""
 
 import contextlib
+import shutil
 import signal
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Self
@@ -15,6 +17,17 @@ from mercator_design.errors import MercatorError, printable
 def tell(message: str) -> None:
     """Say something that is no result."""
     click.echo(printable(message), err=True)
+
+
+def warn(doubts: Iterable[str]) -> None:
+    """Say what may not be meant."""
+    for doubt in doubts:
+        tell(f"Warning: {doubt}")
+
+
+def terminal_width() -> int | None:
+    """Characters in a line of the terminal that stdout is; None if it is no terminal."""
+    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
 
 
 class Interrupt:

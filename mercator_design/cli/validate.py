@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN
-from mercator_design.cli.terminal import tell
+from mercator_design.cli.terminal import tell, warn
 from mercator_design.errors import FsmError, MissionError, printable
 
 
@@ -39,12 +39,17 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
+        from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
         from mercator_design.sim.robot_model import load_robot_model
 
         if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
-            return f"valid robot model {load_robot_model(str(file)).name}"
+            model = load_robot_model(str(file))
+            warn(doubts_of_model(model))
+            return f"valid robot model {model.name}"
         mission = load_mission(str(file))
-        new_simulator(mission, None).check_placement()
+        simulator = new_simulator(mission, None)
+        simulator.check_placement()
+        warn([*doubts_of_model(simulator.robot_model), *doubts_of_floor(mission, simulator.robot_model)])
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
     pfsm = read_controller(file, flavour, lenient=lenient).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)

@@ -102,7 +102,12 @@ def dynamic(
 
 def is_ours(function: Callable[..., Any]) -> bool:
     """Whether a function is of this package, not of a plugin."""
-    return function.__module__.startswith("mercator_design.")
+    return _module_of(function).startswith("mercator_design.")
+
+
+def _module_of(function: Callable[..., Any]) -> str:
+    """The name of a function's module; nothing for one from a text without a name."""
+    return function.__module__ or ""
 
 
 def change_of(name: str) -> int:
@@ -126,7 +131,7 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
         except TypeError as wrong:
             raise ValueError(f"{name}: parameter {key}: {wrong}") from None
     if name in registry:
-        where = sys.modules[registry[name].__module__].__file__
+        where = registry[name].__code__.co_filename
         raise ValueError(f"{what} is called '{name}' already, in {where}")
     registry[name] = function
 
@@ -204,7 +209,7 @@ def snapshot() -> Callable[[], None]:
             registry.update(entry)
         CHANGES[:] = changes
         # What a plugin imported would not define its part again if it stayed imported.
-        packages = {each.__module__.partition(".")[0] for each in foreign}
+        packages = {_module_of(each).partition(".")[0] for each in foreign}
         for name in {*sys.modules} - modules:
             if name.partition(".")[0] in packages:
                 del sys.modules[name]

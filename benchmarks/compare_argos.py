@@ -213,20 +213,20 @@ def _correlation_verdict(c: Comparison, limits: Limits) -> Iterator[bool]:
     found = scores.correlation(*c.means("score"))
     wanted = scores.WANTED_CORRELATION
     text = f"{c.mission}: Spearman {_number(found)}; wanted {wanted:g}"
-    if not np.isfinite([found, limits.lowest]).all():
-        print(f"cannot tell: {text}: too few controllers, too few runs, or all alike")
-        return
     if found >= wanted:
         yield _verdict(text, reached=True)
-    elif found >= limits.lowest:
+    elif found < limits.lowest:
+        yield _verdict(f"{text}, or {limits.lowest:.4f}, below which ours is not with itself", reached=False)
+    elif np.isfinite([found, limits.visible]).all():
         print(f"not reached, limit of the data: {text}; our simulator reaches {limits.median:.4f} with itself")
         yield True
     else:
-        yield _verdict(f"{text}, or {limits.lowest:.4f}, below which ours is not with itself", reached=False)
-    seen = (
-        f"truth correlates at {limits.visible:.2f}" if np.isfinite(limits.visible) else "means are not ordered at all"
-    )
-    print(f"    could have told, with probability {POWER:g}: a simulator whose {seen}")
+        print(f"cannot tell: {text}: too few controllers, too few runs, or all alike")
+    if np.isfinite(limits.visible):
+        print(
+            f"    could have told, with probability {POWER:g}: a simulator whose true means correlate with these at "
+            f"{limits.visible:.2f}"
+        )
 
 
 def _judgement_verdict(compared: Sequence[Comparison], kind: str, judgement: Judgement) -> Iterator[bool]:

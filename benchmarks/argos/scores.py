@@ -384,7 +384,8 @@ class Limits:
 
     median: float  # if both were one simulator
     lowest: float  # what less than this is, is no luck
-    visible: float  # true correlation of another simulator, which would give less than the lowest with chance POWER
+    visible: float  # true correlation of another simulator, which would give less than the lowest with chance POWER;
+    # nan if none would
 
 
 def correlation_limits(comparison: Comparison, missions: int = 1, name: str = "score", seed: int = 1) -> Limits:
@@ -396,7 +397,8 @@ def correlation_limits(comparison: Comparison, missions: int = 1, name: str = "s
     random = np.random.default_rng(seed)
     some, others = _resampled_means([(c.theirs, c.ours) for c in comparison.controllers], name, random)
     found = _correlations(some, others)
-    if not np.isfinite(found).all():
+    found = found[np.isfinite(found)]  # all means may be alike by luck
+    if len(found) < RESAMPLES // 2:
         return Limits(math.nan, math.nan, math.nan)
     lowest = float(np.quantile(found, FALSE_DISCOVERIES / missions))
     truth = comparison.means(name)[1]

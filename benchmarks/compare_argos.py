@@ -269,6 +269,8 @@ def _visible(c: Comparison, name: str | None, tests: int) -> str:
     if name is None:
         return f"{shift:.2f}"
     sd = float(np.median([np.std(one.theirs[name]) for one in c.controllers]))
+    if not sd:
+        return f"{shift:.2f}; the median controller's runs are all alike"
     mean = float(np.mean([np.mean(one.theirs[name]) for one in c.controllers]))
     relative = f", {shift * sd / abs(mean):.0%} of the mean" if mean else ""
     return f"{shift:.2f}; of the median controller {shift * sd:.3g}{relative}"

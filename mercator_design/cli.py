@@ -11,7 +11,7 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
@@ -24,9 +24,11 @@ from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
     from mercator_design.design import Finished
+    from mercator_design.fsm.modules import Module
     from mercator_design.fsm.text import FsmFile
     from mercator_design.mission_sampler import MissionClass
     from mercator_design.missions.mission import Mission
+    from mercator_design.sim.simulate import Simulator
 
 _FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
 
@@ -157,6 +159,8 @@ def race(
     fsm.txt in the results' folder, and a summary to stdout.
     """
     from mercator_design.design import Designer
+    from mercator_design.fsm.conditions import CONDITIONS
+    from mercator_design.fsm.modules import numbered
     from mercator_design.missions.mission import load_mission
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import RaceDisplay
@@ -166,6 +170,7 @@ def race(
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
+    _doubt(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=_tell)
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)
@@ -233,6 +238,7 @@ def evaluate(
     file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
     loaded = _mission_of(fsm, file, mission, overrides)
     simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    _doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
     simulator.rehearse(announce=_tell)
     with _Interrupt() as interrupt, EvaluationDisplay(loaded, runs) as display:
 
@@ -297,6 +303,7 @@ def record(
     file = read_fsm(fsm, flavour, tolerate=_tolerate(fsm) if lenient else None)
     loaded = _mission_of(fsm, file, mission, overrides)
     simulator = Simulator(loaded, load_robot_model(robot_model) if robot_model is not None else None)
+    _doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
     simulator.rehearse(announce=_tell)
     outcome = simulator.run(file.pfsm, seed, record=True)
     data = recording_bytes(outcome.recording, names, every=every, suffix=output.suffix)
@@ -356,8 +363,7 @@ def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     from mercator_design.report.missions import missions_json, missions_table
 
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    click.echo(missions_json() if as_json else missions_table(width))
+    click.echo(missions_json() if as_json else missions_table(_terminal_width()))
 
 
 @missions.command()
@@ -389,12 +395,9 @@ def robots() -> None:
 @robots.command("list")
 def list_robots() -> None:
     """List the shipped robot models."""
-    from mercator_design import shipped
-    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.report.missions import robot_models_table
 
-    names = list(shipped.robot_models())
-    for name in names:
-        click.echo(f"{name:<{max(map(len, names))}}  {load_robot_model(name).description}")
+    click.echo(robot_models_table(_terminal_width()))
 
 
 @robots.command("show")
@@ -405,6 +408,11 @@ def show_robot(name: str) -> None:
 
     path = shipped.find(name, shipped.robot_models(), "robot model")
     click.echo(path.read_text(encoding="utf-8-sig"), nl=False)
+
+
+def _terminal_width() -> int | None:
+    """Characters in a line of the terminal that stdout is; None if it is no terminal."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
@@ -553,6 +561,18 @@ def _tell(message: str) -> None:
     click.echo(message, err=True)
 
 
+def _warn(doubts: Iterable[str]) -> None:
+    for doubt in doubts:
+        _tell(f"Warning: {doubt}")
+
+
+def _doubt(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
+    """Tell of what makes no difference when a mission's robots run modules of a flavour."""
+    from mercator_design.sim.doubts import doubts
+
+    _warn(doubts(simulator.mission, simulator.robot_model, flavour, modules))
+
+
 def _tolerate(file: Path) -> Callable[[str], None]:
     return lambda what: _tell(f"Warning: {file}: {what}")
 
@@ -565,13 +585,18 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
+        from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import Simulator
 
         if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
-            return f"valid robot model {load_robot_model(str(file)).name}"
+            model = load_robot_model(str(file))
+            _warn(doubts_of_model(model))
+            return f"valid robot model {model.name}"
         mission = load_mission(str(file))
-        Simulator(mission).check_placement()
+        simulator = Simulator(mission)
+        simulator.check_placement()
+        _warn([*doubts_of_model(simulator.robot_model), *doubts_of_floor(mission, simulator.robot_model)])
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
     pfsm = read_fsm(file, flavour, tolerate=_tolerate(file) if lenient else None).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)

@@ -108,6 +108,12 @@ class TestRace:
         assert "phototaxis" in err
         assert "needs light" in err
 
+    def test_a_flavour_with_a_condition_that_the_robot_cannot_see_by(self, mdesign, tmp_path):
+        folder = tmp_path / "r"
+        code, _, err = mdesign("race", "vanilla_aggregation", "--budget", 300, "-o", folder, *QUICK)
+        assert code == 0
+        assert "Warning: watermelon: floor colour never holds: robot epuck sees only how bright the ground is\n" in err
+
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
         _, out, _ = mdesign("race", "foraging", "--budget", 60, "-o", tmp_path / "r", *QUICK)
         assert "60 of 60 experiments, 1 iteration," in out
@@ -315,6 +321,19 @@ class TestEvaluate:
         assert code == 3
         assert "phototaxis needs light" in err
 
+    @pytest.mark.parametrize("command", [["evaluate", "-n", "1"], ["record", "-o", "trace.csv"]])
+    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path, monkeypatch, command):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "fsm.txt").write_text(W1.replace("--c0x0 0 --p0x0 0.5", "--c0x0 6 --p0x0 0.5 --l0x0 2"))
+        name, *options = command
+        on = ["--mission", "color_aggregation", "--robot-model", "epuck", *QUICK]
+        code, _, err = mdesign(name, "fsm.txt", *options, *on)
+        assert code == 0
+        assert [line for line in err.splitlines() if not line.startswith("Compiling")] == [
+            "Warning: state 0, transition 0: floor colour never holds: robot epuck sees only how bright the ground is",
+            "Warning: color_aggregation: floor: no condition of robot epuck tells gray, green, red apart",
+        ]
+
     def test_lenient(self, mdesign, tmp_path):
         (tmp_path / "loose.txt").write_text("--nstates 1 --s0 0 --rwm0 20.7")
         options = ["--mission", "aggregation", "-n", 2, *QUICK]
@@ -336,7 +355,8 @@ class TestValidate:
         assert "bad.txt:1: --s0" in err
 
     def test_all_that_is_shipped_is_valid(self, mdesign):
-        assert mdesign("validate", *shipped.missions(), *shipped.robot_models().values())[0] == 0
+        code, _, err = mdesign("validate", *shipped.missions(), *shipped.robot_models().values())
+        assert (code, err) == (0, "")
 
     def test_a_robot_model(self, mdesign, tmp_path):
         text = shipped.robot_models()["mercator"].read_text()
@@ -346,6 +366,21 @@ class TestValidate:
         assert code == 3
         assert "valid robot model mercator" in out
         assert "body.mass" in err
+
+    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path):
+        robot, mission = tmp_path / "far.yaml", tmp_path / "colours.yaml"
+        robot.write_text("schema: 1\nbase: epuck\nneighbours: {range: 2}\n")
+        text = shipped.missions()["color_aggregation"].read_text()
+        mission.write_text(text.replace("robot_model: mercator", "robot_model: ./far.yaml"))
+        code, out, err = mdesign("validate", robot, mission)
+        assert code == 0
+        assert len(out.splitlines()) == 2
+        far = "Warning: robot model far: neighbours.range: 2 m changes nothing"
+        assert [line.partition(", as")[0] for line in err.splitlines()] == [
+            far,
+            far,
+            "Warning: colours: floor: no condition of robot far tells gray, green, red apart",
+        ]
 
     def test_robots_must_find_places(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")
@@ -373,10 +408,22 @@ class TestMissions:
             "3", "120", "s", "minimise", "cell_age",
         ]  # fmt: skip
 
-    def test_lines_are_cut_to_a_terminal(self):
-        lines = missions_table(60).splitlines()
-        assert {len(line) for line in lines[1:]} == {60}
-        assert all(line.endswith("…") for line in lines[1:])
+    @pytest.mark.parametrize("command", ["missions", "robots"])
+    def test_lines_are_cut_to_a_terminal(self, mdesign, monkeypatch, command):
+        whole = mdesign(command, "list")[1].splitlines()
+        monkeypatch.setenv("COLUMNS", "70")
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        lines = mdesign(command, "list")[1].splitlines()
+        assert len(lines) == len(whole)
+        assert max(map(len, lines)) == 70 < max(map(len, whole))
+        cut = [(line, text) for line, text in zip(lines, whole, strict=True) if line.endswith("…")]
+        assert len(cut) > 0.5 * len(lines)
+        assert all(len(line) == 70 and line[-15:-1] in text for line, text in cut)
+
+    def test_a_terminal_shows_the_beginning_of_what_a_mission_is(self):
+        line = next(line for line in missions_table(80).splitlines() if line.startswith("aggregation "))
+        assert load_mission("aggregation").description.startswith(line[40:-1])
+        assert len(line) == 80
 
     def test_list_for_programs(self, mdesign):
         found = json.loads(mdesign("missions", "list", "--json")[1])
@@ -472,8 +519,13 @@ class TestSchema:
         plugin.write_text(
             "from mercator_design.missions.plugins import objective\n"
             "@objective\n"
-            "def eastmost(trace, *, bonus: float):\n"
-            "    return float(trace.final_positions[:, 0].max()) + bonus\n"
+            "def eastmost(\n"
+            "    trace,\n"
+            "    *,\n"
+            "    start: float = 0.0,  # [m] from where distances count\n"
+            "    bonus: float,\n"
+            "):\n"
+            "    return float(trace.final_positions[:, 0].max()) - start + bonus\n"
         )
         script = "from mercator_design.cli import main; main()"
         command = [sys.executable, "-c", script, "schema", "--plugin", str(plugin)]
@@ -481,6 +533,7 @@ class TestSchema:
         alternatives = json.loads(done.stdout)["$defs"]["Objective"]["oneOf"]
         (own,) = [each for each in alternatives if each["properties"]["name"] == {"const": "eastmost"}]
         assert own["properties"]["bonus"] == {"type": "number"}
+        assert own["properties"]["start"]["description"] == "[m] from where distances count"
 
 
 def test_help_needs_no_heavy_module():

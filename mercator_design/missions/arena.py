@@ -93,7 +93,7 @@ class Light:
 class Arena:
     """The walls and what stands between them; what is lower than a sensor is not in its way."""
 
-    walls: RegularPolygon | Polygon
+    walls: RegularPolygon | Polygon  # around the arena; numbers are those of their inner faces
     wall_height: Height = 0.08  # [m] of the walls above the floor
     obstacles: tuple[Box, ...] = ()  # boxes in the arena, which may be walls
     room: RegularPolygon | Polygon | None = None  # around the arena; its walls reach to the ceiling

@@ -8,6 +8,7 @@ said once, in floor_kernels.py, for sensors and objectives alike.
 import inspect
 import math
 import os.path
+import typing
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
+from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
 Channel: TypeAlias = Annotated[int, Range(0, 255)]
@@ -90,7 +92,7 @@ class Disc:
     shape: Literal["disc"] = "disc"
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -105,7 +107,7 @@ class Ring:
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the outer border
     inner_radius: Size  # [m] from the center to the inner border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -124,7 +126,7 @@ class Rectangle:
     center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
     angle: Angle = 0.0  # [rad] of its own x
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -139,7 +141,7 @@ class HalfPlane:
     shape: Literal["half_plane"] = "half_plane"
     point: Point  # [m] x, y of a point of the border
     normal: Point  # x, y of a vector across the border, of any length
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -156,7 +158,7 @@ class PolygonZone:
 
     shape: Literal["polygon"] = "polygon"
     vertices: Annotated[tuple[Point, ...], Length(3, 360)]  # [m] x, y of the corners
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -304,6 +306,17 @@ class Floor:
         rows = [row for zone in self.zones for row in zone.rows(rng, corners)]
         return np.array(rows, dtype=float).reshape(-1, 9), np.array(corners, dtype=float).reshape(-1, 2)
 
+    def colours(self) -> dict[RGB, Colour]:
+        """Those of background and zones and those that these may take, as they are written; not those of the image."""
+        written: list[Colour] = [self.background]
+        for zone in self.zones:
+            written += zone.colors if isinstance(zone, Tiles) else [zone.color]
+        for dynamics in self.dynamics:
+            kinds = parameters_of(DYNAMICS[dynamics.name])
+            for name, (kind, default) in kinds.items():
+                written += _colours_in(kind, dynamics.parameters.get(name, default))
+        return {rgb(colour): colour for colour in written}
+
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of every table of this floor that a named zone is made of."""
         rows, first = {}, 0
@@ -313,6 +326,16 @@ class Floor:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
         return rows
+
+
+def _colours_in(kind: Kind, value: Any) -> list[Colour]:  # noqa: ANN401 - of that kind
+    """The colours in the value of a parameter."""
+    base, _ = unwrapped(kind)
+    if base in (Colour, ColourName):
+        return [value]
+    if origin_of(base) is tuple:
+        return [colour for item in value for colour in _colours_in(typing.get_args(base)[0], item)]
+    return []
 
 
 def check_call(functions: Mapping[str, Callable[..., Any]], name: str, parameters: Mapping[str, Any]) -> None:

@@ -33,7 +33,7 @@ class Objective:
     """A function of OBJECTIVES with its parameters, and whether more of it is better."""
 
     name: str
-    direction: Literal["maximise", "minimise"]
+    direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
     parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
 
     def __post_init__(self) -> None:
@@ -64,7 +64,7 @@ class Objective:
 class Mission:
     """What a mission file says."""
 
-    schema: Literal[1]
+    schema: Literal[1]  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what the mission is, in a line
     source: str = ""  # where the mission was published
@@ -74,9 +74,9 @@ class Mission:
     control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s] from one control cycle to the next
     arena: Arena
     floor: Floor = _GRAY
-    lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()
-    placement: Placement
-    objective: Objective
+    lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
+    placement: Placement  # where the robots start
+    objective: Objective  # what is scored
 
     def __post_init__(self) -> None:
         cycles = self.duration / self.control_period

@@ -112,16 +112,10 @@ def _meet_box(
         v = 1.0 if 1 <= side <= 2 else -1.0
         next_u = 1.0 if side % 3 == 0 else -1.0
         next_v = 1.0 if side < 2 else -1.0
-        _meet_wall(
-            scene.lidar,
-            to_x + u * along_x + v * aside_x,
-            to_y + u * along_y + v * aside_y,
-            to_x + next_u * along_x + next_v * aside_x,
-            to_y + next_u * along_y + next_v * aside_y,
-            c,
-            s,
-            found,
-        )
+        start_x, start_y = to_x + u * along_x + v * aside_x, to_y + u * along_y + v * aside_y
+        end_x, end_y = to_x + next_u * along_x + next_v * aside_x, to_y + next_u * along_y + next_v * aside_y
+        if start_x * end_y < start_y * end_x:  # this side faces the robot
+            _meet_wall(scene.lidar, start_x, start_y, end_x, end_y, c, s, found)
 
 
 @jittable

@@ -135,12 +135,10 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        for i, state in enumerate(pfsm.states):
-            self.check_module(state.module, f"state {i}: ")
-            for j, transition in enumerate(state.transitions):
-                self.check_module(transition.module, f"state {i}, transition {j}: ")
+        for place, module in pfsm.modules:
+            self.check_module(module, place)
 
-    def check_module(self, module: Module, place: str = "") -> None:
+    def check_module(self, module: Module, place: str) -> None:
         """Make sure that the robot has the senses that a module reads.
 
         Raises:
@@ -150,7 +148,7 @@ class Simulator:
         if missing:
             needed = " and ".join(missing)
             raise FsmError(
-                f"{place}{module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
+                f"{place}: {module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
             )
 
 

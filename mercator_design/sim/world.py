@@ -177,7 +177,7 @@ class World:
             round_=self._scene.round,
             corner_radius=self.robot_model.physics.corner_radius,
             mass=body.mass,
-            inertia=body.inertia,
+            inertia=body.moment_of_inertia,
             force=drive.force,
             torque=drive.torque,
         )

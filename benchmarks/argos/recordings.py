@@ -110,7 +110,7 @@ def mission_and_robot(name: str, settings: Mapping[str, Any]) -> tuple[Mission, 
         MissionError: if the robots do not fit.
     """
     base = settings.get("base", name)
-    if base not in MISSIONS:
+    if not isinstance(base, str) or base not in MISSIONS:
         raise RecordingError(f"mission '{name}': made from '{base}'; expected one of {', '.join(MISSIONS)}")
     unknown = sorted(set(settings) - _SETTINGS)
     if unknown:

@@ -92,7 +92,9 @@ class IteratedRace:
         self._used = 0
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.elitist_new_instances
-        self._model = SamplingModel(space, elitist=self.options.elitist)
+        self._model = SamplingModel(
+            space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
+        )
         self._race: Race | None = None
         self._batches = self._run()
         self._batch: list[Experiment] | None = None

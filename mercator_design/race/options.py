@@ -26,6 +26,7 @@ class RaceOptions:
         survivors: How many configurations end a race instead of irace's number (minNbSurvival).
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
+        ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
 
     Raises:
@@ -44,6 +45,7 @@ class RaceOptions:
     survivors: int | None = None
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
+    ordered_as_integers: bool = True
     postselection: bool = True
 
     def __post_init__(self) -> None:

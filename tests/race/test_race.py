@@ -36,6 +36,11 @@ def test_what_is_not_a_number_is_refused_and_named(cost):
     assert race.used == 0
 
 
+def test_a_race_of_nothing_is_refused():
+    with pytest.raises(RaceError, match="expected configurations, found none"):
+        new_race(0)
+
+
 def test_too_few_costs_are_refused():
     with pytest.raises(RaceError, match="expected 4, one for each experiment asked for, found 3"):
         new_race().tell([1.0, 1.0, 1.0])

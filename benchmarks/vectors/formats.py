@@ -1,7 +1,7 @@
 """The formats of recorded vectors that can be replayed, found by what a file holds.
 
 Each is a module with two functions: `recognises(document)`, whether the content of a file is of this format, and
-`checks(document)`, which replays it.
+`checks(document)`, which replays it. Its docstring begins with its name and a colon.
 """
 
 from collections.abc import Iterator
@@ -32,5 +32,5 @@ def replay(file: Path) -> Iterator[Check]:
         if form.recognises(document):
             checks: Iterator[Check] = form.checks(document)
             return checks
-    known = "".join(f"\n    {(form.__doc__ or '').splitlines()[0]}" for form in FORMATS)
-    raise VectorError(f"{file}: expected recorded vectors of a known format:{known}")
+    known = "; ".join((form.__doc__ or "").split(":")[0] for form in FORMATS)
+    raise VectorError(f"{file}: expected recorded vectors of a known format ({known})")

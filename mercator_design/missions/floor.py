@@ -18,9 +18,10 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
-from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
 from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
@@ -258,17 +259,23 @@ class Floor:
         known = list(self.zone_rows())
         for place, zone in zone_references(function, parameters):
             if zone not in known:
-                near = get_close_matches(zone, known, n=1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
-                raise FieldError(f"{field}.{place}", f"no zone is called '{zone}'; {hint}")
+                near = get_close_matches(zone[:100], known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
+                raise FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:
         """The floor of one instance, when it starts.
 
         The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
+
+        Raises:
+            MissionError: if what changes the floor fails in this instance.
         """
         zones, vertices = self._painted(rng)
-        kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
+        try:
+            kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
+        except FieldError as wrong:
+            raise MissionError(f"floor.dynamics: {wrong.message}") from None
         ends = np.cumsum([0, *map(len, kept)])
         numbers = np.zeros((ends[-1], max((len(row) for table in kept for row in table), default=0)))
         for first, table in zip(ends, kept, strict=False):
@@ -287,7 +294,15 @@ class Floor:
 
     def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
-        rows = DYNAMICS[dynamics.name](site, **dynamics.parameters)
+        function = DYNAMICS[dynamics.name]
+        try:
+            rows = function(site, **dynamics.parameters)
+        except FieldError:
+            raise
+        except Exception as error:
+            if is_ours(function):  # whose mistakes shall be seen whole
+                raise
+            raise FieldError("name", f"{dynamics.name}: {type(error).__name__}: {error!s:.300}") from error
         try:
             numbers = [tuple(map(float, row)) for row in rows]
         except (TypeError, ValueError) as error:

@@ -21,6 +21,7 @@ from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
+from mercator_design.missions.plugins import is_ours
 from mercator_design.missions.trace import Trace
 
 _LONGEST = 10_000_000
@@ -51,10 +52,9 @@ class Objective:
         except MercatorError:
             raise
         except Exception as error:
-            # A plugin's mistake is its author's; ours shall be seen whole.
-            if function.__module__.startswith("mercator_design.missions."):
+            if is_ours(function):  # whose mistakes shall be seen whole
                 raise
-            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error}") from error
+            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error!s:.300}") from error
         if not math.isfinite(score):
             raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
         return score

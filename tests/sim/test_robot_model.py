@@ -58,10 +58,10 @@ def test_messages_of_the_epuck_reach_half_a_metre_in_both_its_models():
 def test_constants_of_the_reference_model_are_data(tmp_path):
     file = tmp_path / "other.yaml"
     text = MERCATOR.replace("name: mercator\n", "")
-    file.write_text(text + "\nreference_model: {neighbour_range: 0.5, strength_step: 1}\n")
+    file.write_text(text + "\nreference_model: {neighbour_range: 0.5, neighbour_offset: 0, strength_step: 1}\n")
     model = load_robot_model(str(file))
     assert model.name == "other"
-    assert model.reference_model == ReferenceModel(neighbour_range=0.5, strength_step=1.0)
+    assert model.reference_model == ReferenceModel(neighbour_range=0.5, neighbour_offset=0.0, strength_step=1.0)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,16 @@ from mercator_design.sim.noise import (
     VELOCITY_DRAWS,
     noise,
 )
-from mercator_design.sim.robot_model import AmbientLight, Device, Ground, Leds, Lidar, Proximity, RobotModel
+from mercator_design.sim.robot_model import (
+    AmbientLight,
+    Device,
+    DeviceWithAxes,
+    Ground,
+    Leds,
+    Lidar,
+    Proximity,
+    RobotModel,
+)
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sight import cast, is_lit
 from mercator_design.sim.staging import noise_row
@@ -146,14 +155,14 @@ def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     return recording.recorded("readings")[cycles][..., _columns("light_x", "light_y")]
 
 
-def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
-    """Commanded velocity in the start's frame (eqs. 1-5) [m/s]; forwards is y, as for the RVR."""
-    return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording)[cycles])
+def velocity(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
+    """Commanded velocity in the start's frame (eqs. 3-5) [m/s], of which one axis points forwards."""
+    return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording, sensor)[cycles])
 
 
-def accelerometer(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
     """Change of that velocity over a cycle along x and y, and gravity along z (eqs. 6-9) [g]."""
-    moved = _velocities(recording)
+    moved = _velocities(recording, sensor)
     changes = np.diff(moved, axis=0, prepend=0.0) / (recording.control_period * _GRAVITY)
     upright = np.concatenate([changes, np.ones((*changes.shape[:2], 1))], axis=2)
     return _finished(recording, sensor, ACCELEROMETER_DRAWS, cycles, upright[cycles])
@@ -259,12 +268,13 @@ def _columns(*names: str) -> list[int]:
     return [Readings._fields.index(name) for name in names]
 
 
-def _velocities(recording: Recording) -> Floats:
-    """Commanded velocities (cycles, robots, 2), turned by a quarter: forwards is y [m/s]."""
+def _velocities(recording: Recording, sensor: DeviceWithAxes) -> Floats:
+    """Commanded velocities (cycles, robots, 2) along the sensor's axes [m/s]."""
     executed = np.zeros_like(recording.recorded("commands"))
     executed[1:] = recording.recorded("commands")[:-1]  # a command moves the treads one cycle later
     speeds = executed.mean(axis=2)
-    angles = recording.headings[1:] - recording.headings[0] + 0.5 * math.pi
+    quarter = 0.5 * math.pi if sensor.forward == "y" else 0.0
+    angles = recording.headings[1:] - recording.headings[0] + quarter
     return np.stack([speeds * np.cos(angles), speeds * np.sin(angles)], axis=2)
 
 
@@ -280,7 +290,11 @@ def _placed(recording: Recording, cycles: Cycles) -> Floats:
 
 
 def _finished(
-    recording: Recording, sensor: Device | AmbientLight, number: int, cycles: Cycles, values: Floats
+    recording: Recording,
+    sensor: Device | DeviceWithAxes | AmbientLight,
+    number: int,
+    cycles: Cycles,
+    values: Floats,
 ) -> Floats:
     """Values with the device's noise, within its range."""
     return np.clip(_disturbed(recording, noise_row(sensor.noise), number, cycles, values), *sensor.range)

@@ -263,6 +263,15 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceWithAxes:
+    """A sensor of the robot's own motion along the axes that it had at the start."""
+
+    range: Bounds  # between which readings are kept, in the device's unit
+    noise: Noise = None  # on readings, in the device's unit
+    forward: Literal["x", "y"] = "y"  # axis that points forwards: the RVR's is y, the Mercator paper's x
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Leds:
     """Lamps that show the state."""
 
@@ -303,8 +312,8 @@ class RobotModel:
     light: LightRing | LightCamera | None = None  # how robots perceive the direction of lights
     lidar: Lidar | None = None
     ambient_light: AmbientLight | None = None
-    velocity: Device | None = None  # [m/s] along the start's axes
-    accelerometer: Device | None = None  # [g] along x, y and z
+    velocity: DeviceWithAxes | None = None  # [m/s] along the start's axes
+    accelerometer: DeviceWithAxes | None = None  # [g] along x, y and z
     gyroscope: Device | None = None  # [rad/s] about x, y and z
     imu: Device | None = None  # [rad] of pitch, roll and yaw
     locator: Device | None = None  # [m] from the start, along the world's axes

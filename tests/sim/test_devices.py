@@ -12,7 +12,7 @@ from mercator_design.fsm import parse
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
-from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, LightCamera, Uniform, load_robot_model
+from mercator_design.sim.robot_model import AmbientLight, Gaussian, LightCamera, Uniform, load_robot_model
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
@@ -25,6 +25,16 @@ TWO_STATES = parse(
 MOTION = ("velocity", "accelerometer", "gyroscope", "imu", "locator", "quaternion")
 PERIOD = 0.1
 WIDE = (-1e9, 1e9)
+
+
+def device(name, **changes):
+    """A device of Mercator's own motion, changed."""
+    return dataclasses.replace(getattr(MERCATOR, name), **changes)
+
+
+def with_device(name, **changes):
+    """Mercator with one of them changed."""
+    return dataclasses.replace(MERCATOR, **{name: device(name, **changes)})
 
 
 def moved(poses, commands, robot_model=MERCATOR):
@@ -73,19 +83,22 @@ def angle_about_z(q):
 
 @pytest.mark.parametrize("name", MOTIONS)
 class TestMotion:
-    def test_velocity(self, name):
-        """Equations 3 to 5, of the treads' commanded speeds; the y axis of the RVR points forwards."""
+    @pytest.mark.parametrize(("forward", "quarter"), [("x", 0.0), ("y", math.pi / 2)])
+    def test_velocity(self, name, forward, quarter):
+        """Equations 3 to 5, of the treads' commanded speeds; or the y axis points forwards."""
         poses, commands = MOTIONS[name]
-        found = moved(poses, commands).measure("velocity")[:, 0]
+        found = moved(poses, commands, with_device("velocity", forward=forward)).measure("velocity")[:, 0]
         first = quaternion_about_z(poses[0, 2])
         for cycle, pose in enumerate(poses[1:]):
             speed = commands[cycle - 1].mean() if cycle else 0.0  # treads carry out the command before
-            angle = angle_about_z(product(inverse(first), quaternion_about_z(pose[2]))) + math.pi / 2
+            angle = angle_about_z(product(inverse(first), quaternion_about_z(pose[2]))) + quarter
             assert found[cycle] == pytest.approx([speed * math.cos(angle), speed * math.sin(angle)], abs=1e-12)
 
-    def test_accelerometer(self, name):
+    @pytest.mark.parametrize("forward", ["x", "y"])
+    def test_accelerometer(self, name, forward):
         """Equations 6 to 9: the change of that vector in a cycle, in g; gravity along z."""
-        recording = moved(*MOTIONS[name])
+        axes = {key: device(key, forward=forward) for key in ("velocity", "accelerometer")}
+        recording = moved(*MOTIONS[name], dataclasses.replace(MERCATOR, **axes))
         found, before = recording.measure("accelerometer")[:, 0], np.zeros(2)
         for cycle, velocity in enumerate(recording.measure("velocity")[:, 0]):
             change = (velocity - before) / (9.81 * PERIOD)
@@ -144,11 +157,11 @@ def test_time_stamps():
 @pytest.mark.parametrize("name", MOTION)
 def test_ranges(name):
     bounds = (-0.25, 0.125)
-    recording = moved(*MOTIONS["arc"], dataclasses.replace(MERCATOR, **{name: Device(range=bounds)}))
+    recording = moved(*MOTIONS["arc"], with_device(name, range=bounds))
     clipped, free = recording.measure(name), moved(*MOTIONS["arc"]).measure(name)
     assert np.array_equal(clipped, free.clip(*bounds))
     assert not np.array_equal(clipped, free)
-    noisy = dataclasses.replace(MERCATOR, **{name: Device(range=bounds, noise=Gaussian(sd=9.0))})
+    noisy = with_device(name, range=bounds, noise=Gaussian(sd=9.0))
     found = moved(*MOTIONS["arc"], noisy).measure(name)
     assert (found.min(), found.max()) == bounds
 
@@ -300,7 +313,7 @@ def test_the_ground_is_what_was_read():
 
 NOISY = dataclasses.replace(
     MERCATOR,
-    **{name: Device(range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)) for name in MOTION},
+    **{name: device(name, range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)) for name in MOTION},
     ambient_light=AmbientLight(height=0.05, range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)),
     proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02)),
     lidar=dataclasses.replace(MERCATOR.lidar, noise=Uniform(half_width=0.005)),
@@ -398,9 +411,9 @@ def test_moments_of_noise_and_independence(kind):
     cycle before: chance below 1e-6 for all together.
     """
     given, sd, kurtosis = NOISES[kind]
-    devices = {name: Device(range=WIDE, noise=given) for name in MOTION}
+    devices = {name: device(name, range=WIDE, noise=given) for name in MOTION}
     model = dataclasses.replace(MERCATOR, ambient_light=AmbientLight(height=0.05, range=WIDE, noise=given), **devices)
-    still = dataclasses.replace(MERCATOR, **{name: Device(range=WIDE) for name in MOTION})
+    still = dataclasses.replace(MERCATOR, **{name: device(name, range=WIDE) for name in MOTION})
     world = {"robots": 2, "duration": 300, "placement": at((0, 0, 0.2), (0.6, 0, 1))}
     errors = []
     for name in (*MOTION, "ambient_light"):

@@ -41,8 +41,9 @@ class Wheels(NamedTuple):
 class ReferenceModel(NamedTuple):
     """The constants of perception, behaviours and conditions; a robot model may set each.
 
-    Defaults are AutoMoDe-Watermelon as its paper describes it, with the simulated original's rules where the paper
-    is silent. The differences between published variants are numbers in this table, never a second copy of a module.
+    Defaults are AutoMoDe-Watermelon as its paper describes it, with the original's rules where the paper is silent or,
+    for the reasons in docs/adr/0003, not followed. The differences between published variants are numbers in this
+    table, never a second copy of a module.
     """
 
     # Proximity: a distance d [m] in [near, range] weighs, at least 0,

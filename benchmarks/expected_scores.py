@@ -2,7 +2,7 @@
 
 python benchmarks/expected_scores.py               of the missions that have nothing yet
 python benchmarks/expected_scores.py NAME ...      of some missions, anew
-python benchmarks/expected_scores.py --all         of all, anew: five minutes on two idle cores; if it is stopped,
+python benchmarks/expected_scores.py --all         of all, anew: about six minutes on two idle cores; if it is stopped,
                                                    what is missing is made without --all
 
 Two things of each of three FSMs:

@@ -221,7 +221,8 @@ def mission(tmp_path):
     def written(**changes):
         text = (Path(__file__).parents[2] / "scenarios" / "aggregation.yaml").read_text()
         content = {**yaml.safe_load(text), "robot_model": "mercator-argos", "robots": 3, **changes}
-        content["arena"] = {**content["arena"], "obstacles": json.loads(walls())}
+        content["arena"]["walls"]["apothem"] = 1.5
+        content["arena"]["obstacles"] = json.loads(walls())
         file = tmp_path / "mine.yaml"
         file.write_text(json.dumps(content))
         return "--mission", f"mine={file}"
@@ -235,14 +236,14 @@ def of_mine(name, cycles, fsm):
 
 def test_a_trace_of_chocolate_on_a_mission_of_its_own(run, mission):
     """Attraction has another number than in Watermelon."""
-    trace = of_mine("attract5_n5", 60, "--nstates 1 --s0 4 --att0 5")
+    trace = of_mine("attract5_n1", 100, "--nstates 1 --s0 4 --att0 5")
     code, text = run([trace], *mission(), "--flavour", "chocolate")
     assert code == 0
-    assert "reached: wheels: 300 of 300" in text
+    assert "reached: wheels: 100 of 100" in text
     code, text = run([trace], *mission())
     assert code == 1
     assert "left out: run 0" in text
-    code, text = run([{**trace, "fsm": "--nstates 1 --s0 5 --rep0 5"}], *mission(), "--flavour", "chocolate")
+    code, text = run([{**trace, "fsm": "--nstates 1 --s0 1"}], *mission(), "--flavour", "chocolate")
     assert code == 1
     assert "NOT reached: wheels" in text
 
@@ -250,7 +251,8 @@ def test_a_trace_of_chocolate_on_a_mission_of_its_own(run, mission):
 def test_a_trace_on_another_floor_than_its_mission_has(run, mission):
     trace = of_mine("stop_n5", 20, "--nstates 1 --s0 1")
     assert run([trace], *mission())[0] == 0
-    code, text = run([trace], *mission(floor={"background": "white"}))
+    spot = {"name": "spot", "shape": "disc", "center": [0, 0], "radius": 0.5, "color": "black"}
+    code, text = run([trace], *mission(floor={"background": "white", "zones": [spot]}))
     assert code == 1
     assert "NOT reached: ground" in text
 

@@ -43,6 +43,10 @@ def record(
     """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
 
     --seed is the instance's own, as evaluate --json lists them.
+
+    Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
+    proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
+    quaternion. docs/simulator.md says what each measures.
     """
     from mercator_design.files import replacing
     from mercator_design.report.recording import FORMATS, check_size, write_recording

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import textwrap
@@ -306,10 +307,11 @@ class TestOnTheCommandLine:
         quick = ["--set", "robots=2", "--set", "duration=1", "--set", NORTH, "--set", shrink]
         code, _, error = mdesign(tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out")
         assert (code, "known" in error or "expected one of" in error) == (3, True)
-        code, _, error = mdesign(
+        code, summary, error = mdesign(
             tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
         )
         assert code == 0, error
+        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in summary
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
         code, _, error = mdesign(tmp_path, *measure)
         assert (code, error) == (

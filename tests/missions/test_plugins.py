@@ -6,10 +6,12 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
+import yaml
 
-from mercator_design import jit
+from mercator_design import jit, shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.loading import dump
@@ -348,3 +350,13 @@ class TestOnTheCommandLine:
     def test_a_file_that_is_not_there(self, tmp_path):
         code, _, error = mdesign(tmp_path, "validate", "aggregation", "--plugin", "nowhere.py")
         assert (code, error) == (3, "Error: nowhere.py: no such file\n")
+
+    def test_the_example_of_the_document(self, tmp_path):
+        text = (Path(__file__).parents[2] / "docs" / "missions.md").read_text().partition("### Your own objectives")[2]
+        plugin, lines = re.findall(r"```(?:python)?\n(.+?)```", text, re.DOTALL)[:2]
+        (tmp_path / "my.py").write_text(plugin)
+        mission = yaml.safe_load(shipped.missions()["aggregation"].read_text()) | yaml.safe_load(lines)
+        (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
+        assert mdesign(tmp_path, "validate", "--plugin", "my.py", "mission.yaml") == (
+            0, "mission.yaml: valid mission, 3 robots, 120 s\n", ""
+        )  # fmt: skip

@@ -208,10 +208,8 @@ def _arena_clip(axes: Axes, mission: Mission) -> Area:
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     """The border of where the robots may start, within the arena; False if that is too small to show."""
     grid = _within(mission, _PIXELS)
-    points = grid.reshape(-1, 2)
-    inside, covered = (
-        found.reshape(grid.shape[:2]) for found in (mission.arena.contains(points), covers(placement, points))
-    )
+    covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    inside = np.array([mission.arena.contains(row) for row in grid])  # many walls: all rows at once fill the memory
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * _PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:

@@ -9,13 +9,15 @@ import pytest
 
 from docs import tables
 from docs.made_part import MadePart
+from mercator_design.cli.record import record
 from mercator_design.fsm import ReferenceModel, parse
 from mercator_design.sim.devices import DEVICES
-from mercator_design.sim.robot_model import Gaussian, LightCamera, load_robot_model
+from mercator_design.sim.robot_model import Gaussian, load_robot_model
 from tests.sim.worlds import at, simulator
 
 ROOT = Path(__file__).parents[1]
-MERCATOR = dataclasses.replace(load_robot_model("mercator"), light=LightCamera(height=0.154, range=10.0))
+RING = dataclasses.replace(load_robot_model("epuck").light, noise=None)
+MERCATOR = dataclasses.replace(load_robot_model("mercator"), light=RING)
 SIMULATOR = (ROOT / "docs" / "simulator.md").read_text()
 ROWS = {
     row.split("|")[1].strip(" `"): [cell.strip() for cell in row.split("|")[2:-1]]
@@ -61,6 +63,11 @@ class TestMadeParts:
 
 def test_every_device_has_its_row():
     assert list(ROWS) == list(DEVICES)
+
+
+def test_the_help_of_record_names_every_device():
+    named = re.search(r"Devices: (.*?)\.", record.help, re.DOTALL)
+    assert re.split(r",\s+", named[1]) == list(DEVICES)
 
 
 def keys(cell):
@@ -112,7 +119,7 @@ class TestDevices:
         """The keys named do, on robots that move alike."""
         *_, noise = ROWS[device]
         quiet = plain.measure(device)
-        named = [key for key in keys(noise) if device != "neighbours" or not key.startswith("lidar")]
+        named = [key for key in keys(noise) if not (device.startswith("neighbour") and key.startswith("lidar"))]
         assert named or noise == "none"
         for key in named:
             noisy = recorded(changed(MERCATOR, key)).measure(device)

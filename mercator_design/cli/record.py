@@ -44,7 +44,12 @@ def record(
     lenient: bool,
     overrides: tuple[str, ...],
 ) -> None:
-    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps."""
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
+    proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
+    quaternion. docs/simulator.md says what each measures.
+    """
     from mercator_design.files import replacing
     from mercator_design.report.recording import FORMATS, check_size, write_recording
     from mercator_design.sim.devices import DEVICES

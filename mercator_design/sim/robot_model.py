@@ -183,6 +183,7 @@ class Neighbours:
 
     device: Literal["camera"] = "camera"
     range: Distance | None = None  # [m] that the device reaches; null: as far as robots count
+    height: Distance = 0.0  # [m] of the camera, and of what it sees of a robot; what is lower hides nothing
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction

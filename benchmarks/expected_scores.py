@@ -23,11 +23,12 @@ A change of the simulator that only rounds otherwise leaves all of them as they 
 changes scores, but the means must stay in their bands; only then make the file anew.
 """
 
+import argparse
 import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -199,11 +200,27 @@ def write(known: dict[str, dict[str, Any]]) -> None:
     FILE.write_text(f'{{"how": "made by benchmarks/expected_scores.py; see there", "missions": {{\n{text}\n}}}}\n')
 
 
+def mission_name(text: str) -> str:
+    """An argument that must name a shipped mission."""
+    if text not in shipped.missions():
+        near = get_close_matches(text, shipped.missions(), n=1)
+        raise argparse.ArgumentTypeError(
+            f"no shipped mission is called '{text}'" + "".join(f"; did you mean '{name}'?" for name in near)
+        )
+    return text
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("names", metavar="NAME", nargs="*", type=mission_name, help="shipped mission")
+    parser.add_argument("--all", action="store_true", help="make all anew")
+    given = parser.parse_args()
     names = list(shipped.missions())
-    known = json.loads(FILE.read_text())["missions"] if FILE.exists() and "--all" not in sys.argv else {}
+    known = json.loads(FILE.read_text())["missions"] if FILE.exists() and not given.all else {}
     known = {name: entry for name, entry in known.items() if name in names}
-    for name in [name for name in names if name in sys.argv[1:] or name not in known]:
+    for name in [name for name in names if name in given.names or name not in known]:
         runs = simulator(name)
         _, texts = fsms(runs.mission)
         known[name] = {label: expectation(runs, text) for label, text in texts.items()}

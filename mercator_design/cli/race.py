@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.inputs import doubt
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def race(
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
-    doubt(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
+    warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
     jobs = jobs or available_jobs()
     path = output or _free_folder(simulator.mission.name)

@@ -20,6 +20,7 @@ from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.dynamics import change_floor
+from mercator_design.missions.trace import every_nth
 from mercator_design.sim.lidar import scan
 from mercator_design.sim.noise import (
     ACCELEROMETER_DRAWS,
@@ -76,7 +77,7 @@ class Recording:
     control_period: float  # [s]
 
     def measure(self, name: str, every: int = 1) -> Floats:
-        """What a device measured or did at the end of every so many-th cycle, from the first on.
+        """What a device measured or did at the end of every so many-th cycle, and of the last.
 
         Args:
             name: Of DEVICES.
@@ -114,7 +115,7 @@ class Recording:
     def _cycles(self, every: int) -> Cycles:
         if every < 1:
             raise SimulationError(f"every: expected a whole number >= 1, found {every}")
-        return np.arange(0, len(self.history.states), every)
+        return every_nth(len(self.history.states), every)
 
     @property
     def headings(self) -> Floats:

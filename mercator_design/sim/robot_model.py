@@ -174,7 +174,7 @@ class Ground:
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 16)]  # [m] forwards, leftwards of the centre
     gray: bool = False  # whether they see no colours, only how bright the floor is
-    noise: Noise = None  # on each channel, 0 to 255, or on the brightness, 0 to 255
+    noise: Noise = None  # on each channel, 0 to 255, which is then rounded; if gray, on the brightness, not rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -174,7 +174,7 @@ def compare(
             for statistic in rows[0]:
                 ours, theirs = (np.array([row[statistic] for row in way]) for way in (rows, other_rows))
                 found.append((f"{name} ({share:.0%})", statistic, ours, theirs))
-                ps += [mann_whitney(ours, theirs), float(ks_2samp(ours, theirs, method="asymp").pvalue)]
+                ps += [mann_whitney(ours, theirs), float(ks_2samp(ours, theirs).pvalue)]
     print(
         "| robots (of them in the space) | statistic | engine | without short cuts | apart [sd] | Mann-Whitney | K-S |"
     )

@@ -63,6 +63,11 @@ class RaceOptions:
         threshold = self.soft_restart_threshold
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
 
+    @classmethod
+    def irace(cls) -> "RaceOptions":
+        """Exactly irace's algorithm."""
+        return cls()
+
     @property
     def planned_mu(self) -> int:
         """Mu, but no less than first_test."""

@@ -6,11 +6,11 @@ Problems are objects with `name`, `parameters`, `instances`, `evaluate(configura
 instances, their optimum the best winner of any method. The regret is (true cost - optimum) / (reference - optimum).
 
 Each method is compared with --against, and with the runs that R irace left in a file, by Mann-Whitney's rank-sum test;
-p-values are Holm's over the problems. Methods are `default`, `irace` (irace's own algorithm), and `-NAME`, which is the
-default without one of its deviations from irace.
+p-values are Holm's over the problems. Methods are `default`, `irace` (irace's own algorithm), and `no-NAME`, the
+default but for the option NAME, which is irace's.
 
 Run: python benchmarks/race_quality.py --problems FILE.py [--budgets 1000 5000] [--seeds 20] [--irace results.json]
-         [--methods default irace -surrogate ...] [--cache FILE] [--missions NAME ...] [-j N]
+         [--methods default irace no-surrogate ...] [--cache FILE] [--missions NAME ...] [-j N]
 """
 
 import argparse
@@ -77,7 +77,7 @@ def _condition(tree: list[Any]) -> str:
 class Synthetic:
     """A problem of a module, and its stream of instances: passes over the training instances, each in a new order."""
 
-    def __init__(self, problem: Any) -> None:  # noqa: ANN401 - whatever the module has
+    def __init__(self, problem: Any) -> None:
         self.space = space_of(problem.parameters)
         self.problem = problem
 
@@ -143,7 +143,7 @@ Problem = Synthetic | Mission
 
 
 @cache
-def load_module(file: str) -> Any:  # noqa: ANN401
+def load_module(file: str) -> Any:
     spec = importlib.util.spec_from_file_location(Path(file).stem, file)
     if spec is None or spec.loader is None:
         sys.exit(f"{file}: expected a Python module of problems")
@@ -169,20 +169,20 @@ def problem(file: str | None, name: str) -> Problem:
     return Synthetic(found)
 
 
-def _listed(module: Any) -> list[Any]:  # noqa: ANN401
+def _listed(module: Any) -> list[Any]:
     problems = module.PROBLEMS
     return list(problems.values() if isinstance(problems, Mapping) else problems)
 
 
 def options_of(method: str) -> RaceOptions:
-    """`default`, `irace`, or `-NAME`: the default without a deviation."""
+    """`default`, `irace`, or `no-NAME`: the default without a deviation."""
     if method == "default":
         return RaceOptions()
     if method == "irace":
         return RaceOptions.irace()
-    name = method.removeprefix("-")
+    name = method.removeprefix("no-")
     if method == name or not hasattr(RaceOptions(), name):
-        sys.exit(f"--methods: expected default, irace or -NAME of an option that irace has not, found {method}")
+        sys.exit(f"--methods: expected default, irace or no-NAME of an option, found {method}")
     return replace(RaceOptions(), **{name: getattr(RaceOptions.irace(), name)})
 
 
@@ -241,7 +241,8 @@ def all_rows(tasks: list[tuple[str | None, str, str, int, int]], file: Path | No
         if file is not None:
             with file.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(rows[-1]) + "\n")
-        print(f"\r{done}/{len(missing)}", end="", file=sys.stderr)
+        if sys.stderr.isatty():
+            print(f"\r{done}/{len(missing)}", end="", file=sys.stderr)
     return rows
 
 
@@ -262,7 +263,7 @@ def print_budget(budget: int, regrets: Mapping[tuple[str, str], list[float]], na
     print(f"| **mean** | {' | '.join(f'**{mean:.3f}**' for mean in means)} |\n")
     for method in methods:
         for other in dict.fromkeys((against, "R irace")):
-            if method != other and method != "R irace":
+            if method not in {other, "R irace"}:
                 print_verdict(method, other, regrets, names)
 
 

@@ -10,9 +10,11 @@ from mercator_design.race.tests import TestName
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RaceOptions:
-    """irace's options of the same meaning.
+    """irace's options of the same meaning, and what this race does that irace does not; `irace()` gives irace's.
 
     Args:
+        surrogate: Part of the newcomers that a surrogate proposes; irace's sampling model draws the others.
+        repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
         confidence: Of the test.
@@ -32,9 +34,11 @@ class RaceOptions:
         RaceError: An option is out of its range.
     """
 
+    surrogate: float = 0.8
+    repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
-    first_test: int = 5
+    first_test: int = 3
     each_test: int = 1
     mu: int = 5
     elitist: bool = True
@@ -47,6 +51,7 @@ class RaceOptions:
     postselection: bool = True
 
     def __post_init__(self) -> None:
+        _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
         _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
         _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
         _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
@@ -66,7 +71,7 @@ class RaceOptions:
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls()
+        return cls(surrogate=0.0, repeated=True, first_test=5)
 
     @property
     def planned_mu(self) -> int:

@@ -27,9 +27,10 @@ format:
 bench:
     .venv/bin/python benchmarks/engine.py
 
-# Pictures of the shipped missions, and the README's gallery of them
+# Pictures of the shipped missions, the README's gallery of them, and tables in the documents
 pictures:
     .venv/bin/python docs/gallery.py
+    .venv/bin/python docs/tables.py
 
 # What continuous integration runs
 ci:

@@ -92,7 +92,7 @@ class Designer:
     def __init__(self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon") -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():
-                simulator.check_module(module, f"{flavour}: ")
+                simulator.check_module(module, flavour)
         self.simulator = simulator
         self.flavour = flavour
         self.race = IteratedRace(Space.from_text(parameters_text(flavour), "grammar"), budget=budget, seed=seed)

@@ -8,13 +8,28 @@
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.
+
+Names, paths and texts that messages quote come from strangers' files: `printable` keeps them from steering a terminal.
 """
 
 
+def printable(text: str) -> str:
+    """A text in one line, with all that a terminal would act on or not show written as an escape."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def excerpt(text: str) -> str:
+    """The beginning of a text, short enough to quote."""
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 class MercatorError(Exception):
-    """Base of all errors that are reported to the user without a traceback."""
+    """Base of all errors that are reported to the user without a traceback; the message is made printable."""
 
     exit_code = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class MissionError(MercatorError):

@@ -1,9 +1,41 @@
-"""Writing files so that a reader never sees half of one."""
+"""Reading files that may be anything, and writing files so that a reader never sees half of one."""
 
 import contextlib
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
+
+
+class Unreadable(Exception):  # noqa: N818 - becomes the error class of who reads
+    """What is wrong with a file."""
+
+
+def read_small(path: Path, most: int) -> bytes:
+    """The contents of a regular file of at most so many bytes.
+
+    Raises:
+        Unreadable: saying what is wrong with it.
+    """
+    try:
+        if path.is_dir():
+            wrong = "expected a file, found a folder"
+        elif not path.exists():
+            wrong = "no such file"
+        elif not path.is_file():  # opening a pipe would wait, reading a device might never end
+            wrong = "expected a regular file, found a device or pipe"
+        else:
+            with path.open("rb") as file:
+                data = file.read(most + 1)
+            if len(data) <= most:
+                return data
+            wrong = f"expected at most {most // 1024} KiB, found a larger file"
+    except OSError as error:
+        wrong = f"cannot be read: {error.strerror}"
+    except ValueError:  # a NUL in the path
+        wrong = "no such file"
+    raise Unreadable(wrong)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -13,10 +45,17 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """As `write_text`."""
+    with replacing(path) as file:
+        file.write(data)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """A file to write that takes the place of a path's when it is whole; if something goes wrong, nothing is left."""
     draft = path.with_name(f".{path.name[:200]}-{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)

@@ -5,20 +5,24 @@ A kernel is a plain Python function in a small subset of the language (floats, t
 one entry function, in which every call of a marked function is compiled too. So there is one definition of each
 behaviour, and control software runs where there is no numba.
 
-Compiled code is cached in a folder named by the contents of all kernel files: numba itself does not notice an edited
-callee (numba issue 1833) and would go on running the old one.
+Compiled code is cached in a folder named by all that it is made from: numba itself does not notice an edited callee
+(numba issue 1833) and would go on running the old one.
 """
 
 import atexit
 import contextlib
+import functools
 import hashlib
+import inspect
+import json
 import os
+import re
 import shutil
 import sys
 import tempfile
 import threading
+import types
 from collections.abc import Callable, Iterable
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -35,7 +39,6 @@ _INNER: Any = {
 }
 _waiting: list[Callable[..., Any]] = []
 _marked: set[Callable[..., Any]] = set()
-_more_files: list[Path] = []
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
 _lock = threading.RLock()
 
@@ -52,9 +55,15 @@ def is_marked(function: Callable[..., Any]) -> bool:
     return function in _marked
 
 
-def marked() -> int:
-    """How many functions are marked `@jittable` so far."""
-    return len(_marked)
+def marked() -> frozenset[Callable[..., Any]]:
+    """The functions that are marked `@jittable` so far."""
+    return frozenset(_marked)
+
+
+def forget(functions: Iterable[Callable[..., Any]]) -> None:
+    """Take the marks of functions away, as if they had never been marked."""
+    _marked.difference_update(functions)
+    _waiting[:] = [function for function in _waiting if function in _marked]
 
 
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
@@ -76,8 +85,15 @@ def jit_wanted() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 
+class CompilationError(Exception):
+    """A kernel is not of the subset of Python that can be compiled."""
+
+
 def compiled(function: F) -> F:
-    """The compiled form of an entry function, which runs without holding the GIL."""
+    """The compiled form of an entry function, which runs without holding the GIL.
+
+    Its first call compiles, and raises CompilationError if that cannot be done.
+    """
     if not jit_wanted():
         return function
     with _lock:
@@ -99,9 +115,19 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
         entry._cache = _ForgivingCache(entry._cache)  # noqa: SLF001 - numba offers no other way in
-        return cast("Callable[..., Any]", entry)
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        try:
+            return entry(*arguments)
+        except (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError) as error:
+            innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
+            reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
+            raise CompilationError(reason[:500]) from error
+
+    return call
 
 
 class _ForgivingCache:
@@ -136,13 +162,13 @@ def is_cached(function: Callable[..., Any]) -> bool:
     return not jit_wanted() or any(cache_folder().glob(f"**/*.{function.__qualname__}-*.{python}*.nbi"))
 
 
-@cache
+@functools.cache
 def cache_folder() -> Path:
     """Where compiled code lies: a folder for each version of the kernels, or one of this process if need be."""
     import platformdirs
 
     root = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
-    folder = Path(root) / fingerprint(kernel_files())[:16]
+    folder = Path(root) / kernels_digest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -153,27 +179,49 @@ def cache_folder() -> Path:
     return folder
 
 
+def compiling_began() -> bool:
+    """Whether something is compiled already, by the kernels that there were."""
+    return jit_wanted() and cache_folder.cache_info().currsize > 0
+
+
 def kernel_files() -> list[Path]:
-    """The source files that compiled code is made from."""
+    """The source files that compiled code is made from: ours, and those of marked functions elsewhere."""
     folders = ("fsm", "missions", "sim")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
-    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *_more_files]
+    others = {Path(function.__code__.co_filename) for function in _foreign()}
+    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *sorted(file for file in others if file.is_file())]
 
 
-def add_kernel_file(file: Path) -> bool:
-    """Count a file outside this package among the kernel files; False if something was compiled without it."""
-    if cache_folder.cache_info().currsize and jit_wanted():
-        return False
-    _more_files.append(file)
-    return True
-
-
-def fingerprint(files: Iterable[Path]) -> str:
-    """A digest of the contents of files, as hexadecimal text."""
+def kernels_digest() -> str:
+    """A digest of all that compiled code is made from, as hexadecimal text."""
     digest = hashlib.sha256()
-    for file in files:
+    for file in kernel_files():
         digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    for text in sorted(map(_frozen, _foreign())):
+        digest.update(text.encode() + b"\0")
     return digest.hexdigest()
+
+
+def _foreign() -> list[Callable[..., Any]]:
+    """The marked functions that are not of this package."""
+    return [function for function in _marked if not Path(function.__code__.co_filename).is_relative_to(_PACKAGE)]
+
+
+def _frozen(function: Callable[..., Any]) -> str:
+    """What compiled code takes from a function, and from the globals that it reads, wherever they were set."""
+    around = inspect.getclosurevars(function)
+    found = {**around.globals, **around.nonlocals}
+    for name, value in {**found}.items():
+        if isinstance(value, types.ModuleType):
+            found |= {f"{name}.{key}": getattr(value, key, None) for key in function.__code__.co_names}
+    values = sorted((name, value) for name, value in found.items() if not isinstance(value, dict))
+    code = function.__code__.co_code.hex(), function.__code__.co_consts
+    return json.dumps([function.__qualname__, code, values], default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """An array as a list; what is no value, as a function, as nothing."""
+    return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None
 
 
 def _register(function: Callable[..., Any]) -> None:
@@ -226,7 +274,7 @@ def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[...,
     closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"
 
 
-@cache
+@functools.cache
 def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
     """A call, for compiled code only, of a C function `void f(...)`: `call(address, (values, ...))`.
 
@@ -259,7 +307,7 @@ def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
     return cast("Callable[[int, tuple[float, ...]], None]", call)
 
 
-@cache
+@functools.cache
 def memory_access() -> tuple[Callable[[int], float], Callable[[int, float], None]]:
     """For compiled code only: `load(address)` and `store(address, value)` of a double in memory."""
     from llvmlite import ir

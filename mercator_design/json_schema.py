@@ -142,7 +142,9 @@ def _record(kind: Kind, records: _Records) -> Json:
     for name, function in rule.functions.items():
         named = {rule.key: (Literal[name], dataclasses.MISSING)}
         parameters = schema.parameters_of(function)
-        alternatives.append(_object(fields | named | parameters, comments, _summary(function), records))
+        alternatives.append(
+            _object(fields | named | parameters, comments | _comments(function), _summary(function), records)
+        )
     return _described(_summary(kind)) | {"oneOf": alternatives}
 
 
@@ -150,7 +152,7 @@ def _object(specification: Specification, comments: Mapping[str, str], summary: 
     properties = {}
     for name, (kind, default) in specification.items():
         properties[name] = _schema(kind, records)
-        properties[name] |= _described(comments.get(name, ""))
+        properties[name] |= _described(comments.get(name) or _meaning(kind, summary))
         if default is not dataclasses.MISSING:
             properties[name]["default"] = plain(default)
     return _described(summary) | {
@@ -159,6 +161,16 @@ def _object(specification: Specification, comments: Mapping[str, str], summary: 
         "required": [name for name, (_, default) in specification.items() if default is dataclasses.MISSING],
         "additionalProperties": False,
     }
+
+
+def _meaning(kind: Kind, summary: str) -> str:
+    """Of a key without a comment: what its dataclass is, or what the alternative is that its only word tells apart."""
+    base, _ = schema.unwrapped(kind)
+    if schema.origin_of(base) is Literal:
+        return summary
+    parts = typing.get_args(base) if schema.is_union(base) else (base,)
+    records = [part for part in parts if schema.is_record(part)]
+    return _summary(records[0]) if len(records) == 1 else ""
 
 
 def _described(text: str) -> Json:
@@ -171,10 +183,10 @@ def _summary(described: Callable[..., Any]) -> str:
     return "" if text.startswith(f"{described.__name__}(") else " ".join(text.split("\n\n")[0].split())
 
 
-def _comments(kind: Kind) -> dict[str, str]:
-    """Field -> the comment behind it in the source."""
+def _comments(described: Callable[..., Any]) -> dict[str, str]:
+    """Field, or parameter on a line of its own -> the comment behind it in the source."""
     try:
-        source = inspect.getsource(kind)
+        source = inspect.getsource(described)
     except OSError:  # made at run time
         return {}
     return dict(re.findall(r"^    (\w+): [^#\n]*  # (.+)$", source, re.MULTILINE))

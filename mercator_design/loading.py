@@ -20,7 +20,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import yaml
 
 from mercator_design import schema
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, excerpt
 from mercator_design.schema import (
     Ascending,
     FieldError,
@@ -35,7 +35,7 @@ from mercator_design.schema import (
     Range,
     Specification,
 )
-from mercator_design.yaml_tree import Fault, Node, compose, excerpt, merge, override, read_text, steps
+from mercator_design.yaml_tree import Fault, Node, compose, merge, override, read_text, steps
 
 __all__ = [
     "Ascending",
@@ -48,11 +48,13 @@ __all__ = [
     "Pattern",
     "Positive",
     "Range",
+    "check_parameter",
     "dump",
     "is_name",
     "parse",
     "plain",
     "read",
+    "text_of",
 ]
 
 T = TypeVar("T")
@@ -83,13 +85,9 @@ def read(
     Raises:
         error: with file, line, path of the key, what was expected and what was found.
     """
-    try:
-        text = read_text(Path(path))
-    except Fault as fault:
-        raise error(str(fault)) from None
     folder = Path(path).parent
     return parse(
-        text,
+        text_of(path, error=error),
         kind,
         error=error,
         label=str(path),
@@ -98,6 +96,14 @@ def read(
         defaults=defaults,
         find_base=find_base,
     )
+
+
+def text_of(path: str | Path, *, error: type[MercatorError]) -> str:
+    """The text of a file that `read` would look at; errors are of the class given."""
+    try:
+        return read_text(Path(path))
+    except Fault as fault:
+        raise error(str(fault)) from None
 
 
 def parse(
@@ -158,7 +164,7 @@ _WRONG: Any = object()
 def _build(node: Node, kind: Kind, path: str) -> Any:  # noqa: ANN401 - what `kind` says
     base, rules = schema.unwrapped(kind)
     value = _builder(base)(node, base, path)
-    if value is _WRONG or not all(rule.allows(value) for rule in rules):
+    if value is _WRONG or (value is not None and not all(rule.allows(value) for rule in rules)):
         near = _nearest(node.content, schema.words(base)) if isinstance(node.content, str) else ""
         raise _fault(node, path, f"expected {schema.describe(kind)}, found {node.found}{near}")
     if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
@@ -297,6 +303,24 @@ def _nearest(word: str, known: Iterable[str]) -> str:
     """A suggestion to append to an error, or nothing."""
     near = difflib.get_close_matches(word[:100], known, n=1)
     return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
+    """Make sure that a file can give a value of a kind, and could have given the default.
+
+    Raises:
+        TypeError: saying what is wrong.
+    """
+    schema.check(kind)
+    if default is dataclasses.MISSING:
+        return
+    try:
+        text = yaml.dump([plain(default)], Dumper=_Dumper)
+        _build(compose(text, "", Path()), tuple[kind], "")
+    except (Fault, yaml.YAMLError):
+        raise TypeError(
+            f"its default {excerpt(repr(default))} cannot be written in YAML as {schema.describe(kind)}"
+        ) from None
 
 
 def dump(value: object) -> str:

@@ -29,7 +29,7 @@ from mercator_design.design import Design, Designer, Finished
 from mercator_design.errors import RaceError
 from mercator_design.files import write_text
 from mercator_design.fsm.text import fsm_file_text, to_text
-from mercator_design.jit import fingerprint, kernel_files
+from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
 from mercator_design.missions.plugins import loaded_plugins
 
@@ -55,7 +55,7 @@ class RunFolder:
             "seed": designer.race.seed,
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "plugins": loaded_plugins(),
-            "kernels": fingerprint(kernel_files()),
+            "kernels": kernels_digest(),
             "python": sys.version.split()[0],
             "libraries": {name: version(name) for name in _LIBRARIES},
             "platform": platform.platform(),

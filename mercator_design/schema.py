@@ -175,6 +175,33 @@ def keywords_of(kind: Kind) -> tuple[str, KeywordsOf] | None:
     return None
 
 
+def check(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
+    """Make sure that loading.py understands an annotation, which may be part of some records.
+
+    Raises:
+        TypeError: naming the part that it does not understand, and what there is.
+    """
+    base, _ = unwrapped(kind)
+    parts = typing.get_args(base)
+    if is_union(base):
+        records = [each for each in parts if is_record(each)]
+        if len(records) > 1:
+            tags(records)
+    elif is_record(base):
+        parts = () if base in within else tuple(annotation for annotation, _ in fields_of(base).values())
+        within = (*within, base)
+    elif origin_of(base) is Literal:
+        parts = ()
+    elif not (origin_of(base) in {tuple, Mapping} and parts) and not any(base is each for each in _NOUNS):
+        raise TypeError(
+            f"{inspect.formatannotation(base)} cannot be written in YAML; supported are float, int, bool, str, None, "
+            "Literal[...], tuple[...], Mapping[..., ...] of these, dataclasses, NamedTuples, and | between them"
+        )
+    for part in parts:
+        if part is not Ellipsis:
+            check(part, within)
+
+
 def form(kind: Kind) -> type:
     """What a value of this kind is in YAML: dict, list or str (any scalar)."""
     base, _ = unwrapped(kind)
@@ -189,7 +216,8 @@ def tags(kinds: list[Kind]) -> tuple[str, dict[str, Kind]]:
         found = [words(fields_of(kind)[key][0]) for kind in kinds if key in fields_of(kind)]
         if len(found) == len(kinds) and all(len(each) == 1 for each in found):
             return key, {each[0]: kind for each, kind in zip(found, kinds, strict=True)}
-    raise TypeError(f"nothing tells {kinds} apart")
+    names = " and ".join(kind.__name__ for kind in kinds)
+    raise TypeError(f"nothing tells {names} apart; give each a field that is a Literal of one word of its own")
 
 
 def words(kind: Kind) -> list[str]:

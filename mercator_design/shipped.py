@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
-from mercator_design.errors import MissionError
+from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import is_name
-from mercator_design.yaml_tree import excerpt
 
 _PACKAGE = Path(__file__).parent
 

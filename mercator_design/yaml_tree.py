@@ -15,6 +15,9 @@ from typing import Any, TypeAlias
 
 import yaml
 
+from mercator_design.errors import excerpt
+from mercator_design.files import Unreadable, read_small
+
 LARGEST_FILE = 256 * 1024
 DEEPEST = 32
 
@@ -63,12 +66,6 @@ class Node:
         return node
 
 
-def excerpt(text: str) -> str:
-    """A text short and printable enough for an error message."""
-    shown = text if len(text) <= 60 else text[:57] + "..."
-    return "".join(c if c.isprintable() else "?" for c in shown)
-
-
 def read_text(path: Path) -> str:
     """The text of a regular, small, UTF-8 file.
 
@@ -76,18 +73,9 @@ def read_text(path: Path) -> str:
         Fault: with the path and what is wrong with the file.
     """
     try:
-        if path.is_dir():
-            raise Fault(f"{path}: expected a file, found a folder")
-        if not path.exists():
-            raise Fault(f"{path}: no such file")
-        if not path.is_file():  # opening a pipe would wait, reading a device might never end
-            raise Fault(f"{path}: expected a regular file, found a device or pipe")
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise Fault(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > LARGEST_FILE:
-        raise Fault(f"{path}: expected at most {LARGEST_FILE // 1024} KiB of YAML, found a larger file")
+        data = read_small(path, LARGEST_FILE)
+    except Unreadable as error:
+        raise Fault(f"{path}: {error}") from None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

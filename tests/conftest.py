@@ -9,12 +9,8 @@ settings.load_profile("project")
 
 
 @pytest.fixture
-def registries(monkeypatch):
+def registries():
     """What a test adds to the objectives and floor dynamics is gone afterwards."""
-    before = dict(plugins.OBJECTIVES), dict(plugins.DYNAMICS), list(plugins.CHANGES)
-    monkeypatch.setattr(plugins, "_loaded", {})
+    restore = plugins.snapshot()
     yield
-    for registry, entries in zip((plugins.OBJECTIVES, plugins.DYNAMICS), before, strict=False):
-        registry.clear()
-        registry.update(entries)
-    plugins.CHANGES[:] = before[2]
+    restore()

@@ -21,8 +21,10 @@ from mercator_design import run_folder, shipped
 from mercator_design.cli import main
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.report import recording
 from mercator_design.report.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
 QUICK = ["--set", "robots=2", "--set", "duration=3"]
@@ -107,6 +109,12 @@ class TestRace:
         assert (code, out) == (3, "")
         assert "phototaxis" in err
         assert "needs light" in err
+
+    def test_a_flavour_with_a_condition_that_the_robot_cannot_see_by(self, mdesign, tmp_path):
+        folder = tmp_path / "r"
+        code, _, err = mdesign("race", "vanilla_aggregation", "--budget", 300, "-o", folder, *QUICK)
+        assert code == 0
+        assert "Warning: watermelon: floor colour never holds: robot epuck sees only how bright the ground is\n" in err
 
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
         _, out, _ = mdesign("race", "foraging", "--budget", 60, "-o", tmp_path / "r", *QUICK)
@@ -315,6 +323,19 @@ class TestEvaluate:
         assert code == 3
         assert "phototaxis needs light" in err
 
+    @pytest.mark.parametrize("command", [["evaluate", "-n", "1"], ["record", "-o", "trace.csv"]])
+    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path, monkeypatch, command):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "fsm.txt").write_text(W1.replace("--c0x0 0 --p0x0 0.5", "--c0x0 6 --p0x0 0.5 --l0x0 2"))
+        name, *options = command
+        on = ["--mission", "color_aggregation", "--robot-model", "epuck", *QUICK]
+        code, _, err = mdesign(name, "fsm.txt", *options, *on)
+        assert code == 0
+        assert [line for line in err.splitlines() if not line.startswith("Compiling")] == [
+            "Warning: state 0, transition 0: floor colour never holds: robot epuck sees only how bright the ground is",
+            "Warning: color_aggregation: floor: no condition of robot epuck tells gray, green, red apart",
+        ]
+
     def test_lenient(self, mdesign, tmp_path):
         (tmp_path / "loose.txt").write_text("--nstates 1 --s0 0 --rwm0 20.7")
         options = ["--mission", "aggregation", "-n", 2, *QUICK]
@@ -336,7 +357,8 @@ class TestValidate:
         assert "bad.txt:1: --s0" in err
 
     def test_all_that_is_shipped_is_valid(self, mdesign):
-        assert mdesign("validate", *shipped.missions(), *shipped.robot_models().values())[0] == 0
+        code, _, err = mdesign("validate", *shipped.missions(), *shipped.robot_models().values())
+        assert (code, err) == (0, "")
 
     def test_a_robot_model(self, mdesign, tmp_path):
         text = shipped.robot_models()["mercator"].read_text()
@@ -346,6 +368,21 @@ class TestValidate:
         assert code == 3
         assert "valid robot model mercator" in out
         assert "body.mass" in err
+
+    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path):
+        robot, mission = tmp_path / "far.yaml", tmp_path / "colours.yaml"
+        robot.write_text("schema: 1\nbase: epuck\nneighbours: {range: 2}\n")
+        text = shipped.missions()["color_aggregation"].read_text()
+        mission.write_text(text.replace("robot_model: mercator", "robot_model: ./far.yaml"))
+        code, out, err = mdesign("validate", robot, mission)
+        assert code == 0
+        assert len(out.splitlines()) == 2
+        far = "Warning: robot model far: neighbours.range: 2 m changes nothing"
+        assert [line.partition(", as")[0] for line in err.splitlines()] == [
+            far,
+            far,
+            "Warning: colours: floor: no condition of robot far tells gray, green, red apart",
+        ]
 
     def test_robots_must_find_places(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")
@@ -373,10 +410,22 @@ class TestMissions:
             "3", "120", "s", "minimise", "cell_age",
         ]  # fmt: skip
 
-    def test_lines_are_cut_to_a_terminal(self):
-        lines = missions_table(60).splitlines()
-        assert {len(line) for line in lines[1:]} == {60}
-        assert all(line.endswith("…") for line in lines[1:])
+    @pytest.mark.parametrize("command", ["missions", "robots"])
+    def test_lines_are_cut_to_a_terminal(self, mdesign, monkeypatch, command):
+        whole = mdesign(command, "list")[1].splitlines()
+        monkeypatch.setenv("COLUMNS", "70")
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        lines = mdesign(command, "list")[1].splitlines()
+        assert len(lines) == len(whole)
+        assert max(map(len, lines)) == 70 < max(map(len, whole))
+        cut = [(line, text) for line, text in zip(lines, whole, strict=True) if line.endswith("…")]
+        assert len(cut) > 0.5 * len(lines)
+        assert all(len(line) == 70 and line[-15:-1] in text for line, text in cut)
+
+    def test_a_terminal_shows_the_beginning_of_what_a_mission_is(self):
+        line = next(line for line in missions_table(80).splitlines() if line.startswith("aggregation "))
+        assert load_mission("aggregation").description.startswith(line[40:-1])
+        assert len(line) == 80
 
     def test_list_for_programs(self, mdesign):
         found = json.loads(mdesign("missions", "list", "--json")[1])
@@ -472,8 +521,13 @@ class TestSchema:
         plugin.write_text(
             "from mercator_design.missions.plugins import objective\n"
             "@objective\n"
-            "def eastmost(trace, *, bonus: float):\n"
-            "    return float(trace.final_positions[:, 0].max()) + bonus\n"
+            "def eastmost(\n"
+            "    trace,\n"
+            "    *,\n"
+            "    start: float = 0.0,  # [m] from where distances count\n"
+            "    bonus: float,\n"
+            "):\n"
+            "    return float(trace.final_positions[:, 0].max()) - start + bonus\n"
         )
         script = "from mercator_design.cli import main; main()"
         command = [sys.executable, "-c", script, "schema", "--plugin", str(plugin)]
@@ -481,6 +535,7 @@ class TestSchema:
         alternatives = json.loads(done.stdout)["$defs"]["Objective"]["oneOf"]
         (own,) = [each for each in alternatives if each["properties"]["name"] == {"const": "eastmost"}]
         assert own["properties"]["bonus"] == {"type": "number"}
+        assert own["properties"]["start"]["description"] == "[m] from where distances count"
 
 
 def test_help_needs_no_heavy_module():
@@ -539,13 +594,43 @@ class TestRecord:
             assert arrays["pose"].shape == (2, 3, 3)
             assert arrays["time"].tolist() == [0.1, 1.1]
 
+    def test_what_is_too_large_is_said_before_the_experiment(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.setattr(Simulator, "run", None)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=86400", "-o", tmp_path / "trace.npz"]
+        code, _, err = mdesign("record", tmp_path / "fsm.txt", *options, "--devices", "imu,lidar,imu", "--every", 2)
+        assert code == 1
+        assert "poses, states, imu, lidar: a recording of" in err
+        assert [path.name for path in tmp_path.iterdir()] == ["fsm.txt"]
+
+    @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")])
+    def test_a_file_is_whole_or_not_there(self, mdesign, tmp_path, monkeypatch, error):
+        def torn(file, *_, **__):
+            file.write(b"time,")
+            raise error
+
+        monkeypatch.setattr(recording, "write_recording", torn)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        (tmp_path / "trace.csv").write_text("of before")
+        options = ["--mission", "aggregation", "--set", "duration=1", "-o", tmp_path / "trace.csv"]
+        code, out, err = mdesign("record", tmp_path / "fsm.txt", *options)
+        assert (code, out) == ((130, "") if error is KeyboardInterrupt else (1, ""))
+        assert "Interrupted" in err or "trace.csv: cannot be written: No space left" in err
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt", "trace.csv"]
+        assert (tmp_path / "trace.csv").read_text() == "of before"
+
     @pytest.mark.parametrize(
         ("options", "code", "words"),
         [
             (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
             (["-o", "trace.csv", "--devices", "radar"], 2, "no device is called 'radar'; known: wheels, leds"),
             (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
-            (["-o", "nowhere/trace.csv"], 1, "nowhere"),
+            (["-o", "nowhere/trace.csv"], 1, "nowhere/trace.csv: cannot be written: No such file"),
+            (
+                ["-o", "trace.csv", "--devices", "lidar", "--set", "duration=86400"],
+                1,
+                "poses, states, lidar: a recording of 14832 MiB, expected at most 2048 MiB; record fewer devices",
+            ),
         ],
     )
     def test_mistakes_are_named(self, mdesign, tmp_path, monkeypatch, options, code, words):
@@ -572,3 +657,119 @@ class TestRobots:
 
     def test_models_are_validated_by_name(self, mdesign):
         assert mdesign("validate", "epuck", "mercator-varied")[0] == 0
+
+
+ESCAPE = "\x1b[31m\x9b2J\u202e"
+"""Colours the terminal, clears it, turns the direction of writing."""
+
+
+class TestMessages:
+    """No text of a user, or of a file from a stranger, steers the terminal; nobody sees a traceback."""
+
+    @pytest.mark.parametrize(
+        "arguments",
+        [
+            ["validate", f"{ESCAPE}.yaml"],
+            ["validate", f"{ESCAPE}.txt"],
+            ["validate", "escapes.txt", "token.txt"],
+            ["evaluate", "mission.txt"],
+            ["evaluate", "flavour.txt"],
+            ["evaluate", "plugin.txt"],
+            ["evaluate", "set.txt"],
+            ["evaluate", "ignored.txt", "--lenient", "--mission", ESCAPE],
+            ["record", "mission.txt", "-o", f"{ESCAPE}.csv"],
+            ["record", "set.txt", "-o", "x.csv", "--devices", ESCAPE],
+            ["draw", ESCAPE],
+            ["draw", "token.txt"],
+            ["missions", "show", ESCAPE],
+            ["missions", "show", f"{ESCAPE}/"],
+            ["missions", "preview", "aggregation", "-o", f"{ESCAPE}/x.png"],
+            ["missions", "preview", "aggregation", "--robot-model", f"{ESCAPE}.yaml"],
+            ["missions", ESCAPE],
+            ["robots", "show", ESCAPE],
+            ["race", "aggregation", "--budget", "60", "--set", f"{ESCAPE}=3"],
+            ["race", "aggregation", "--budget", "60", "--set", 'name="\\e[31m\\x9b2J\\u202e"'],
+            ["race", "aggregation", "--budget", "60", "--set", 'objective.zones=["\\e[31m\\x9b2J\\u202e"]'],
+            [
+                "race",
+                "aggregation",
+                "--budget",
+                "60",
+                "--set",
+                'floor.image={path: "\\e[31m\\x9b2J\\u202e", size: [1,1]}',
+            ],
+            ["race", "aggregation", "--budget", ESCAPE],
+            ["race", "aggregation", "--plugin", f"{ESCAPE}.py"],
+            ["race", "aggregation", "--plugin", "raises.py"],
+            ["race", "aggregation", "--plugin", "names.py"],
+            [ESCAPE],
+            ["race", f"--{ESCAPE}"],
+        ],
+    )
+    def test_what_they_quote_is_printable(self, mdesign, tmp_path, monkeypatch, arguments):
+        monkeypatch.chdir(tmp_path)
+        fsm = "--nstates 1 --s0 1"
+        for name, text in {
+            "escapes.txt": ESCAPE,
+            "token.txt": f"--nstates 1 --s0 {ESCAPE}",
+            "mission.txt": f"# mission: {ESCAPE}\n{fsm}",
+            "flavour.txt": f"# flavour: {ESCAPE}\n{fsm}",
+            "plugin.txt": f"# mission: aggregation\n# plugins: {ESCAPE} 0123\n{fsm}",
+            "set.txt": f"# mission: aggregation\n# set: {ESCAPE}\n{fsm}",
+            "ignored.txt": f"{fsm} --n0 0 --nothing 3",
+            "raises.py": f"raise ValueError({ESCAPE!r})",
+            "names.py": "from mercator_design.missions.plugins import objective\n"
+            f"def f(trace, *, x): ...\nf.__name__ = {ESCAPE!r}\nobjective(f)",
+        }.items():
+            (tmp_path / name).write_text(text)
+        code, out, err = mdesign(*arguments)
+        assert code in {1, 2, 3}
+        assert re.search(r"\\(x1b|u001b)\[31m\\x9b2J\\u202e", err) or "not valid YAML" in err
+        assert all(line.isprintable() for line in [*out.splitlines(), *err.splitlines()])
+
+    def test_what_is_long_is_cut(self, mdesign, tmp_path):
+        (tmp_path / "long.txt").write_text(f"# mission: {60_000 * 'x'}\n--nstates 1 --s0 1")
+        for arguments in (
+            ["evaluate", tmp_path / "long.txt"],
+            ["missions", "show", "aggregation", "--set", f"objective.zones=[{60_000 * 'x'}]"],
+        ):
+            code, _, err = mdesign(*arguments)
+            assert (code, len(err) < 2000) == (3, True)
+
+    @pytest.mark.parametrize("verb", [["robots", "show"], ["missions", "show"], ["validate"], ["draw"]])
+    @pytest.mark.parametrize("content", [b"\xff\xfe\x00", None])
+    def test_what_is_no_text_is_refused(self, mdesign, tmp_path, verb, content):
+        file = tmp_path / "x.yaml" if content else Path("/dev/zero")
+        if content:
+            file.write_bytes(content)
+        code, out, err = mdesign(*verb, file)
+        assert (code, out) == (3, "")
+        assert "expected UTF-8 text" in err or "found a device" in err
+
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
+    @pytest.mark.parametrize("verb", ["--help", "schema", "robots list"])
+    def test_no_room_for_the_output(self, verb):
+        with Path("/dev/full").open("wb") as full:
+            done = run_with_stdout(full, verb)
+        assert (done.returncode, done.stderr) == (1, "Error: [Errno 28] No space left on device\n")
+
+    @pytest.mark.parametrize("verb", ["--help", "missions list", "schema"])
+    def test_the_reader_of_the_output_goes_away(self, verb):
+        reader, writer = os.pipe()
+        os.close(reader)
+        with os.fdopen(writer, "wb") as stdout:
+            done = run_with_stdout(stdout, verb)
+        assert (done.returncode, done.stderr) == (1, "")
+
+    def test_no_output_at_all(self):
+        script = "import sys; sys.stdout = None; from mercator_design.cli import main; main()"
+        command = [sys.executable, "-c", script, "missions", "list"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def run_with_stdout(stdout, verb):
+    """A command in a process of its own that keeps its output until it is full, as usual."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *verb.split()]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment, check=False)

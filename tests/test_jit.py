@@ -1,5 +1,6 @@
 """The cache of compiled code: found again, never in the way."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -49,11 +50,68 @@ def test_no_room_for_a_cache_is_no_reason_to_stop(tmp_path):
     assert not Path(folder).exists()  # it went with its process
 
 
-def test_an_edited_kernel_is_another_cache(tmp_path):
-    (tmp_path / "kernel.py").write_text("a = 1")
-    before = jit.fingerprint([tmp_path / "kernel.py"])
-    (tmp_path / "kernel.py").write_text("a = 2")
-    assert jit.fingerprint([tmp_path / "kernel.py"]) != before
+class TestAnEditedKernelIsAnotherCache:
+    """Marked functions outside the package, and the numbers that are compiled into them, wherever they come from."""
+
+    KERNEL = "from mercator_design.jit import jittable\n@jittable\ndef double(x):\n    return {} * x\n"
+
+    @pytest.fixture
+    def digest(self, tmp_path, monkeypatch):
+        """The digest with a folder of modules, of which `mine` is imported, afresh each time."""
+        monkeypatch.syspath_prepend(tmp_path)
+
+        def digest(**texts):
+            for name, text in texts.items():
+                (tmp_path / f"{name}.py").write_text(text)
+                sys.modules.pop(name, None)
+            importlib.invalidate_caches()
+            before = jit.marked()
+            importlib.import_module("mine")
+            found = jit.kernels_digest()
+            jit.forget(jit.marked() - before)
+            return found
+
+        yield digest
+        for name in ("mine", "numbers_of_mine"):
+            sys.modules.pop(name, None)
+
+    def test_in_its_own_file(self, digest):
+        one, two, again = (digest(mine=self.KERNEL.format(factor)) for factor in (2, 33, 2))
+        assert one == again != two
+        assert one != jit.kernels_digest()
+
+    @pytest.mark.parametrize(
+        ("line", "factor"),
+        [
+            ("from numbers_of_mine import FACTOR", "FACTOR"),
+            ("import numbers_of_mine as n", "n.FACTOR"),
+            ("import numbers_of_mine as n\nTABLE = n.TABLE", "TABLE[0]"),
+        ],
+    )
+    def test_by_a_number_from_another_file(self, digest, line, factor):
+        numbers = "import numpy as np\nFACTOR = {0}\nTABLE = np.array([{0}.0])\n"
+        kernel = f"{line}\n{self.KERNEL.format(factor)}"
+        one, two, again = (digest(numbers_of_mine=numbers.format(n), mine=kernel) for n in (2, 33, 2))
+        assert one == again != two
+
+    def test_without_a_file(self):
+        digests = []
+        for factor in (2, 33, 2):
+            before = jit.marked()
+            exec(compile(self.KERNEL.format(factor), "<a notebook>", "exec"), {})  # noqa: S102 - our own
+            digests.append(jit.kernels_digest())
+            jit.forget(jit.marked() - before)
+        assert digests[0] == digests[2] != digests[1]
+
+
+@pytest.mark.skipif(not jit.jit_wanted(), reason="plain Python compiles nothing")
+@pytest.mark.parametrize("body", ["return x.no_such_thing", "return len([x] * 3)", "import os", "return undefined(x)"])
+def test_what_cannot_be_compiled_is_our_error(tmp_path, body):
+    names, file = {}, tmp_path / "kernel.py"
+    file.write_text(f"def kernel(x):\n    {body}\n")
+    exec(compile(file.read_text(), str(file), "exec"), names)  # noqa: S102 - our own
+    with pytest.raises(jit.CompilationError):
+        jit._compile(names["kernel"])(1.0)
 
 
 def test_the_cache_is_named_by_every_file_that_has_kernels():

@@ -169,10 +169,27 @@ def test_descriptions_are_read_without_the_source(schema):
         assert not re.search(r"\.\.\.$|\bNone\b|\bthe same\b", description), (name, description)
 
 
-def test_every_number_of_a_robot_has_its_description():
-    assert [
-        name for name, found in properties(ROBOT_MODEL) if found.get("type") == "number" and "description" not in found
-    ] == []
+@pytest.mark.parametrize("schema", [MISSION, ROBOT_MODEL])
+def test_every_key_has_its_description(schema):
+    found = list(properties(schema))
+    assert len(found) > 100
+    assert [name for name, each in found if len(each.get("description", "")) < 5] == []
+
+
+def test_descriptions_are_comments_or_else_docstrings():
+    disc, robot = MISSION["$defs"]["Disc"], ROBOT_MODEL["else"]
+    assert (
+        disc["properties"]["shape"]["description"]
+        == disc["description"]
+        == "The points at most `radius` from `center`."
+    )
+    assert robot["properties"]["leds"]["description"] == "Lamps that show the state."
+    (trips,) = (
+        each for each in MISSION["$defs"]["Objective"]["oneOf"] if each["properties"]["name"].get("const") == "trips"
+    )
+    assert trips["properties"]["name"]["description"] == trips["description"]
+    assert trips["properties"]["nests"]["description"] == "zones where it puts it down"
+    assert trips["properties"]["direction"]["description"] == "whether a higher or a lower score is better"
 
 
 def kinds_within(kind):

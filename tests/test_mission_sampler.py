@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from mercator_design.cli import sample
+from mercator_design.cli.missions import sample
 from mercator_design.loading import dump
 from mercator_design.mission_sampler import CLASSES, _Draw, _NoRoom, sample_mission
 from mercator_design.missions.floor import Disc

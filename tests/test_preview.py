@@ -108,6 +108,19 @@ def test_zones_and_lights_are_named(labyrinth):
     assert axes.get_xlim()[1] < 10
 
 
+def test_a_light_that_is_off_is_hollow_and_says_so():
+    lights = "lights=[{position: [0.5, 0, 1], intensity: 0}, {position: [-0.5, 0, 1], intensity: 2}]"
+    (axes,) = preview(Simulator(load_mission("aggregation", [lights])), seed=1).axes
+    filled = {
+        tuple(marks.get_offsets()[0]): len(marks.get_facecolors()) > 0
+        for marks in axes.collections
+        if not hasattr(marks, "levels")
+    }
+    assert filled == {(0.5, 0.0): False, (-0.5, 0.0): True}
+    says = {text.get_text(): tuple(text.xy) for text in axes.texts if text.get_text().startswith("light")}
+    assert says == {"light, off": (0.5, 0.0), "light, 1 m high": (-0.5, 0.0)}
+
+
 def start_area(axes):
     """The corners of the border of the start area, if one is drawn."""
     points = [

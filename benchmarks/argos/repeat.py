@@ -34,9 +34,8 @@ from mercator_design.sim.chipmunk import Bridge, leave, new_bridge
 from mercator_design.sim.placing import first_free
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensing import sense
-from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.simulate import Simulator, program_arrays
 from mercator_design.sim.swarm import History, Swarm, new_history
-from mercator_design.sim.world import program_arrays
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister
 RADIUS = 1.2  # [m] of the disc where robots start
@@ -187,7 +186,7 @@ def rerun(
     """`kernel.experiment` with the original's draws."""
     kernel.note_poses(swarm, history, 0)
     for cycle in range(len(history.states)):
-        kernel._move(bridge, scene, swarm)  # noqa: SLF001 - the same motion, with other draws
+        kernel.move(bridge, scene, swarm)
         kernel.note_poses(swarm, history, cycle + 1)
         for i in range(len(swarm.poses)):
             readings = sense(scene, model, swarm, cycle, i, kernel.EVERYTHING)

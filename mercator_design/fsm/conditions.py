@@ -179,6 +179,7 @@ CONDITIONS = (
         function=floor_colour,
         numbers={"watermelon": 6},
         reads=_GROUND,
+        colours=True,
         parameters=(_beta(), Parameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
     ),
 )

@@ -55,6 +55,7 @@ class Module:
     numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
     parameters: tuple[Parameter, ...] = ()
     reads: frozenset[str] = field(default_factory=frozenset)  # of SENSES
+    colours: bool = False  # whether it is of use only if the ground is seen in colours
 
     def __post_init__(self) -> None:
         if len(self.parameters) > MOST_PARAMETERS:

@@ -1,7 +1,7 @@
 """The probabilistic finite-state machine: its structure, what makes it valid, and its tables for the kernels."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -132,6 +132,14 @@ class Pfsm:
     def reads(self) -> frozenset[str]:
         """The senses that a robot must have to run this PFSM."""
         return frozenset().union(*(state.reads for state in self.states))
+
+    @property
+    def modules(self) -> Iterator[tuple[str, Module]]:
+        """The module of each state and transition, behind its place in words."""
+        for i, state in enumerate(self.states):
+            yield f"state {i}", state.module
+            for j, transition in enumerate(state.transitions):
+                yield f"state {i}, transition {j}", transition.module
 
     def program(self) -> Program:
         """The tables that `control_cycle` runs on."""

@@ -50,22 +50,22 @@ class ReferenceModel(NamedTuple):
     # By default that is (1/d - 1/range) / (1/near - 1/range): 0 to 1.
     proximity_near: Positive = 0.05  # [m] below which a distance weighs proximity_near_weight
     proximity_range: NonNegative = 0.4  # [m] beyond which a distance weighs nothing
-    proximity_near_weight: NonNegative = 1.0  # of a distance below proximity_near
+    proximity_near_weight: NonNegative = 1.0  # weight of a distance below proximity_near
     proximity_constant: Constant = -1.0 / 7.0  # added to the weight of a distance d
-    proximity_inverse: Constant = 1.0 / 17.5  # [m] over d, added to the weight
-    proximity_slope: Constant = 0.0  # [1/m] times d, added to the weight
-    proximity_square: Constant = 0.0  # [1/m2] times d^2, added to the weight
-    proximity_exponential: Constant = 0.0  # times exp(-d / proximity_decay), added to the weight
+    proximity_inverse: Constant = 1.0 / 17.5  # [m] divided by d, then added to the weight of d
+    proximity_slope: Constant = 0.0  # [1/m] multiplied by d, then added to the weight of d
+    proximity_square: Constant = 0.0  # [1/m2] multiplied by d^2, then added to the weight of d
+    proximity_exponential: Constant = 0.0  # multiplied by exp(-d / proximity_decay), then added to the weight
     proximity_decay: Positive = 1.0  # [m] after which what is exponential has fallen to 1/e
 
     # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)).
     neighbour_range: Positive = 0.75  # [m] within which a robot counts as a neighbour
     neighbour_offset: Positive = 1.0  # one over the weight of a neighbour at neighbour_gap
-    neighbour_scale: NonNegative = 1.0  # [1/m] of the distance in one over the weight; 100 where a variant means cm
+    neighbour_scale: NonNegative = 1.0  # [1/m] by which one over the weight grows with the distance; 100: cm are meant
     neighbour_gap: NonNegative = 0.0  # [m] between the middles of robots that touch, where distances count from there
-    neighbour_memory: Cycles = 0.0  # for how many cycles more a robot pulls after it was perceived
+    neighbour_memory: Cycles = 0.0  # [cycles] for which a robot still pulls after it was perceived
     neighbour_repeats: NonNegative = 0.0  # not 0: a robot pulls once for each time it was perceived
-    neighbour_count_memory: Cycles = 0.0  # for how many cycles more a robot is counted after it was perceived
+    neighbour_count_memory: Cycles = 0.0  # [cycles] for which a robot still counts after it was perceived
     # By default never, because the proximity sensors see robots too.
     neighbour_obstacle_range: NonNegative = 0.0  # [m] within which a neighbour is an obstacle too; 0: never
     neighbour_obstacle_radius: NonNegative = 0.275  # [m] by which such an obstacle is nearer than the neighbour
@@ -88,8 +88,8 @@ class ReferenceModel(NamedTuple):
     light_gain: NonNegative = 1.0  # weight of the light in phototaxis and anti-phototaxis
     light_obstacle_gain: NonNegative = 5.0  # weight of obstacles in phototaxis and anti-phototaxis
     weakest_pull: Positive = 0.1  # length of the sum of weighted vectors below which a robot drives straight on
-    strength_step: Step = 0.0  # of which the strength alpha is a multiple, rounded down; 0: not rounded
-    repulsion_power: Power = 1.0  # with which the strength alpha enters repulsion
+    strength_step: Step = 0.0  # the strength alpha is rounded down to a multiple of it; 0: not rounded
+    repulsion_power: Power = 1.0  # power of the strength alpha in repulsion
 
     # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
     black_highest: NonNegative = 0.05 * 255  # gray level of 0 to 255 up to which the floor is black
@@ -99,7 +99,7 @@ class ReferenceModel(NamedTuple):
 
     # Where ground_vote_cycles is not 0, the ground is black, gray (127.5) or white as more than ground_majority of the
     # ground sensors' gray levels of so many cycles say: black < ground_vote_black, white > ground_vote_white.
-    ground_vote_cycles: Cycles = 0.0  # cycles whose ground readings vote; 0: the latest one's mean counts
+    ground_vote_cycles: Cycles = 0.0  # [cycles] of which ground readings vote; 0: the mean of the latest counts
     ground_vote_black: NonNegative = 0.03 * 255  # gray level of 0 to 255 below which a reading votes for black
     ground_vote_white: NonNegative = 0.85 * 255  # gray level of 0 to 255 above which a reading votes for white
     ground_majority: NonNegative = 10.0  # votes that black or white needs more than
@@ -107,4 +107,4 @@ class ReferenceModel(NamedTuple):
     # Colours.
     hue_tolerance: NonNegative = math.radians(15.0)  # [rad] from a label's hue within which it is recognised
     hue_period: Positive = 2.0 * math.pi  # [rad] after which hues repeat; a huge one makes their difference linear
-    saturation_tolerance: NonNegative = 0.2  # from full saturation, 1, within which a colour is recognised
+    saturation_tolerance: NonNegative = 0.2  # by which a colour's saturation may be below 1 if it is recognised

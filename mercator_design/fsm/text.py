@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mercator_design.errors import FsmError
+from mercator_design.errors import FsmError, excerpt
+from mercator_design.files import Unreadable, read_small
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, Parameter, numbered
@@ -293,15 +294,11 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
         FsmError: naming file and line.
     """
     try:
-        if not path.is_file():
-            raise FsmError(f"{path}: expected a file with a PFSM, found {'a folder' if path.is_dir() else 'none'}")
-        with path.open("rb") as file:
-            content = file.read(_LONGEST_FILE + 1)
-        if len(content) > _LONGEST_FILE:
-            raise FsmError(f"{path}: expected at most {_LONGEST_FILE} bytes, found more")
-        lines = content.decode("utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise FsmError(f"{path}: cannot be read as text: {error}") from None
+        lines = read_small(path, _LONGEST_FILE).decode("utf-8-sig").splitlines()
+    except Unreadable as error:
+        raise FsmError(f"{path}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
     header: dict[str, str] = {}
     found: list[tuple[int, str]] = []
     for number, line in enumerate((line.strip() for line in lines), start=1):
@@ -317,7 +314,8 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     number, line = found[0]
     named = header.get("flavour", FLAVOURS[0])
     if flavour is None and named not in FLAVOURS:
-        raise FsmError(f"{path}: flavour in the header: expected one of {', '.join(FLAVOURS)}, found {named!r}")
+        known = ", ".join(FLAVOURS)
+        raise FsmError(f"{path}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
     try:
         pfsm = parse(line, flavour or named, tolerate=tolerate)
     except FsmError as error:

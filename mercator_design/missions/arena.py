@@ -93,7 +93,7 @@ class Light:
 class Arena:
     """The walls and what stands between them; what is lower than a sensor is not in its way."""
 
-    walls: RegularPolygon | Polygon
+    walls: RegularPolygon | Polygon  # around the arena; numbers are those of their inner faces
     wall_height: Height = 0.08  # [m] of the walls above the floor
     obstacles: tuple[Box, ...] = ()  # boxes in the arena, which may be walls
     room: RegularPolygon | Polygon | None = None  # around the arena; its walls reach to the ceiling
@@ -131,9 +131,9 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
     """
     if len(vertices) < 3:
         raise FieldError("vertices", f"expected at least 3 corners, found {len(vertices)}")
-    for index, vertex in enumerate(vertices):
-        if vertex in vertices[:index]:
-            raise FieldError(f"vertices[{index}]", f"a corner for the second time; the last {side} closes by itself")
+    if len({*vertices}) < len(vertices):
+        index = next(k for k, vertex in enumerate(vertices) if vertex in vertices[:k])
+        raise FieldError(f"vertices[{index}]", f"a corner for the second time; the last {side} closes by itself")
     corners = np.array(vertices, dtype=float)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     if lengths.min() < _SHORTEST_WALL:
@@ -164,45 +164,38 @@ def _signed_area(corners: Array) -> float:
 
 def walls_meet(first: Array, second: Array) -> bool:
     """Whether the sides of two polygons of corners (n, 2) and (m, 2) touch."""
-    others = _segments(second)
-    return any(_meet(wall, other, adjacent=False) for wall in _segments(first) for other in others)
+    meet, _ = _meetings(first, second)
+    return bool(meet.any())
 
 
 def _crossing(corners: Array) -> tuple[int, int] | None:
     """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
-    n = len(corners)
-    walls = _segments(corners)
-    for i in range(n):
-        for j in range(i + 1, n):
-            if _meet(walls[i], walls[j], adjacent=j == i + 1 or (i == 0 and j == n - 1)):
-                return i, j
-    return None
+    meet, level = _meetings(corners, corners)
+    wall = np.arange(len(corners))
+    following = np.roll(wall, -1)
+    back, on = corners - np.roll(corners, -1, axis=0), np.roll(corners, -2, axis=0) - np.roll(corners, -1, axis=0)
+    turns_back = level[wall, following] & ((back * on).sum(axis=1) > 0.0)
+    meet[wall, following] = meet[following, wall] = turns_back
+    found = np.argwhere(np.triu(meet, 1))
+    return (int(found[0, 0]), int(found[0, 1])) if len(found) else None
 
 
-_Segment: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+def _meetings(first: Array, second: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which sides of a polygon (n,) touch which of another (m,), and which lie on one line with which: (n, m) each."""
+    of_starts, of_others_starts = _sides(first, second), _sides(second, first).T
+    of_ends, of_others_ends = np.roll(of_starts, -1, axis=1), np.roll(of_others_starts, -1, axis=0)
+    meet = (of_starts != of_ends) & (of_others_starts != of_others_ends)
+    level = (of_starts == 0) & (of_ends == 0) & (of_others_starts == 0) & (of_others_ends == 0)
+    i, j = np.nonzero(level)
+    a, b, c, d = first[i], np.roll(first, -1, axis=0)[i], second[j], np.roll(second, -1, axis=0)[j]
+    latest_begin = np.maximum(np.minimum(a, b), np.minimum(c, d))
+    earliest_end = np.minimum(np.maximum(a, b), np.maximum(c, d))
+    meet[i, j] |= (latest_begin <= earliest_end).all(axis=1)
+    return meet, level
 
 
-def _segments(corners: Array) -> list[_Segment]:
-    points = [(float(x), float(y)) for x, y in corners]
-    return list(zip(points, [*points[1:], points[0]], strict=True))
-
-
-def _meet(first: _Segment, second: _Segment, *, adjacent: bool) -> bool:
-    """Whether two segments touch; if adjacent, elsewhere than at the corner they share."""
-    (a, b), (c, d) = first, second
-    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
-    if adjacent:
-        p, corner, q = (a, b, d) if b == c else (c, a, b)
-        ahead = (p[0] - corner[0]) * (q[0] - corner[0]) + (p[1] - corner[1]) * (q[1] - corner[1])
-        return not any(sides) and ahead > 0.0
-    if sides[0] != sides[1] and sides[2] != sides[3]:
-        return True
-    return not any(sides) and all(
-        max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k])) for k in (0, 1)
-    )
-
-
-def _side(a: tuple[float, float], b: tuple[float, float], p: tuple[float, float]) -> int:
-    """1 if p lies left of the line from a to b, -1 if right, 0 if on it."""
-    turn = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-    return (turn > 0.0) - (turn < 0.0)
+def _sides(corners: Array, points: Array) -> NDArray[np.int8]:
+    """Where points (m, 2) lie of the line through each wall (n, m): 1 left of it, -1 right, 0 on it."""
+    along = (np.roll(corners, -1, axis=0) - corners)[:, np.newaxis]
+    x, y = points[:, 0] - corners[:, :1], points[:, 1] - corners[:, 1:]
+    return np.sign(along[..., 0] * y - along[..., 1] * x).astype(np.int8)

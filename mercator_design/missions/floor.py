@@ -8,6 +8,7 @@ said once, in floor_kernels.py, for sensors and objectives alike.
 import inspect
 import math
 import os.path
+import typing
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,9 +18,11 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
-from mercator_design.missions.plugins import DYNAMICS, Site, change_of, zone_references
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
+from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
 Channel: TypeAlias = Annotated[int, Range(0, 255)]
@@ -90,7 +93,7 @@ class Disc:
     shape: Literal["disc"] = "disc"
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -105,7 +108,7 @@ class Ring:
     center: Point  # [m] x, y
     radius: Size  # [m] from the center to the outer border
     inner_radius: Size  # [m] from the center to the inner border
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -124,7 +127,7 @@ class Rectangle:
     center: Point  # [m] x, y
     size: tuple[Size, Size]  # [m] along its own x and y
     angle: Angle = 0.0  # [rad] of its own x
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
@@ -139,7 +142,7 @@ class HalfPlane:
     shape: Literal["half_plane"] = "half_plane"
     point: Point  # [m] x, y of a point of the border
     normal: Point  # x, y of a vector across the border, of any length
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -156,7 +159,7 @@ class PolygonZone:
 
     shape: Literal["polygon"] = "polygon"
     vertices: Annotated[tuple[Point, ...], Length(3, 360)]  # [m] x, y of the corners
-    color: Colour
+    color: Colour  # of the floor there: a name, or red, green, blue of 0 to 255
     name: Name | None = None  # by which objectives and dynamics refer to it
 
     def __post_init__(self) -> None:
@@ -256,17 +259,23 @@ class Floor:
         known = list(self.zone_rows())
         for place, zone in zone_references(function, parameters):
             if zone not in known:
-                near = get_close_matches(zone, known, n=1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known) or 'none'}"
-                raise FieldError(f"{field}.{place}", f"no zone is called '{zone}'; {hint}")
+                near = get_close_matches(zone[:100], known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
+                raise FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:
         """The floor of one instance, when it starts.
 
         The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
+
+        Raises:
+            MissionError: if what changes the floor fails in this instance.
         """
         zones, vertices = self._painted(rng)
-        kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
+        try:
+            kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
+        except FieldError as wrong:
+            raise MissionError(f"floor.dynamics: {wrong.message}") from None
         ends = np.cumsum([0, *map(len, kept)])
         numbers = np.zeros((ends[-1], max((len(row) for table in kept for row in table), default=0)))
         for first, table in zip(ends, kept, strict=False):
@@ -285,7 +294,15 @@ class Floor:
 
     def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
-        rows = DYNAMICS[dynamics.name](site, **dynamics.parameters)
+        function = DYNAMICS[dynamics.name]
+        try:
+            rows = function(site, **dynamics.parameters)
+        except FieldError:
+            raise
+        except Exception as error:
+            if is_ours(function):  # whose mistakes shall be seen whole
+                raise
+            raise FieldError("name", f"{dynamics.name}: {type(error).__name__}: {error!s:.300}") from error
         try:
             numbers = [tuple(map(float, row)) for row in rows]
         except (TypeError, ValueError) as error:
@@ -304,6 +321,17 @@ class Floor:
         rows = [row for zone in self.zones for row in zone.rows(rng, corners)]
         return np.array(rows, dtype=float).reshape(-1, 9), np.array(corners, dtype=float).reshape(-1, 2)
 
+    def colours(self) -> dict[RGB, Colour]:
+        """Those of background and zones and those that these may take, as they are written; not those of the image."""
+        written: list[Colour] = [self.background]
+        for zone in self.zones:
+            written += zone.colors if isinstance(zone, Tiles) else [zone.color]
+        for dynamics in self.dynamics:
+            kinds = parameters_of(DYNAMICS[dynamics.name])
+            for name, (kind, default) in kinds.items():
+                written += _colours_in(kind, dynamics.parameters.get(name, default))
+        return {rgb(colour): colour for colour in written}
+
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of every table of this floor that a named zone is made of."""
         rows, first = {}, 0
@@ -313,6 +341,16 @@ class Floor:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
         return rows
+
+
+def _colours_in(kind: Kind, value: Any) -> list[Colour]:  # noqa: ANN401 - of that kind
+    """The colours in the value of a parameter."""
+    base, _ = unwrapped(kind)
+    if base in (Colour, ColourName):
+        return [value]
+    if origin_of(base) is tuple:
+        return [colour for item in value for colour in _colours_in(typing.get_args(base)[0], item)]
+    return []
 
 
 def check_call(functions: Mapping[str, Callable[..., Any]], name: str, parameters: Mapping[str, Any]) -> None:

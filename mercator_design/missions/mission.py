@@ -21,6 +21,7 @@ from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
+from mercator_design.missions.plugins import is_ours
 from mercator_design.missions.trace import Trace
 
 _LONGEST = 10_000_000
@@ -33,7 +34,7 @@ class Objective:
     """A function of OBJECTIVES with its parameters, and whether more of it is better."""
 
     name: str
-    direction: Literal["maximise", "minimise"]
+    direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
     parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
 
     def __post_init__(self) -> None:
@@ -51,10 +52,9 @@ class Objective:
         except MercatorError:
             raise
         except Exception as error:
-            # A plugin's mistake is its author's; ours shall be seen whole.
-            if function.__module__.startswith("mercator_design.missions."):
+            if is_ours(function):  # whose mistakes shall be seen whole
                 raise
-            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error}") from error
+            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error!s:.300}") from error
         if not math.isfinite(score):
             raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
         return score
@@ -64,7 +64,7 @@ class Objective:
 class Mission:
     """What a mission file says."""
 
-    schema: Literal[1]
+    schema: Literal[1]  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what the mission is, in a line
     source: str = ""  # where the mission was published
@@ -74,9 +74,9 @@ class Mission:
     control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s] from one control cycle to the next
     arena: Arena
     floor: Floor = _GRAY
-    lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()
-    placement: Placement
-    objective: Objective
+    lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
+    placement: Placement  # where the robots start
+    objective: Objective  # what is scored
 
     def __post_init__(self) -> None:
         cycles = self.duration / self.control_period

@@ -8,6 +8,7 @@ The functions in the packages objectives/ and dynamics/ are found by being there
 own file, which need not be near this package.
 """
 
+import contextlib
 import hashlib
 import importlib
 import inspect
@@ -23,7 +24,8 @@ import numpy as np
 
 from mercator_design import jit
 from mercator_design.errors import MissionError
-from mercator_design.loading import Length
+from mercator_design.files import Unreadable, read_small
+from mercator_design.loading import Length, check_parameter
 from mercator_design.missions.arena import Array
 from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
 
@@ -37,6 +39,7 @@ CHANGES: list[Change] = []
 
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[Path, str] = {}  # file -> digest
+_LARGEST = 1024 * 1024  # bytes of a file
 
 
 class _ZoneReference:
@@ -97,12 +100,22 @@ def dynamic(
     return enter
 
 
+def is_ours(function: Callable[..., Any]) -> bool:
+    """Whether a function is of this package, not of a plugin."""
+    return _module_of(function).startswith("mercator_design.")
+
+
+def _module_of(function: Callable[..., Any]) -> str:
+    """The name of a function's module; nothing for one from a text without a name."""
+    return function.__module__ or ""
+
+
 def change_of(name: str) -> int:
     """The number in CHANGES of a dynamic's kernel."""
     return _change_of[name]
 
 
-def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], kind: str) -> None:
+def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], what: str) -> None:
     name = function.__name__
     first, *others = inspect.signature(function).parameters.values()
     for parameter in others:
@@ -110,12 +123,16 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
             raise ValueError(f"{name}: write `*,` behind {first.name}: a mission gives {parameter.name} by its name")
         if parameter.annotation is parameter.empty:
             raise ValueError(f"{name} does not say what its parameter {parameter.name} is: an annotation is missing")
-    taken = {"name", "direction"} & parameters_of(function).keys()
-    if taken:
-        raise ValueError(f"{name} has a parameter {taken.pop()}, a key that means something else in missions")
+    for key, (kind, default) in parameters_of(function).items():
+        if key in {"name", "direction"}:
+            raise ValueError(f"{name} has a parameter {key}, a key that means something else in missions")
+        try:
+            check_parameter(kind, default)
+        except TypeError as wrong:
+            raise ValueError(f"{name}: parameter {key}: {wrong}") from None
     if name in registry:
-        where = sys.modules[registry[name].__module__].__file__
-        raise ValueError(f"{kind} is called '{name}' already, in {where}")
+        where = registry[name].__code__.co_filename
+        raise ValueError(f"{what} is called '{name}' already, in {where}")
     registry[name] = function
 
 
@@ -150,45 +167,65 @@ def load_plugin(path: str | Path) -> None:
         MissionError: if it cannot be read or run, defines nothing or a name that is taken, or brings kernels after
             the simulator was compiled.
     """
+    try:
+        source = read_small(Path(path), _LARGEST)
+    except Unreadable as error:
+        raise MissionError(f"{path}: {error}") from None
     file = Path(path).resolve()
     if file in _loaded:
         return
-    try:
-        source = file.read_bytes()
-    except OSError as error:
-        raise MissionError(f"{path}: a plugin that cannot be read: {error.strerror}") from None
     digest = hashlib.sha256(source).hexdigest()[:16]
     for shipped in ("objectives", "dynamics"):  # whose names are taken
         importlib.import_module(f"mercator_design.missions.{shipped}")
     if any(file.name == other.name for other in _loaded):
         raise MissionError(f"{path}: a plugin of that name is loaded already; give it another")
-    objectives, dynamics, changes, marked = dict(OBJECTIVES), dict(DYNAMICS), len(CHANGES), jit.marked()
-    problem = _run(source, file, path, digest)
-    if problem is None and (objectives, dynamics) == (OBJECTIVES, DYNAMICS):
-        problem = f"{path}: a plugin that defines neither an @objective nor a @dynamic"
-    if problem is None and jit.marked() > marked and not jit.add_kernel_file(file):
-        problem = f"{path}: a plugin with compiled code; load it before the first experiment of this process"
-    if problem is not None:
-        for registry, entries in ((OBJECTIVES, objectives), (DYNAMICS, dynamics)):
-            for name in registry.keys() - entries.keys():
-                del registry[name]
-        del CHANGES[changes:]
-        raise MissionError(problem)
+    before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
+    name = f"mercator_design_plugin_{file.stem}_{digest}"
+    with contextlib.ExitStack() as undo:
+        undo.callback(sys.modules.pop, name, None)
+        undo.callback(snapshot())
+        _run(source, file, path, name)
+        if before == {**OBJECTIVES, **DYNAMICS}:
+            raise MissionError(f"{path}: a plugin that defines neither an @objective nor a @dynamic")
+        if (jit.marked() > marked or len(CHANGES) > changes) and jit.compiling_began():
+            raise MissionError(
+                f"{path}: a plugin with compiled code; load it before the first experiment of this process"
+            )
+        undo.pop_all()
     _loaded[file] = digest
 
 
-def _run(source: bytes, file: Path, path: str | Path, digest: str) -> str | None:
-    """Run a file as a module; what went wrong, if something did."""
-    name = f"mercator_design_plugin_{digest}"
+def snapshot() -> Callable[[], None]:
+    """What puts all that plugins define back to what it is now."""
+    registries: list[dict[Any, Any]] = [OBJECTIVES, DYNAMICS, _change_of, _loaded]
+    entries, changes, marked, modules = [{**each} for each in registries], [*CHANGES], jit.marked(), {*sys.modules}
+
+    def restore() -> None:
+        defined = {*OBJECTIVES.values(), *DYNAMICS.values()} - {*entries[0].values(), *entries[1].values()}
+        foreign = [each for each in {*(jit.marked() - marked), *defined} if not is_ours(each)]
+        jit.forget(foreign)
+        for registry, entry in zip(registries, entries, strict=True):
+            registry.clear()
+            registry.update(entry)
+        CHANGES[:] = changes
+        # What a plugin imported would not define its part again if it stayed imported.
+        packages = {_module_of(each).partition(".")[0] for each in foreign}
+        for name in {*sys.modules} - modules:
+            if name.partition(".")[0] in packages:
+                del sys.modules[name]
+
+    return restore
+
+
+def _run(source: bytes, file: Path, path: str | Path, name: str) -> None:
+    """Run a file as a module of a name; a MissionError says what went wrong, if something did."""
     module = types.ModuleType(name)
     module.__file__ = str(file)
     sys.modules[name] = module  # where typing and pickle look for what is in it
     try:
         exec(compile(source, str(file), "exec"), module.__dict__)  # noqa: S102 - the user's own file
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises
-        del sys.modules[name]
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
         line = lines[-1] if lines else getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)
-        return f"{place}: a plugin that cannot be run: {type(error).__name__}: {error}"
-    return None
+        raise MissionError(f"{place}: a plugin that cannot be run: {type(error).__name__}: {error!s:.300}") from None

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.random import Generator
+from threadpoolctl import ThreadpoolController
 
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.moves import Moves
@@ -61,6 +62,8 @@ class Proposer:
         self._features = Features(space)
         self._surrogate = Surrogate(self._features)
         self._places: dict[int, Floats] = {}  # of configurations that have run
+        # Of such small matrices threads make more waiting than work, and other last bits with each number of cores.
+        self._threads = ThreadpoolController()
 
     def propose(
         self,
@@ -84,6 +87,19 @@ class Proposer:
             generator: Draws.
             excluded: True for what must not be proposed.
         """
+        with self._threads.limit(limits=1, user_api="blas"):
+            return self._propose(n, ranked, configurations, costs, model, generator, excluded)
+
+    def _propose(
+        self,
+        n: int,
+        ranked: Sequence[int],
+        configurations: Sequence[Configuration],
+        costs: Sequence[Mapping[int, float]],
+        model: SamplingModel,
+        generator: Generator,
+        excluded: Callable[[Configuration], bool],
+    ) -> list[tuple[Configuration, int]]:
         expected = self._learn(configurations, costs)
         best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
         parents = [configurations[number] for number in (*ranked, *best)]

@@ -1,35 +1,38 @@
-"""The shipped missions as a table, and as JSON."""
+"""What is shipped, as tables and as JSON."""
 
 import json
+from collections.abc import Sequence
 
 from mercator_design import shipped
 from mercator_design.missions.mission import load_mission
+from mercator_design.sim.robot_model import load_robot_model
 
 _GAP = "  "
 
 
 def missions_table(width: int | None) -> str:
-    """A line for each: name, robots, duration, goal, description; cut to a width, if one is given."""
-    loaded = [load_mission(name) for name in shipped.missions()]
+    """A line for each mission: name, robots, duration, description, cut to a width; without one, the objective too."""
     rows = [("name", "robots", "time", "objective", "description")]
-    for mission in loaded:
-        objective = mission.objective
-        goal = f"{objective.direction} {objective.name}"
-        rows.append((mission.name, str(mission.robots), f"{mission.duration:g} s", goal, mission.description))
-    lengths = [max(len(row[k]) for row in rows) for k in range(4)]
-    lines = [
-        _GAP.join(
-            [
-                f"{row[0]:<{lengths[0]}}",
-                f"{row[1]:>{lengths[1]}}",
-                f"{row[2]:>{lengths[2]}}",
-                f"{row[3]:<{lengths[3]}}",
-                " ".join(row[4].split()),
-            ]
-        )
-        for row in rows
-    ]
-    return "\n".join(line if width is None or len(line) <= width else f"{line[: width - 1]}…" for line in lines)
+    for name in shipped.missions():
+        mission = load_mission(name)
+        time, goal = f"{mission.duration:g} s", f"{mission.objective.direction} {mission.objective.name}"
+        rows.append((mission.name, f"{mission.robots:>6}", f"{time:>5}", goal, mission.description))
+    return _table([row if width is None else (*row[:3], row[4]) for row in rows], width)
+
+
+def robot_models_table(width: int | None) -> str:
+    """A line for each robot model: name, description; cut to a width, if one is given."""
+    return _table([(name, load_robot_model(name).description) for name in shipped.robot_models()], width)
+
+
+def _table(rows: Sequence[tuple[str, ...]], width: int | None) -> str:
+    """Columns, the last of which takes the room that is left."""
+    widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:-1]]
+    lines = []
+    for *cells, last in rows:
+        line = _GAP.join([*(f"{cell:<{n}}" for cell, n in zip(cells, widths, strict=True)), " ".join(last.split())])
+        lines.append(line if width is None or len(line) <= width else f"{line[: width - 1]}…")
+    return "\n".join(lines)
 
 
 def missions_json() -> str:

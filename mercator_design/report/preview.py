@@ -41,7 +41,8 @@ _FINER = 2  # points looked at along a pixel's side
 _CELLS = 200  # of the grid on which the start area is found, along the arena's longer side
 _CANDIDATES, _ROUNDS = 200_000, 30
 
-_OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING, _LIGHT = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00", "#ffd23f"
+_OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
+_LIGHT, _OFF = "#ffd23f", "#6b7580"
 _NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
@@ -277,14 +278,25 @@ def _roomiest(zone: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _draw_light(axes: Axes, light: Light, low: Array, high: Array) -> None:
-    """A sun at the light's place on the ground, with its height; at the border, with its place, if that is far away."""
+    """A sun at the light's place on the ground, with its height; at the border, with its place, if that is far away.
+
+    It is hollow if the light is off.
+    """
     place = np.array(light.position[:2])
     margin = 0.04 * (high - low)
     shown = np.clip(place, low + margin, high - margin)
+    on = light.intensity > 0.0
     axes.scatter(
-        shown[:1], shown[1:], s=160.0, marker=(14, 1, 0), color=_LIGHT, edgecolors="black", linewidths=0.7, zorder=8
+        shown[:1],
+        shown[1:],
+        s=160.0,
+        marker=(14, 1, 0),
+        facecolors=_LIGHT if on else "none",
+        edgecolors="black" if on else _OFF,
+        linewidths=0.7,
+        zorder=8,
     )
-    says = [f"light, {light.position[2]:g} m high"]
+    says = [f"light, {light.position[2]:g} m high" if on else "light, off"]
     if (shown != place).any():
         says.append(f"at ({place[0]:g}, {place[1]:g}) m")
     if light.seen_by is not None:

@@ -1,53 +1,60 @@
 """One experiment as a file: where the robots were, their states, and what devices measured, with time stamps."""
 
-import io
 from collections.abc import Sequence
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.errors import SimulationError
+from mercator_design.sim import devices as sim_devices
 from mercator_design.sim.devices import Recording
 
 FORMATS = (".csv", ".npz")
 
-_MOST_VALUES = 200_000_000
-"""Of a recording: 1.6 GB."""
+_POSE_AND_STATE = 4
+"""Numbers of each robot at each time."""
 
 
-def recording_bytes(recording: Recording, devices: Sequence[str], *, every: int, suffix: str) -> bytes:
-    """A recorded experiment as the contents of a file.
+def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, every: int) -> None:
+    """Make sure that an experiment of so many cycles can be recorded, by a recording of one cycle of it.
+
+    Raises:
+        SimulationError: if the robot lacks a device, or it would be too large to keep in memory and in one file.
+    """
+    kept = sum(array[:1].size for array in rehearsal.history)
+    written = rehearsal.history.states[0].size * _POSE_AND_STATE + sum(map(rehearsal.values, devices))
+    sim_devices.check_size(", ".join(["poses", "states", *devices]), cycles * kept + -(-cycles // every) * written)
+
+
+def write_recording(file: BinaryIO, recording: Recording, devices: Sequence[str], *, every: int, suffix: str) -> None:
+    """Write a recorded experiment.
 
     `.npz` has an array for each of time (cycles,), pose (cycles, robots, 3), state (cycles, robots) and each device;
     `.csv` has a line for each time and robot, and a column for each number.
 
     Args:
+        file: To write to.
         recording: Of an experiment run with `record=True`.
         devices: Names of sim.devices.DEVICES.
         every: Which cycles: every so many-th, from the first on.
         suffix: Of FORMATS.
 
     Raises:
-        SimulationError: if the robot lacks a device, or the file would be too large.
+        SimulationError: as `check_size`.
     """
+    check_size(recording, devices, cycles=len(recording.history.states), every=every)
     arrays: dict[str, NDArray[np.generic]] = {
         "pose": recording.history.poses[1::every],
         "state": recording.history.states[::every],
     }
-    for name in devices:
-        arrays[name] = recording.measure(name, every)
-        values = sum(array.size for array in arrays.values())
-        if values > _MOST_VALUES:
-            raise SimulationError(f"{values} values are too many for one file; record fewer cycles or devices")
-    stream = io.BytesIO()
+    arrays |= {name: recording.measure(name, every) for name in devices}
     if suffix == ".npz":
-        np.savez_compressed(stream, time=recording.times(every), **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, time=recording.times(every), **arrays)  # type: ignore[arg-type]
     else:
-        _write_table(stream, recording.times(every), arrays)
-    return stream.getvalue()
+        _write_table(file, recording.times(every), arrays)
 
 
-def _write_table(stream: io.BytesIO, times: NDArray[np.float64], arrays: dict[str, NDArray[np.generic]]) -> None:
+def _write_table(file: BinaryIO, times: NDArray[np.float64], arrays: dict[str, NDArray[np.generic]]) -> None:
     import pandas as pd
 
     cycles, robots = arrays["state"].shape
@@ -60,4 +67,4 @@ def _write_table(stream: io.BytesIO, times: NDArray[np.float64], arrays: dict[st
         labels = {"pose": ["x", "y", "heading"], "state": ["state"]}.get(name)
         labels = labels or [f"{name}_{k}" for k in range(flat.shape[1])]
         columns |= {label: flat[:, k] for k, label in enumerate(labels)}
-    pd.DataFrame(columns).to_csv(stream, index=False)
+    pd.DataFrame(columns).to_csv(file, index=False)

@@ -41,6 +41,9 @@ Floats = NDArray[np.float64]
 Cycles = NDArray[np.int64]
 """Numbers of cycles, from 0."""
 
+LARGEST = 2048
+"""MiB of a recording: beyond, it could fill the memory."""
+
 _GRAVITY = 9.81
 """[m/s2]"""
 
@@ -67,15 +70,24 @@ class Recording:
 
         Raises:
             SimulationError: if the robot has no such device, or the experiment was not recorded and it needs that, or
-                if `every` is below 1.
+                if `every` is below 1, or if it would be more than LARGEST.
         """
+        cycles = self._cycles(every)
+        check_size(name, len(cycles) * self.values(name))
+        return self._measured(name, cycles)
+
+    def values(self, name: str) -> int:
+        """How many numbers a device gives at each cycle; errors are those of `measure`."""
+        return self._measured(name, self._cycles(1)[:1]).size
+
+    def _measured(self, name: str, cycles: Cycles) -> Floats:
         if name not in DEVICES:
             raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
         sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
         if sensor is None and name != "wheels":
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
         with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
-            return DEVICES[name](self, sensor, self._cycles(every))
+            return DEVICES[name](self, sensor, cycles)
 
     def times(self, every: int = 1) -> Floats:
         """When [s] that was: (cycles,)."""
@@ -98,6 +110,20 @@ class Recording:
         if len(found) < len(self.history.states):
             raise SimulationError("this device can only be read of an experiment that was recorded (record=True)")
         return found
+
+
+def check_size(what: str, values: int) -> None:
+    """Make sure that so many numbers, which are to be computed, are not too large a recording.
+
+    Raises:
+        SimulationError: with their size, and what to change.
+    """
+    size = math.ceil(values * 8 / 2**20)
+    if size > LARGEST:
+        raise SimulationError(
+            f"{what}: a recording of {size} MiB, expected at most {LARGEST} MiB; "
+            "record fewer devices, fewer of the cycles (every), fewer robots or a shorter duration"
+        )
 
 
 def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:

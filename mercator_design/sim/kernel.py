@@ -73,7 +73,7 @@ def end_motion(scene: Scene, swarm: Swarm) -> None:
 
 
 @jittable
-def _move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
+def move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
     """One control cycle of motion."""
     # Robots leave with the state that they had at the end of the cycle before, and glide on from there.
     begin_motion(scene, swarm)
@@ -161,7 +161,7 @@ def experiment(
     """Run a whole experiment from the poses that the swarm is in."""
     note_poses(swarm, history, 0)
     for cycle in range(len(history.states)):
-        _move(bridge, scene, swarm)
+        move(bridge, scene, swarm)
         note_poses(swarm, history, cycle + 1)
         sense_and_control(scene, model, program, swarm, history, cycle)
     for i in range(len(swarm.poses)):

@@ -30,6 +30,7 @@ Angle = Annotated[float, Range(-1000.0, 1000.0)]
 Bound = Annotated[float, Range(-1e9, 1e9)]
 Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
+Inertia = Annotated[float, Range(1e-9, 1e6)]
 Friction = Annotated[float, Range(0.0, 10.0)]
 
 
@@ -63,13 +64,14 @@ class BoxBody:
     width: Extent  # [m] across the heading
     height: Height = 0.114  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
+    inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
     friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
-    def inertia(self) -> float:
-        """Moment of inertia [kg m2]."""
-        return self.mass * (self.length**2 + self.width**2) / 12.0
+    def moment_of_inertia(self) -> float:
+        """About the vertical axis [kg m2]."""
+        return self.mass * (self.length**2 + self.width**2) / 12.0 if self.inertia is None else self.inertia
 
     @property
     def corner(self) -> float:
@@ -104,13 +106,14 @@ class DiscBody:
     radius: Extent  # [m] of the body
     height: Height = 0.1  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
+    inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
     friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
-    def inertia(self) -> float:
-        """Moment of inertia [kg m2]."""
-        return 0.5 * self.mass * self.radius**2
+    def moment_of_inertia(self) -> float:
+        """About the vertical axis [kg m2]."""
+        return 0.5 * self.mass * self.radius**2 if self.inertia is None else self.inertia
 
     @property
     def corner(self) -> float:
@@ -179,8 +182,7 @@ class Neighbours:
     """How robots perceive each other: by a camera or radio, which tells where each robot is."""
 
     device: Literal["camera"] = "camera"
-    # By default, 0.154 m * tan(89.35 deg): the camera of argos3-rvr, from its height.
-    range: Distance = 13.57  # [m] that the device reaches; what counts as near is in the reference model
+    range: Distance | None = None  # [m] that the device reaches; null: as far as robots count
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
@@ -290,15 +292,15 @@ class Physics:
 class RobotModel:
     """A robot in simulation; what is left out, it does not have."""
 
-    schema: Literal[1] = 1
+    schema: Literal[1] = 1  # version of this format
     name: str  # by default the file's
-    description: str = ""
-    body: BoxBody | DiscBody
+    description: str = ""  # what the robot is, in a line
+    body: BoxBody | DiscBody  # what moves and collides
     drive: Drive
     proximity: Proximity | None = None
     ground: Ground | None = None
-    neighbours: Neighbours | LidarNeighbours | None = None
-    light: LightRing | LightCamera | None = None
+    neighbours: Neighbours | LidarNeighbours | None = None  # how robots perceive each other
+    light: LightRing | LightCamera | None = None  # how robots perceive the direction of lights
     lidar: Lidar | None = None
     ambient_light: AmbientLight | None = None
     velocity: Device | None = None  # [m/s] along the start's axes
@@ -336,6 +338,11 @@ class RobotModel:
         for key, (low, high) in (self.vary or {}).items():
             model = _replaced(model, key.split("."), float(random.uniform(low, high)))
         return model
+
+    @property
+    def sees_colours(self) -> bool:
+        """Whether it perceives the ground in colours, not only how bright it is."""
+        return self.ground is not None and not self.ground.gray and self.reference_model.ground_vote_cycles == 0.0
 
     @property
     def senses(self) -> frozenset[str]:

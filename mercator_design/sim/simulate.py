@@ -11,7 +11,7 @@ from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import compiled, is_cached, jit_wanted
+from mercator_design.jit import CompilationError, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -21,7 +21,7 @@ from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
-from mercator_design.sim.world import Instance, World, program_arrays
+from mercator_design.sim.world import Instance, World
 
 Floats = NDArray[np.float64]
 
@@ -76,11 +76,14 @@ class Simulator:
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
         return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
 
-    def rehearse(self, announce: Callable[[str], None]) -> None:
+    def rehearse(self, announce: Callable[[str], None]) -> Recording:
         """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
 
         Args:
             announce: Called with a sentence if there is something to compile.
+
+        Returns:
+            All that was recorded of that cycle.
 
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
@@ -89,16 +92,14 @@ class Simulator:
             announce("Compiling the simulator; later runs find it in the cache ...")
         self.check_placement()
         try:
-            trace, _ = self._run(self.instance(0), Pfsm((State("stop"),)), 1)
-        except Exception as error:
+            trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)
+        except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
-            if not plugins or not type(error).__module__.startswith("numba."):
+            if not plugins:  # then it is our mistake
                 raise
-            reason = next((line for line in reversed(str(error).splitlines()) if line.startswith("File")), "")
-            raise MissionError(
-                f"plugin {plugins}: a kernel cannot be compiled: {error.args[0]!s:.300} {reason}"
-            ) from None
+            raise MissionError(f"plugin {plugins}: a kernel cannot be compiled: {error}") from None
         self.mission.objective(trace)
+        return recording
 
     def check_placement(self) -> None:
         """Make sure that the robots find places to start from, and not only by luck.
@@ -135,12 +136,10 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        for i, state in enumerate(pfsm.states):
-            self.check_module(state.module, f"state {i}: ")
-            for j, transition in enumerate(state.transitions):
-                self.check_module(transition.module, f"state {i}, transition {j}: ")
+        for place, module in pfsm.modules:
+            self.check_module(module, place)
 
-    def check_module(self, module: Module, place: str = "") -> None:
+    def check_module(self, module: Module, place: str) -> None:
         """Make sure that the robot has the senses that a module reads.
 
         Raises:
@@ -150,8 +149,18 @@ class Simulator:
         if missing:
             needed = " and ".join(missing)
             raise FsmError(
-                f"{place}{module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
+                f"{place}: {module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
             )
+
+
+def program_arrays(pfsm: Pfsm) -> Program:
+    """The tables of a PFSM as arrays, for compiled code."""
+    kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
+    arrays = [
+        np.array(table, dtype=kinds.get(name, np.int64))
+        for name, table in zip(Program._fields, pfsm.program(), strict=True)
+    ]
+    return Program(*arrays)
 
 
 def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:

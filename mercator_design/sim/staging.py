@@ -44,7 +44,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         tread_distance=model.drive.tread_distance,
         maximum_speed=model.drive.maximum_speed,
         mass=model.body.mass,
-        inertia=model.body.inertia,
+        inertia=model.body.moment_of_inertia,
         force=model.drive.force,
         torque=model.drive.torque,
         wheel_noise=noise_row(model.drive.noise),
@@ -117,7 +117,7 @@ def _neighbours(model: RobotModel) -> scene.Neighbours:
         return scene.Neighbours(by_lidar=by_lidar, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
     return scene.Neighbours(
         by_lidar=False,
-        range=device.range,
+        range=math.inf if device.range is None else device.range,
         occlusion=device.occlusion,
         loss=device.loss,
         noise=noise_row(device.noise),

@@ -11,7 +11,6 @@ import pymunk
 from numpy.typing import NDArray
 
 from mercator_design.errors import MissionError
-from mercator_design.fsm.pfsm import Pfsm, Program
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
@@ -177,7 +176,7 @@ class World:
             round_=self._scene.round,
             corner_radius=self.robot_model.physics.corner_radius,
             mass=body.mass,
-            inertia=body.inertia,
+            inertia=body.moment_of_inertia,
             force=drive.force,
             torque=drive.torque,
         )
@@ -190,13 +189,3 @@ def _places_of(poses: Floats) -> Floats:
     """Poses (n, 3) as the kernels want them (n, 5): x, y, cosine and sine of the heading, heading."""
     headings = poses[:, 2:]
     return np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])
-
-
-def program_arrays(pfsm: Pfsm) -> Program:
-    """The tables of a PFSM as arrays, for compiled code."""
-    kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
-    arrays = [
-        np.array(table, dtype=kinds.get(name, np.int64))
-        for name, table in zip(Program._fields, pfsm.program(), strict=True)
-    ]
-    return Program(*arrays)

@@ -22,7 +22,7 @@ from mercator_design.fsm.perception import (
 )
 from mercator_design.fsm.reference import NonNegative, Readings, ReferenceModel
 from mercator_design.jit import compiled
-from mercator_design.sim.world import program_arrays
+from mercator_design.sim.simulate import program_arrays
 from tests.fsm.strategies import pfsms, values
 
 CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))

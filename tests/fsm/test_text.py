@@ -193,7 +193,7 @@ class TestFile:
             (b"# mission: x\n", "one line"),
             (b"--nstates 1 --s0 1\n--nstates 1 --s0 1\n", "line 1, line 2"),
             (b"# a\n\n--nstates 1 --s0 7\n", "fsm.txt:3"),
-            (b"\xff\xfe\x00", "cannot be read"),
+            (b"\xff\xfe\x00", "expected UTF-8 text, found the byte 0xff"),
             (b"#" * 100_000, "at most"),
         ],
     )
@@ -206,7 +206,7 @@ class TestFile:
     def test_no_file(self, tmp_path):
         with pytest.raises(FsmError, match="folder"):
             read_fsm(tmp_path)
-        with pytest.raises(FsmError, match="none"):
+        with pytest.raises(FsmError, match="no such file"):
             read_fsm(tmp_path / "nothing")
         with pytest.raises(FsmError, match="/dev/zero"):
             read_fsm(Path("/dev/zero"))

@@ -4,15 +4,18 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 
 import pytest
 
 from mercator_design import jit
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
+from mercator_design.loading import dump
 from mercator_design.missions import plugins
-from mercator_design.missions.mission import load_mission
+from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin, zone_references
+from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 
 NORTHERN = '''
@@ -55,6 +58,11 @@ def shrinking(site, *, zone: Zone, factor: Positive):
 NORTH = "objective={name: northernmost, direction: maximise, zones: [spot]}"
 
 
+def everything_registered():
+    registries = OBJECTIVES, DYNAMICS, plugins._change_of, plugins._loaded
+    return [dict(registry) for registry in registries], list(plugins.CHANGES), jit.marked(), list(jit._waiting)
+
+
 @pytest.fixture
 def write(tmp_path):
     def file(text, name="my.py"):
@@ -89,6 +97,28 @@ class TestLoading:
         with pytest.raises(MissionError, match="objective northernmost: AttributeError: 'Trace' object has no"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ("1 / 0", "floor.dynamics[0].name: shrinking: ZeroDivisionError: division by zero"),
+            ("return 3", "floor.dynamics[0].name: shrinking must give rows of numbers: 'int' object is not iterable"),
+            ("return [(1.0, 2.0), (1.0,)]", "floor.dynamics[0].name: shrinking must give rows of one length"),
+            ("raise ValueError('\\033')", r"ValueError: \x1b"),
+        ],
+    )
+    def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
+        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+        load_plugin(write(SHRINK.replace("    return [", f"    {body}\n    return [")))
+        with pytest.raises(MissionError, match=re.escape(message)):
+            load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
+
+    def test_a_dynamic_that_fails_in_some_instances_is_named(self, write, monkeypatch):
+        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+        load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
+        mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
+        with pytest.raises(MissionError, match=r"floor.dynamics: shrinking: ZeroDivisionError"):
+            _ = [mission.floor.realise(generator(seed, "floor")) for seed in range(50)]
+
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
         for mistake, message in (
@@ -113,20 +143,132 @@ class TestLoading:
             (NORTHERN.replace("trace, *, ", "trace, "), "write `*,` behind trace: a mission gives zones by its name"),
             (SHRINK.replace("@jittable\n", ""), "shrinking: its change shrink_zone is not marked @jittable"),
             ("\0", "a plugin that cannot be run"),
+            (NORTHERN + SHRINK + "\n1 / 0\n", "ZeroDivisionError"),
+            (SHRINK.replace("@dynamic(change=shrink_zone)\n", ""), "defines neither"),
+            (f"{NORTHERN}print('\\a', '\\033[2J' + 7)", "my.py:13: a plugin that cannot be run: TypeError"),
+            ("raise OSError('\\033[2J')", r"OSError: \x1b[2J"),
         ],
     )
     def test_a_mistake_leaves_nothing_behind(self, write, text, message):
-        before = dict(OBJECTIVES), dict(DYNAMICS), list(plugins.CHANGES)
+        before = everything_registered()
         with pytest.raises(MissionError, match=re.escape(message)):
             load_plugin(write(text))
-        assert before == (OBJECTIVES, DYNAMICS, plugins.CHANGES)
-        assert plugins.loaded_plugins() == {}
+        assert before == everything_registered()
+
+    @pytest.mark.parametrize(
+        ("annotation", "message"),
+        [
+            ("list[float]", "list[float] cannot be written in YAML; supported are float, int, bool, str, None, Lit"),
+            ("'dict[str, float]'", "dict[str, float] cannot be written in YAML"),
+            ("tuple", "tuple cannot be written in YAML"),
+            ("tuple[complex, ...]", "complex cannot be written in YAML"),
+            ("Mapping[str, set[int]]", "set[int] cannot be written in YAML"),
+            ("Annotated[object, 'a thing']", "object cannot be written in YAML"),
+            ("float | bytes", "bytes cannot be written in YAML"),
+            ("[float]", "[<class 'float'>] cannot be written in YAML"),
+            ("Bag", "np.ndarray cannot be written in YAML"),
+            ("tuple[Bag | Sack, ...]", "nothing tells Bag and Sack apart"),
+            ("float = float('inf')", "its default inf cannot be written in YAML as a number"),
+            ("int = 2.5", "its default 2.5 cannot be written in YAML as a whole number"),
+            ("float = object()", "its default <object object at"),
+            ("Literal['a', 'b'] = 'c'", "its default 'c' cannot be written in YAML as one of a, b"),
+        ],
+    )
+    def test_a_parameter_that_no_mission_could_say(self, write, annotation, message):
+        text = (
+            "from dataclasses import dataclass\n"
+            "from typing import Annotated, Literal, Mapping\n"
+            "import numpy as np\n"
+            "from mercator_design.missions.plugins import objective\n"
+            "@dataclass\n"
+            "class Bag:\n"
+            "    content: 'np.ndarray'\n"
+            "class Sack(Bag): pass\n"
+            "@objective\n"
+            f"def heaviest(trace, *, limit: {annotation}): ...\n"
+        )
+        with pytest.raises(MissionError) as error:
+            load_plugin(write(text))
+        assert "my.py:9: a plugin that cannot be run: ValueError: heaviest: parameter limit: " in str(error.value)
+        assert message.replace("np.ndarray", "numpy.ndarray") in str(error.value)
+
+    def test_all_that_a_parameter_may_be(self, write):
+        text = """
+            from collections.abc import Mapping
+            from dataclasses import dataclass
+            from typing import Annotated, Literal, NamedTuple
+            from mercator_design.loading import Length, Positive, Range
+            from mercator_design.missions.plugins import Zone, objective
+
+            class Pair(NamedTuple):
+                left: float
+                right: "int | None" = None
+
+            @dataclass
+            class Bag:
+                kind: Literal["bag"]
+                inner: "Bag | None" = None
+
+            @dataclass
+            class Sack:
+                kind: Literal["sack"]
+
+            @objective
+            def heaviest(trace, *, a: bool = True, b: Positive | None = None, c: tuple[Pair, ...] = (Pair(1.0),),
+                d: Bag | Sack, e: Mapping[str, Annotated[tuple[int, Literal["x", 3]], Length(2)]], f: Zone = "spot",
+                g: Annotated[float | None, Range(0.0, 1.0)] = None) -> float:
+                return b + len(c) + e["k"][1]
+        """
+        load_plugin(write(textwrap.dedent(text)))
+        call = "{name: heaviest, direction: maximise, b: 2, d: {kind: bag, inner: {kind: bag}}, e: {k: [1, 3]}, g: ~}"
+        mission = load_mission("aggregation", [f"objective={call}", "duration=1"])
+        assert mission.objective(None) == 6.0
+        assert parse_mission(dump(mission)).objective(None) == 6.0
+        with pytest.raises(MissionError, match=r"objective.g: expected a number or null .*, found \"2\""):
+            load_mission("aggregation", [f"objective={call.replace('~', '2')}"])
+
+    def test_parts_in_other_files(self, write, tmp_path, monkeypatch):
+        """A plugin that fails takes along what it imported; the next one finds it as it then is."""
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+        (tmp_path / "parts").mkdir()
+        write("from parts.kernels import *\nfrom parts.goals import *", "parts/__init__.py")
+        write(NORTHERN, "parts/goals.py")
+        kernel, rest = SHRINK.split("@dynamic")
+        before = everything_registered()
+        digests = []
+        for factor in ("table[0, 1]", "0.5 * table[0, 1]"):
+            write(kernel.replace("table[0, 1]", factor), "parts/kernels.py")
+            bad = write(f"from parts import *\n@dynamic{rest}\n1 / 0", "bad.py")
+            with pytest.raises(MissionError, match="ZeroDivisionError"):
+                load_plugin(bad)
+            assert everything_registered() == before
+            restore = plugins.snapshot()
+            load_plugin(write(f"from parts import *\n@dynamic{rest}"))
+            assert "shrinking" in DYNAMICS
+            assert "northernmost" in OBJECTIVES
+            assert tmp_path / "parts" / "kernels.py" in jit.kernel_files()
+            digests.append(jit.kernels_digest())
+            restore()
+        assert digests[0] != digests[1]
+
+    def test_what_a_notebook_defines(self):
+        before = everything_registered()
+        restore = plugins.snapshot()
+        exec(compile(NORTHERN + SHRINK, "<a notebook>", "exec"), {})  # noqa: S102 - our own
+        assert {"northernmost", "shrinking"} <= {*OBJECTIVES, *DYNAMICS}
+        with pytest.raises(ValueError, match="an objective is called 'northernmost' already, in <a notebook>"):
+            exec(compile(NORTHERN, "<a notebook>", "exec"), {})  # noqa: S102 - our own
+        restore()
+        assert before == everything_registered()
 
     def test_a_file_that_cannot_be_read(self, tmp_path):
-        with pytest.raises(MissionError, match=r"nowhere.py: a plugin that cannot be read: No such file"):
+        with pytest.raises(MissionError, match=r"nowhere.py: no such file"):
             load_plugin(tmp_path / "nowhere.py")
-        with pytest.raises(MissionError, match="cannot be read: Is a directory"):
+        with pytest.raises(MissionError, match="expected a file, found a folder"):
             load_plugin(tmp_path)
+        with pytest.raises(MissionError, match="expected a regular file, found a device"):
+            load_plugin("/dev/zero")
 
     def test_two_of_one_name(self, write, tmp_path):
         load_plugin(write(NORTHERN))
@@ -135,8 +277,7 @@ class TestLoading:
             load_plugin(write(NORTHERN.replace("northernmost", "other"), "other/my.py"))
 
     def test_kernels_come_before_the_first_experiment(self, write, monkeypatch):
-        monkeypatch.setattr(jit, "_more_files", [])
-        jit.cache_folder()
+        monkeypatch.setattr(jit, "compiling_began", lambda: True)
         with pytest.raises(MissionError, match="compiled code; load it before the first experiment"):
             load_plugin(write(SHRINK))
         assert "shrinking" not in DYNAMICS
@@ -181,6 +322,15 @@ class TestOnTheCommandLine:
         code, _, error = mdesign(tmp_path, *measure, "--plugin", "my.py")
         assert (code, "my.py is not what it was when this was designed" in error) == (3, True)
 
+    def test_a_kernel_that_cannot_be_compiled(self, write, tmp_path):
+        write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2"))
+        shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
+        arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
+        code, out, error = mdesign(tmp_path, *arguments)
+        assert (code, out) == (3, "")
+        assert "Error: plugin my.py: a kernel cannot be compiled: Unknown attribute 'nothing' of type" in error
+        assert "Traceback" not in error
+
     def test_validate(self, write, tmp_path):
         write(NORTHERN)
         (tmp_path / "m.yaml").write_text(
@@ -195,4 +345,4 @@ class TestOnTheCommandLine:
 
     def test_a_file_that_is_not_there(self, tmp_path):
         code, _, error = mdesign(tmp_path, "validate", "aggregation", "--plugin", "nowhere.py")
-        assert (code, error) == (3, "Error: nowhere.py: a plugin that cannot be read: No such file or directory\n")
+        assert (code, error) == (3, "Error: nowhere.py: no such file\n")

@@ -15,7 +15,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES
 
 ROOT = Path(__file__).parents[2]
-BANDS = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["bands"]
+EXPECTED = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["missions"]
 
 
 @pytest.mark.parametrize("name", shipped.missions())
@@ -31,19 +31,59 @@ class TestEveryMission:
 
     def test_three_fsms_score_as_they_should(self, name):
         """Chance of failing by luck below 1e-6 for all missions together; see benchmarks/expected_scores.py."""
-        assert name in BANDS, f"no bands for {name}; make them with: python benchmarks/expected_scores.py {name}"
+        assert name in EXPECTED, f"no scores of {name}; make them with: python benchmarks/expected_scores.py {name}"
         simulator = expected.simulator(name)
-        flavour, texts = expected.fsms(simulator.mission)
-        for label, text in texts.items():
-            pfsm = parse(text, flavour)
-            with ThreadPoolExecutor(2) as pool:
-                scores = list(pool.map(lambda seed: simulator.run(pfsm, seed).score, range(1, 1 + expected.RUNS)))  # noqa: B023
-            band = BANDS[name][label]
-            assert band["low"] - 1e-9 <= np.mean(scores) <= band["high"] + 1e-9, f"{label}: expected {band}"
+        for label, text in expected.fsms(simulator.mission)[1].items():
+            found, entry = run(simulator, text), EXPECTED[name][label]
+            assert entry["low"] - 1e-9 <= np.mean(found) <= entry["high"] + 1e-9, f"{label}: expected {entry}"
+            assert not expected.unlike(found, entry["scores"]), f"{label}: expected {entry['scores']}, found {found}"
+
+    def test_enough_is_expected_of_it_to_tell_one_mission_from_another(self, name):
+        entries = EXPECTED[name].values()
+        assert len(entries) == 3
+        scores = [score for entry in entries for score in entry["scores"] if score is not None]
+        assert len(scores) >= 1.5 * expected.RUNS
+        assert len(set(scores)) > 1
 
 
-def test_there_are_no_bands_of_missions_that_are_gone():
-    assert set(BANDS) <= set(shipped.missions())
+def run(simulator, text):
+    pfsm = parse(text, expected.fsms(simulator.mission)[0])
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(lambda seed: simulator.run(pfsm, seed).score, range(1, 1 + expected.RUNS)))
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        (
+            "directional_gate",  # all of it turned by 30 degrees about the centre
+            [
+                "floor.zones[0].center=[-0.36667,0.63508]",
+                "floor.zones[0].angle=0.5236",
+                "floor.zones[1].angle=0.5236",
+                "objective.angle=-1.0472",
+                "arena.obstacles[0]={center: [-0.25817, -0.05283], size: [0.045, 0.5], height: 0.07, angle: 0.5236}",
+                "arena.obstacles[1]={center: [0.17484, 0.19717], size: [0.045, 0.5], height: 0.07, angle: 0.5236}",
+            ],
+        ),
+        ("directional_gate", ["objective.angle=-1.0472"]),
+        ("aggregation", ["floor.zones[0].radius=0.6"]),
+        ("foraging", ["floor.zones[1].center=[-0.75,0.15]"]),
+        ("shelter_behind", ["arena.obstacles[2].center=[1.1,0]"]),  # as good as gone
+        ("shelter", ["placement.radius=1.0"]),
+        ("color_aggregation", ["objective.values.red=2"]),
+        ("chocolate_spc", ["objective.square_unit=0.04"]),
+        ("chocolate_lcn", ["objective.link=0.36"]),
+    ],
+)
+def test_another_mission_does_not_score_as_expected(name, changes):
+    mission = load_mission(name, [*changes, f"duration={expected.simulator(name).mission.duration}"])
+    simulator, texts = expected.Simulator(mission), expected.fsms(mission)[1]
+    assert any(expected.unlike(run(simulator, texts[label]), EXPECTED[name][label]["scores"]) for label in texts)
+
+
+def test_nothing_is_expected_of_missions_that_are_gone():
+    assert set(EXPECTED) <= set(shipped.missions())
 
 
 class TestTheDocument:

@@ -9,6 +9,7 @@ import pytest
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
+from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
 from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, LightCamera, Uniform, load_robot_model
@@ -446,3 +447,15 @@ def test_recording_gives_the_same_experiment(name):
         assert np.array_equal(alone.trace.poses, recorded.trace.poses)
         assert np.array_equal(alone.trace.states, recorded.trace.states)
         assert len(np.unique(alone.trace.states)) == 2
+
+
+def test_what_would_be_too_large_is_refused_before_it_is_computed(monkeypatch):
+    recording = simulator().run(STOP, 1, record=True).recording
+    beams = len(recording.scene.lidar.beams_x)
+    cycles, robots = recording.history.states.shape
+    assert recording.values("lidar") == robots * beams
+    monkeypatch.setattr(devices, "LARGEST", 0)
+    monkeypatch.setattr(devices, "_fill_lidar", lambda scene, poses, *_: None if len(poses) == 1 else 1 / 0)
+    size = math.ceil(cycles * robots * beams * 8 / 2**20)
+    with pytest.raises(SimulationError, match=f"lidar: a recording of {size} MiB, expected at most 0 MiB; record"):
+        recording.measure("lidar")

@@ -34,12 +34,11 @@ def room(vertices, model, **given):
     return Simulator(dataclasses.replace(mission(**given), arena=arena), model)
 
 
-def law(start, commands, sub_steps=10, period=0.1):
+def law(start, commands, sub_steps=10, period=0.1, inertia=2.0 * (0.286**2 + 0.286**2) / 12):
     """Contact-free motion as measured from ARGoS: position first, then velocity within 0.75 m/s2 and 55 rad/s2."""
     x, y, heading = start
     vx = vy = turn = 0.0
     dt = period / sub_steps
-    inertia = 2.0 * (0.286**2 + 0.286**2) / 12
     poses = [(x, y, heading)]
     for left, right in commands:
         speed = (left + right) / 2
@@ -66,6 +65,22 @@ def test_contact_free_motion_follows_the_law(seed):
     # A command moves the robot one cycle later; nothing moves in the first.
     expected = law(outcome.trace.poses[0, 0], np.vstack([[0, 0], wheels[:-1]]))
     assert np.abs(outcome.trace.poses[:, 0] - expected).max() < 1e-9
+
+
+def test_a_model_may_say_its_moment_of_inertia():
+    """Twenty times that of the box: the robot turns so much more slowly, and Chipmunk's body has it too."""
+    inertia = 20 * MERCATOR.body.moment_of_inertia
+    model = dataclasses.replace(MERCATOR, body=dataclasses.replace(MERCATOR.body, inertia=inertia))
+    world = simulator(duration=60, apothem=1.5, placement=at((0, 0, 0.1)), robot_model=model)
+    assert world.instance(0).robots[0].body.moment == inertia
+    outcome = world.run(EXPLORE, 3, record=True)
+    wheels = 0.3 * outcome.history.wheels[:, 0]
+    turning = np.flatnonzero(wheels[:, 0] < 0)[:1]
+    until = slice(0, int(turning[0]) + 5)
+    expected = law(outcome.trace.poses[0, 0], np.vstack([[0, 0], wheels[:-1]]), inertia=inertia)
+    assert np.abs(outcome.trace.poses[:, 0] - expected)[until].max() < 1e-9
+    light = law(outcome.trace.poses[0, 0], np.vstack([[0, 0], wheels[:-1]]))
+    assert np.abs(outcome.trace.poses[:, 0] - light)[until].max() > 0.01
 
 
 def test_from_rest_to_full_speed():

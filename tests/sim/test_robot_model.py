@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import pytest
@@ -23,11 +24,35 @@ def test_geometry_of_mercator():
     model = load_robot_model("mercator")
     assert (model.body.length, model.body.width, model.body.mass) == (0.286, 0.286, 2.0)
     assert [round(math.degrees(angle)) for angle in model.proximity.angles] == [45, 0, -45, -90, -135, 180, 135, 90]
-    assert model.body.inertia == pytest.approx(0.027265, abs=1e-6)
+    assert model.body.moment_of_inertia == pytest.approx(0.027265, abs=1e-6)
     assert (model.drive.tread_distance, model.drive.maximum_speed) == (0.147, 0.3)
     assert (model.drive.force, model.drive.torque) == (1.5, 1.5)
     assert model.ground.noise is not None
     assert model.reference_model == ReferenceModel()
+
+
+def test_inertia_is_the_bodys_unless_the_model_says_another():
+    """The e-puck's is that of argos3-epuck, a disc of twice its radius (dynamics2d_epuck_model.cpp)."""
+    body = load_robot_model("epuck").body
+    assert body.moment_of_inertia == pytest.approx(0.5 * 0.4 * 0.07**2)
+    assert dataclasses.replace(body, inertia=None).moment_of_inertia == pytest.approx(0.5 * 0.4 * 0.035**2)
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "heavy"])
+def test_inertia_must_be_positive(tmp_path, value):
+    file = tmp_path / "model.yaml"
+    file.write_text(f"schema: 1\nbase: mercator\nbody: {{inertia: {value}}}\n")
+    with pytest.raises(
+        MissionError, match=rf"model.yaml:3: body.inertia: expected a number >= 1e-09.*found \"{value}\""
+    ):
+        load_robot_model(str(file))
+
+
+def test_messages_of_the_epuck_reach_half_a_metre_in_both_its_models():
+    """As in the files of demiurge-project/Results-Transferability; all that is heard counts."""
+    for name in ("epuck", "epuck-pseudo-reality"):
+        model = load_robot_model(name)
+        assert (model.neighbours.range, model.reference_model.neighbour_range) == (0.5, 0.5)
 
 
 def test_constants_of_the_reference_model_are_data(tmp_path):

@@ -34,12 +34,12 @@ def repaint(floor: FloorTable, table: Array, _poses: Array, time: float) -> None
 def schedule(
     site: Site,
     *,
-    zones: Zones,
-    times: Annotated[tuple[Time, ...], Length(1, 1000)],
-    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],
-    every: Positive | None = None,
+    zones: Zones,  # zones that change
+    times: Annotated[tuple[Time, ...], Length(1, 1000)],  # [s] since the start, each later than the one before
+    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],  # colours that the zones take, one for each time
+    every: Positive | None = None,  # [s] after which all comes again; null: never
 ) -> list[tuple[float, ...]]:
-    """At each of `times` [s] the zones take the colour in the same place of `colors`; all again `every` so many s."""
+    """At each of `times` [s] the zones take the colour at its place in `colors`; all again `every` so many s."""
     if len(times) != len(colors):
         raise FieldError("colors", f"expected one for each of {len(times)} times, found {len(colors)}")
     if any(later <= earlier for earlier, later in itertools.pairwise(times)):
@@ -58,10 +58,10 @@ def schedule(
 def drawn_colors(
     site: Site,
     *,
-    zones: Zones,
-    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],
-    earliest: Time = 0.0,
-    latest: Time = 0.0,
+    zones: Zones,  # zones that change, all to one colour
+    colors: Annotated[tuple[Colour, ...], Length(1, 1000)],  # colours of which one is drawn for each instance
+    earliest: Time = 0.0,  # [s] since the start, when they may change
+    latest: Time = 0.0,  # [s] since the start, when they have changed
 ) -> list[tuple[float, ...]]:
     """The zones take one colour, drawn for each instance, at a time drawn between `earliest` and `latest` [s]."""
     if latest < earliest:

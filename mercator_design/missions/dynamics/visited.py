@@ -31,7 +31,13 @@ def mark_visited(floor: FloorTable, table: Array, poses: Array, time: float) -> 
 
 
 @dynamic(change=mark_visited)
-def visited(site: Site, *, zones: Zones, color: Colour, lasts: Positive | None = None) -> list[tuple[float, ...]]:
+def visited(
+    site: Site,
+    *,
+    zones: Zones,  # zones that change, each for itself
+    color: Colour,  # colour that a zone takes when a robot comes into it
+    lasts: Positive | None = None,  # [s] from when the last robot leaves it; null: for ever
+) -> list[tuple[float, ...]]:
     """A zone takes `color` when a robot's centre comes into it: for ever, or for `lasts` s after the last one left."""
     new = rgb(color)
     return [

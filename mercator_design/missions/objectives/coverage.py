@@ -24,7 +24,12 @@ _OUTWARDS, _TURNS = 48, 144  # points on a disc
 
 
 @objective
-def cell_age(trace: Trace, *, side: Side, cells: Cells) -> float:
+def cell_age(
+    trace: Trace,
+    *,
+    side: Side,  # [m] of the square, whose middle is the origin
+    cells: Cells,  # how many, along each side of the square
+) -> float:
     """How long the cells of a grid stay unvisited: the mean cell's age, summed over cycles; a cost.
 
     `cells` x `cells` of them cover a square of `side` metres around the origin. In each cycle the ages of
@@ -42,7 +47,12 @@ def cell_age(trace: Trace, *, side: Side, cells: Cells) -> float:
 
 
 @objective
-def cells_visited(trace: Trace, *, side: Side, cells: Annotated[int, Range(1, 5000)]) -> float:
+def cells_visited(
+    trace: Trace,
+    *,
+    side: Side,  # [m] of the square, whose middle is the origin
+    cells: Annotated[int, Range(1, 5000)],  # how many, along each side of the square
+) -> float:
     """The share of a grid's cells that some robot has visited so far, summed over cycles; the grid is as in cell_age.
 
     With cells of 1 cm it is the test of exploration of AutoMoDe-Modules, which counts cells and not their share.
@@ -65,15 +75,15 @@ def _visits(trace: Trace, side: float, cells: int) -> tuple[NDArray[np.int64], N
 def surface_and_perimeter(
     trace: Trace,
     *,
-    square_center: Point,
-    square_side: Size,
-    circle_center: Point,
-    circle_radius: Size,
-    margin: Size = 0.04,
-    farthest_in_square: Size = 0.85,
-    farthest_on_circle: Size = 0.6,
-    square_unit: Positive = 0.08,
-    circle_unit: Positive = 0.06,
+    square_center: Point,  # [m] x, y of the square's middle
+    square_side: Size,  # [m] of the square
+    circle_center: Point,  # [m] x, y of the circle's middle
+    circle_radius: Size,  # [m] of the circle
+    margin: Size = 0.04,  # [m] from the circle's line within which a robot is on it
+    farthest_in_square: Size = 0.85,  # [m] that a point of the square counts as away from the robots at most
+    farthest_on_circle: Size = 0.6,  # [m] that a point of the circle counts as away from the robots at most
+    square_unit: Positive = 0.08,  # [m] by which the square's mean distance is divided
+    circle_unit: Positive = 0.06,  # [m] by which the circle's mean distance is divided
 ) -> float:
     """SPC of Chocolate: how badly a square's surface and a circle's line are covered at the end; a cost.
 
@@ -92,7 +102,13 @@ def surface_and_perimeter(
 
 
 @objective
-def surface_distance(trace: Trace, *, square_center: Point, square_side: Size, farthest: Size = 0.67) -> float:
+def surface_distance(
+    trace: Trace,
+    *,
+    square_center: Point,  # [m] x, y of the square's middle
+    square_side: Size,  # [m] of the square
+    farthest: Size = 0.67,  # [m] that a point counts as away from the robots at most
+) -> float:
     """SPD8 of Mate: the square of the mean distance [cm2] from a point of a square to the nearest robot in it; a cost.
 
     At the end; distances are at most `farthest`. Points and error as in surface_and_perimeter.
@@ -102,7 +118,12 @@ def surface_distance(trace: Trace, *, square_center: Point, square_side: Size, f
 
 @objective
 def coverage_outside_zones(
-    trace: Trace, *, zones: Zones, radius: Size = 1.2, farthest: Size = 2.5, unit: Positive = 0.01
+    trace: Trace,
+    *,
+    zones: Zones,  # zones in which robots do not count
+    radius: Size = 1.2,  # [m] of the disc, whose middle is the origin
+    farthest: Size = 2.5,  # [m] that a point counts as away from the robots at most
+    unit: Positive = 0.01,  # [m] by which the score is divided
 ) -> float:
     """CFA of Chocolate: how near to every point of a disc around the origin a robot outside the zones is at the end.
 

@@ -33,7 +33,11 @@ def path_length(trace: Trace) -> float:
 
 
 @objective
-def distance_to(trace: Trace, *, point: Point) -> float:
+def distance_to(
+    trace: Trace,
+    *,
+    point: Point,  # [m] x, y of the place from which distances count
+) -> float:
     """Phototaxis, anti-phototaxis: the distance [m] of the robots from a point, summed over robots and cycles."""
     away = trace.positions - np.array(point)
     return float(np.sum(np.hypot(away[..., 0], away[..., 1])))

@@ -26,7 +26,13 @@ _COARSE = 0.03
 
 
 @objective
-def network_area(trace: Trace, *, link: Size = 0.35, sight: Size = 0.25, radius: Radius = 1.2) -> float:
+def network_area(
+    trace: Trace,
+    *,
+    link: Size = 0.35,  # [m] below which two robots are linked
+    sight: Size = 0.25,  # [m] that a robot sees
+    radius: Radius = 1.2,  # [m] from the origin within which points count
+) -> float:
     """LCN of Chocolate: the area [m2] that the largest group sees at the end, `radius` from the origin at most.
 
     Of points 1 cm apart; error about 0.002 m2 for 20 robots. (The original's box of points begins at the origin even
@@ -40,7 +46,14 @@ def network_area(trace: Trace, *, link: Size = 0.35, sight: Size = 0.25, radius:
 
 
 @objective
-def network_share(trace: Trace, *, zones: Zones, link: Size = 0.3, sight: Size = 0.3, radius: Radius = 1.2) -> float:
+def network_share(
+    trace: Trace,
+    *,
+    zones: Zones,  # zones whose share counts
+    link: Size = 0.3,  # [m] below which two robots are linked
+    sight: Size = 0.3,  # [m] that a robot sees
+    radius: Radius = 1.2,  # [m] from the origin within which points count
+) -> float:
     """LCF of Mate: the share of zones that robots in them see which are of the largest group, summed over cycles.
 
     Only points nearer than `radius` to the origin count, of a grid of 3 cm; error of a cycle's share about 0.5 %.
@@ -55,7 +68,11 @@ def network_share(trace: Trace, *, zones: Zones, link: Size = 0.3, sight: Size =
 
 
 @objective
-def network_diameter(trace: Trace, *, link: Size = 0.3) -> float:
+def network_diameter(
+    trace: Trace,
+    *,
+    link: Size = 0.3,  # [m] below which two robots are linked
+) -> float:
     """SPD11 of Mate: the most links on a shortest way between two robots of the largest group, summed over cycles."""
     diameters = np.zeros(trace.cycles, dtype=np.int64)
     scratch = np.zeros((4, trace.robots), dtype=np.int64)

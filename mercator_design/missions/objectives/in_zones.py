@@ -16,21 +16,39 @@ SeveralZones = Annotated[Zones, Length(2)]
 
 
 @objective
-def robots_in_zone(trace: Trace, *, zones: Zones, when: When = "end", share: bool = False) -> float:
+def robots_in_zone(
+    trace: Trace,
+    *,
+    zones: Zones,  # zones in any of which a robot counts
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+    share: bool = False,  # whether to divide by the number of robots
+) -> float:
     """Robots in any of the zones: at the end, or summed over all cycles; as a share of all robots if asked."""
     robots = float(np.sum(trace.inside(zones, when)))
     return robots / trace.robots if share else robots
 
 
 @objective
-def robots_in_fullest_zone(trace: Trace, *, zones: SeveralZones, when: When = "end", share: bool = False) -> float:
+def robots_in_fullest_zone(
+    trace: Trace,
+    *,
+    zones: SeveralZones,  # zones of which one has most robots
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+    share: bool = False,  # whether to divide by the number of robots
+) -> float:
     """Robots in that zone which has most of them (in each cycle), counted as in robots_in_zone."""
     robots = float(np.sum(_counts(trace, zones, when).max(axis=0)))
     return robots / trace.robots if share else robots
 
 
 @objective
-def robots_in_emptiest_zone(trace: Trace, *, zones: SeveralZones, when: When = "end", share: bool = False) -> float:
+def robots_in_emptiest_zone(
+    trace: Trace,
+    *,
+    zones: SeveralZones,  # zones of which one has fewest robots
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+    share: bool = False,  # whether to divide by the robots that a zone has if all have as many
+) -> float:
     """Robots in that zone which has fewest (in each cycle); the share is 1 if they are divided equally."""
     robots = float(np.sum(_counts(trace, zones, when).min(axis=0)))
     return robots * len(zones) / trace.robots if share else robots
@@ -42,14 +60,25 @@ def _counts(trace: Trace, zones: Zones, when: When) -> NDArray[np.int64]:
 
 
 @objective
-def color_value(trace: Trace, *, values: Annotated[Mapping[ColourName, Value], Length(1)], when: When = "end") -> float:
+def color_value(
+    trace: Trace,
+    *,
+    values: Annotated[Mapping[ColourName, Value], Length(1)],  # what a robot on each colour counts
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+) -> float:
     """The value of the floor's colour under each robot, summed; a colour without value counts 0."""
     colors = trace.colors(when)
     return float(sum(value * np.sum(np.all(colors == rgb(name), axis=-1)) for name, value in values.items()))
 
 
 @objective
-def zones_in_color(trace: Trace, *, zones: Zones, color: Colour, when: When = "end") -> float:
+def zones_in_color(
+    trace: Trace,
+    *,
+    zones: Zones,  # zones that are counted
+    color: Colour,  # colour that they must have
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+) -> float:
     """How many of the zones (tiles: each of them) have a colour: at the end, or summed over all cycles."""
     colors = trace.zone_colors(zones)
     return float(np.sum(np.all(colors[0 if when == "always" else -1 :] == rgb(color), axis=-1)))

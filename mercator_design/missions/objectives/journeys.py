@@ -10,7 +10,12 @@ from mercator_design.missions.trace import Trace
 
 
 @objective
-def trips(trace: Trace, *, sources: Zones, nests: Zones) -> float:
+def trips(
+    trace: Trace,
+    *,
+    sources: Zones,  # zones where a robot picks a thing up
+    nests: Zones,  # zones where it puts it down
+) -> float:
     """Foraging: how often a robot that was on a source came to a nest; it carries one thing at a time.
 
     A robot on both at once is on the source.
@@ -24,7 +29,13 @@ def trips(trace: Trace, *, sources: Zones, nests: Zones) -> float:
 
 
 @objective
-def gate_crossings(trace: Trace, *, width: Size, center: Point = (0.0, 0.0), angle: float = -math.pi / 2.0) -> float:
+def gate_crossings(
+    trace: Trace,
+    *,
+    width: Size,  # [m] of the gate
+    center: Point = (0.0, 0.0),  # [m] x, y of the gate's middle
+    angle: float = -math.pi / 2.0,  # [rad] of the direction in which a crossing counts
+) -> float:
     """How often robots cross a gate's line in a direction, less how often against it, but not less than 0.
 
     The line is `width` long, has its middle at `center`, and lies across the direction `angle` [rad]. Whoever is on it

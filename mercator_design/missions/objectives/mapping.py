@@ -24,10 +24,10 @@ _STEP = 0.5
 def seen_area(
     trace: Trace,
     *,
-    side: Annotated[float, Range(0.01, 1000.0)],
-    cells: Annotated[int, Range(1, 2000)],
-    reach: Size = 12.0,
-    every: Annotated[int, Range(1, 1000)] = 10,
+    side: Annotated[float, Range(0.01, 1000.0)],  # [m] of the square, whose middle is the origin
+    cells: Annotated[int, Range(1, 2000)],  # how many, along each side of the square
+    reach: Size = 12.0,  # [m] from a robot to what it sees, at most
+    every: Annotated[int, Range(1, 1000)] = 10,  # cycles from one look to the next
 ) -> float:
     """The area [m2] that some beam of a lidar has crossed by the end, no farther than `reach` from its robot.
 

@@ -13,7 +13,12 @@ from mercator_design.missions.trace import Flags, Trace
 
 
 @objective
-def stop_when_found(trace: Trace, *, zones: Zones, still: Size = 0.005) -> float:
+def stop_when_found(
+    trace: Trace,
+    *,
+    zones: Zones,  # zones of which one must be found
+    still: Size = 0.005,  # [m] that a robot which stands still goes in a cycle, at most
+) -> float:
     """Stop of Gianduja: move until one robot comes to a zone, and then stand still, all of you.
 
     From two for each robot and cycle are taken: one for each robot and cycle until a robot is in a zone, one for each
@@ -31,14 +36,25 @@ def stop_when_found(trace: Trace, *, zones: Zones, still: Size = 0.005) -> float
 
 
 @objective
-def stop_when_told(trace: Trace, *, signal: Zone, color: Colour, still: Size = 0.005) -> float:
+def stop_when_told(
+    trace: Trace,
+    *,
+    signal: Zone,  # the zone whose colour tells the robots
+    color: Colour,  # colour that tells them to stand still
+    still: Size = 0.005,  # [m] that a robot which stands still goes in a cycle, at most
+) -> float:
     """Robots that stand still while the zone `signal` has a colour, and move while it has not, summed over cycles."""
     told = _told(trace, signal, color)
     return float(np.sum(_moving(trace, still) != told[:, None]))
 
 
 @objective
-def robots_where_told(trace: Trace, *, signal: Zone, places: Annotated[Mapping[ColourName, Zone], Length(1)]) -> float:
+def robots_where_told(
+    trace: Trace,
+    *,
+    signal: Zone,  # the zone whose colour tells the robots
+    places: Annotated[Mapping[ColourName, Zone], Length(1)],  # the zone that belongs to each colour
+) -> float:
     """Robots in that zone which belongs to the colour that the zone `signal` has, summed over cycles."""
     there = [trace.inside((zone,), "always")[_told(trace, signal, name)] for name, zone in places.items()]
     return float(sum(int(np.sum(each)) for each in there))

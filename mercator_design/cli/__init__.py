@@ -1,0 +1,67 @@
+"""The command `mdesign`; each verb has its file.
+
+Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
+0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 130 interrupted. Heavy modules are imported by the verb
+that needs them, so that `--help` is quick.
+"""
+
+import os
+import sys
+
+import click
+
+from mercator_design import __version__
+from mercator_design.cli import draw, evaluate, missions, race, record, robots, schema, validate
+from mercator_design.cli.terminal import tell
+from mercator_design.errors import MercatorError, printable
+
+
+def main() -> None:
+    """Run the command line; every way out has its exit code."""
+    try:
+        sys.exit(cli.main(prog_name="mdesign", standalone_mode=False))
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        error.message = printable(error.message)  # type: ignore[misc]  # the only way in
+        error.show()
+        sys.exit(error.exit_code)
+    except MercatorError as error:
+        tell(f"Error: {error}")
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        tell("Interrupted.")
+        sys.exit(130)
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
+            tell(f"Error: {error}")
+        if sys.stdout is not None:  # what could not be written would be tried again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except MemoryError:
+        tell("Error: not enough memory")
+        sys.exit(1)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mdesign")
+def cli() -> None:
+    """Design control software for swarms of Mercator robots.
+
+    \b
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
+    130 interrupted.
+    """  # noqa: D301 - click reads the control character
+
+
+for _verb in (
+    race.race,
+    evaluate.evaluate,
+    record.record,
+    validate.validate,
+    draw.draw,
+    missions.missions,
+    robots.robots,
+    schema.schema,
+):
+    cli.add_command(_verb)

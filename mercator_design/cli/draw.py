@@ -1,0 +1,19 @@
+"""mdesign draw: a controller's diagram."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, LENIENT
+
+
+@click.command()
+@click.argument("fsm", type=FILE)
+@FLAVOUR
+@LENIENT
+def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
+    """Print the diagram of an fsm.txt as Graphviz text, e.g. for `| dot -Tsvg > fsm.svg`."""
+    from mercator_design.fsm.drawing import to_dot
+
+    click.echo(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)

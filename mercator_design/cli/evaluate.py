@@ -1,0 +1,66 @@
+"""mdesign evaluate: a controller's scores."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, PLUGIN, SEED, SET
+from mercator_design.cli.terminal import Interrupt, tell
+
+
+@click.command()
+@click.argument("fsm", type=FILE)
+@click.option(
+    "--mission",
+    help="YAML file or name of a shipped mission.  [default: the one that FSM's header says it was designed for]",
+)
+@click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
+@SEED
+@JOBS
+@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@FLAVOUR
+@LENIENT
+@SET
+@PLUGIN
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def evaluate(
+    fsm: Path,
+    mission: str | None,
+    runs: int,
+    seed: int,
+    jobs: int | None,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Measure the controller of an fsm.txt on fresh instances of its mission.
+
+    \b
+    With --json: mission, direction, robots, duration, robot_model,
+    runs, seed, scores, seeds, mean,
+    standard_deviation (n - 1), quartiles [lower, median, upper],
+    confidence_interval [low, high] (of the mean, 95 %, Student's t);
+    the standard deviation and the interval of one run are null.
+    """  # noqa: D301 - click reads the control character
+    from mercator_design.design import evaluate as measure
+    from mercator_design.race.executors import available_jobs
+    from mercator_design.report.progress import EvaluationDisplay
+    from mercator_design.report.summary import evaluation_json, evaluation_summary
+
+    file = read_controller(fsm, flavour, lenient=lenient)
+    loaded = mission_of(fsm, file, mission, overrides)
+    simulator = new_simulator(loaded, robot_model)
+    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
+    simulator.rehearse(announce=tell)
+    with Interrupt() as interrupt, EvaluationDisplay(loaded, runs) as display:
+
+        def watch(done: int) -> None:
+            display.show(done)
+            interrupt.check(f"{done} of {runs} experiments were done")
+
+        result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=watch)
+    report = evaluation_json if as_json else evaluation_summary
+    click.echo(report(result, simulator, seed=seed))

@@ -1,0 +1,92 @@
+"""What verbs are given: a controller's file, the mission that it is for, a robot model."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mercator_design.cli.terminal import warn
+from mercator_design.errors import FsmError, MissionError, excerpt
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from mercator_design.fsm.modules import Module
+    from mercator_design.fsm.text import FsmFile
+    from mercator_design.missions.mission import Mission
+    from mercator_design.sim.simulate import Simulator
+
+
+def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> "FsmFile":
+    """What an fsm.txt holds; what is tolerated in it is told."""
+    from mercator_design.fsm.text import read_fsm
+
+    return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)
+
+
+def new_simulator(mission: "Mission", robot_model: str | None) -> "Simulator":
+    """The simulator of a mission, with its own robot model if no other is given."""
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.sim.simulate import Simulator
+
+    return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
+
+
+def doubt(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
+    """Tell of what makes no difference when a mission's robots run modules of a flavour."""
+    from mercator_design.sim.doubts import doubts
+
+    warn(doubts(simulator.mission, simulator.robot_model, flavour, modules))
+
+
+def mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":
+    """The mission to measure a controller on: the one given, the one raced beside it, the one its header names.
+
+    If the header has the digest of the mission that was raced, the last two must have it too.
+    """
+    from mercator_design.missions.mission import load_mission
+
+    if given is not None:
+        return load_mission(given, overrides)
+    _check_plugins(fsm, file)
+    named, digest = file.header.get("mission"), file.header.get("mission digest")
+    if named is None:
+        raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
+    beside = fsm.parent / "mission.yaml"
+    if digest and beside.exists() and load_mission(beside).digest == digest:
+        return load_mission(beside, overrides)
+    raced_with = _overrides_of(fsm, file)
+    try:
+        mission = load_mission(named, raced_with)
+    except MissionError as error:
+        raise MissionError(f"{fsm}: the mission of its header: {error}; give --mission") from None
+    if digest and mission.digest != digest:
+        raise MissionError(f"{fsm}: {excerpt(named)} is not what it was when this was designed; give --mission")
+    return load_mission(named, (*raced_with, *overrides))
+
+
+def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
+    """The overrides that the header says the mission was raced with."""
+    text = file.header.get("set", "[]")
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+        raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {excerpt(text)}")
+    return found
+
+
+def _check_plugins(fsm: Path, file: "FsmFile") -> None:
+    """Make sure that the plugins that a controller was designed with are loaded, and are what they were."""
+    from mercator_design.missions.plugins import loaded_plugins
+
+    loaded = loaded_plugins()
+    for word in file.header.get("plugins", "").split(", "):
+        name, _, digest = word.rpartition(" ")
+        if name and name not in loaded:
+            name = excerpt(name)
+            raise MissionError(f"{fsm}: was designed with the plugin {name}; give --plugin {name}, or --mission")
+        if name and loaded[name] != digest:
+            raise MissionError(f"{fsm}: {name} is not what it was when this was designed; give --mission")

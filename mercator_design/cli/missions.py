@@ -1,0 +1,134 @@
+"""mdesign missions: list, show and draw them, and make random ones."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mercator_design.cli.inputs import new_simulator
+from mercator_design.cli.options import PLUGIN, SEED, SET
+from mercator_design.cli.terminal import naming, terminal_width
+from mercator_design.errors import MercatorError, MissionError
+
+if TYPE_CHECKING:
+    from mercator_design.mission_sampler import MissionClass
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def missions(context: click.Context) -> None:
+    """List, show and draw missions, and make random ones.
+
+    Without a command it lists the shipped missions.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_missions)
+
+
+@missions.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: all there is to know, and the file.")
+def list_missions(*, as_json: bool = False) -> None:
+    """List the shipped missions."""
+    from mercator_design.report.missions import missions_json, missions_table
+
+    click.echo(missions_json() if as_json else missions_table(terminal_width()))
+
+
+@missions.command()
+@click.argument("mission")
+@SET
+@PLUGIN
+def show(mission: str, overrides: tuple[str, ...]) -> None:
+    """Print the YAML of MISSION as it stands, with its comments, to start one's own from.
+
+    With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
+    """
+    from mercator_design import shipped
+    from mercator_design.loading import dump, text_of
+    from mercator_design.missions.mission import load_mission
+
+    loaded = load_mission(mission, overrides)
+    if overrides:
+        click.echo(dump(loaded), nl=False)
+    else:
+        path = shipped.find(mission, shipped.missions(), "mission")
+        click.echo(text_of(path, error=MissionError), nl=False)
+
+
+def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
+        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
+    return path
+
+
+@missions.command()
+@click.argument("mission")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    callback=_picture,
+    help="Picture to write, .png or .svg.  [default: MISSION.png in this folder]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1,
+    show_default=True,
+    help="Instance to show: where the robots start, and the colours of tiles.",
+)
+@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@SET
+@PLUGIN
+def preview(mission: str, output: Path | None, seed: int, robot_model: str | None, overrides: tuple[str, ...]) -> None:
+    """Draw MISSION from above: arena, floor, lights, the area in which robots start, and one start.
+
+    Prints the name of the picture.
+    """
+    from mercator_design.missions.mission import load_mission
+    from mercator_design.report.preview import save_preview
+
+    loaded = load_mission(mission, overrides)
+    path = output or Path(f"{loaded.name}.png")
+    with naming(path):
+        save_preview(path, new_simulator(loaded, robot_model), seed=seed)
+    click.echo(path)
+
+
+@missions.command()
+@click.option(
+    "--class",
+    "class_",
+    type=click.Choice(["foraging", "homing", "aggregation-xor"]),
+    required=True,
+    help="What the robots must do.",
+)
+@SEED
+@click.option("-n", "--number", type=click.IntRange(1, 10_000), default=1, show_default=True, help="Missions to make.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=".",
+    help="Folder of the missions.  [default: this one]",
+)
+def sample(class_: "MissionClass", seed: int, number: int, output: Path) -> None:
+    """Write random missions of a class, for experiments on more missions than a method was made with.
+
+    The same class and seed give the same missions, the first of many being the first of a few. Prints the names of the
+    files, CLASS-SEED-1.yaml and on; none may be there yet.
+    """
+    from mercator_design.files import write_text
+    from mercator_design.loading import dump
+    from mercator_design.mission_sampler import sample_mission
+
+    with naming(output):
+        output.mkdir(parents=True, exist_ok=True)
+    paths = [output / f"{class_}-{seed}-{k}.yaml" for k in range(1, number + 1)]
+    for path in paths:
+        if path.exists():
+            raise MercatorError(f"{path}: expected to write a new file, found that there is one")
+    for k, path in enumerate(paths, start=1):
+        with naming(path):
+            write_text(path, dump(sample_mission(class_, seed=seed, number=k)))
+        click.echo(path)

@@ -1,0 +1,61 @@
+"""Options that several verbs have."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.fsm.pfsm import FLAVOURS
+
+FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
+
+SET = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a key of the mission, e.g. robots=20 or floor.zones[0].radius=0.3. May be repeated.",
+)
+SEED = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1,
+    show_default=True,
+    help="Master seed of all randomness.",
+)
+JOBS = click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(1, 256),
+    help="Experiments run at once.  [default: the cores of this machine]",
+)
+
+
+def _load_plugins(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
+    if files and not context.resilient_parsing:
+        from mercator_design.missions.plugins import load_plugin
+
+        for file in files:
+            load_plugin(file)
+
+
+PLUGIN = click.option(
+    "--plugin",
+    multiple=True,
+    type=FILE,
+    metavar="FILE.py",
+    expose_value=False,
+    is_eager=True,  # before any argument is looked at
+    callback=_load_plugins,
+    help="Python file with more objectives or floor dynamics for missions. May be repeated.",
+)
+
+FLAVOUR = click.option(
+    "--flavour",
+    type=click.Choice(FLAVOURS),
+    help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
+)
+LENIENT = click.option(
+    "--lenient",
+    is_flag=True,
+    help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
+)

@@ -1,0 +1,67 @@
+"""mdesign record: what happens in one experiment."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN, SEED, SET
+from mercator_design.cli.terminal import naming, tell
+from mercator_design.errors import printable
+
+
+@click.command()
+@click.argument("fsm", type=FILE)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
+)
+@click.option(
+    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+)
+@click.option(
+    "--every", type=click.IntRange(1, 10**9), default=1, show_default=True, help="Record every so many-th cycle."
+)
+@click.option("--mission", help="As for evaluate.")
+@SEED
+@click.option("--robot-model", help="As for evaluate.")
+@FLAVOUR
+@LENIENT
+@SET
+@PLUGIN
+def record(
+    fsm: Path,
+    output: Path,
+    devices: str,
+    every: int,
+    mission: str | None,
+    seed: int,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+) -> None:
+    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+
+    --seed is the instance's own, as evaluate --json lists them.
+    """
+    from mercator_design.files import replacing
+    from mercator_design.report.recording import FORMATS, check_size, write_recording
+    from mercator_design.sim.devices import DEVICES
+
+    if output.suffix not in FORMATS:
+        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
+    names = list(dict.fromkeys(name.strip() for name in devices.split(",") if name.strip()))
+    for name in names:
+        if name not in DEVICES:
+            raise click.BadParameter(
+                f"no device is called '{name}'; known: {', '.join(DEVICES)}", param_hint="--devices"
+            )
+    file = read_controller(fsm, flavour, lenient=lenient)
+    loaded = mission_of(fsm, file, mission, overrides)
+    simulator = new_simulator(loaded, robot_model)
+    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
+    check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
+    with naming(output), replacing(output) as stream:
+        outcome = simulator.run(file.pfsm, seed, record=True)
+        write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
+    click.echo(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

@@ -1,0 +1,29 @@
+"""mdesign schema: what editors know of missions and robot models."""
+
+import json
+
+import click
+
+from mercator_design.cli.options import PLUGIN
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(["mission", "robot-model"]), default="mission")
+@PLUGIN
+def schema(kind: str) -> None:
+    """Print the JSON Schema of a mission or a robot model, for an editor to complete and check such files.
+
+    \b
+    mdesign schema > mission.schema.json
+    and, as the first line of a mission beside it:
+    # yaml-language-server: $schema=mission.schema.json
+    """  # noqa: D301 - click reads the control character
+    from mercator_design.json_schema import json_schema
+    from mercator_design.missions.mission import Mission
+    from mercator_design.sim.robot_model import RobotModel
+
+    if kind == "mission":
+        found = json_schema(Mission, title="A mission", given=("name",))
+    else:
+        found = json_schema(RobotModel, title="A robot model", given=("name",), based=True)
+    click.echo(json.dumps(found, indent=2))

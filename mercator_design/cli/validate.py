@@ -1,0 +1,71 @@
+"""mdesign validate: whether files say what they should."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN
+from mercator_design.cli.terminal import tell, warn
+from mercator_design.errors import FsmError, MissionError, printable
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=FILE)
+@FLAVOUR
+@LENIENT
+@PLUGIN
+def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
+    """Check missions and robot models (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
+
+    A mission is valid if its robots also find places to start from. Prints a line for each file; exit code 3 if any is
+    invalid.
+    """
+    invalid = False
+    for file in files:
+        try:
+            click.echo(printable(f"{file}: {_validated(file, flavour, lenient)}"))
+        except (MissionError, FsmError) as error:
+            invalid = True
+            tell(f"Error: {error}")
+    if invalid:
+        raise click.exceptions.Exit(MissionError.exit_code)
+
+
+def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
+    """What a valid file holds, in a few words."""
+    from mercator_design import shipped
+    from mercator_design.missions.mission import load_mission
+
+    names = {*shipped.missions(), *shipped.robot_models()}
+    if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
+        from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
+        from mercator_design.sim.robot_model import load_robot_model
+
+        if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
+            model = load_robot_model(str(file))
+            warn(doubts_of_model(model))
+            return f"valid robot model {model.name}"
+        mission = load_mission(str(file))
+        simulator = new_simulator(mission, None)
+        simulator.check_placement()
+        warn([*doubts_of_model(simulator.robot_model), *doubts_of_floor(mission, simulator.robot_model)])
+        return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
+    pfsm = read_controller(file, flavour, lenient=lenient).pfsm
+    transitions = sum(len(state.transitions) for state in pfsm.states)
+    return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
+
+
+def _has_key(file: Path, key: str) -> bool:
+    """Whether a YAML file has a key at its top, and so is of that kind."""
+    from mercator_design.yaml_tree import Fault, compose, read_text
+
+    try:
+        content = compose(read_text(file), str(file), file.parent).content
+    except Fault:
+        return False
+    return isinstance(content, dict) and key in content
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"

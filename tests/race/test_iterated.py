@@ -375,7 +375,7 @@ def test_iterations_have_the_budget_asked_for():
 
 
 def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
-    options = RaceOptions(block_size=3, first_test=2, mu=6, postselection=False)
+    options = replace(RaceOptions.irace(), block_size=3, first_test=2, mu=6, postselection=False)
     race = IteratedRace(MIXED, budget=1500, seed=4, options=options)
     told = run(race)
     seen, later = 0, 0

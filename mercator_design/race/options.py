@@ -44,10 +44,10 @@ class RaceOptions:
     repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
-    first_test: int = 3
+    first_test: int = 2
     each_test: int = 1
     block_size: int = 1
-    mu: int = 5
+    mu: int = 2
     elitist: bool = True
     elitist_new_instances: int = 1
     elitist_limit: int = 2
@@ -85,7 +85,7 @@ class RaceOptions:
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls(surrogate=0.0, repeated=True, first_test=5, ordered_as_integers=False)
+        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False)
 
     @property
     def planned_mu(self) -> int:

@@ -325,7 +325,7 @@ def test_no_budget_is_exceeded(d, kind):
     assert started >= 8
 
 
-@pytest.mark.parametrize(("budget", "iterations"), [(60, 1), (200, 2), (1000, 7), (1350, 9)])
+@pytest.mark.parametrize(("budget", "iterations"), [(30, 1), (100, 2), (1000, 8), (1080, 9)])
 def test_a_large_grammar_is_raced_with_a_small_budget(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
     space = Space.from_text(machines_text())
@@ -356,7 +356,7 @@ def test_each_iteration_races_as_many_configurations_as_is_asked():
 
 def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
     """A quarter of 1000 experiments is too little for 60 configurations, a larger share of them is not."""
-    options = RaceOptions(n_configurations=60, postselection=False)
+    options = replace(RaceOptions.irace(), n_configurations=60, postselection=False)
     race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
     run(race)
     assert race.iterations[0].iteration > 1

@@ -1,9 +1,9 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
 As ask and tell: `ask` gives a batch of experiments, `tell` takes their costs, and an empty batch is the end.
-What is asked depends on the space, the budget, the seed and the costs alone. Costs are minimised; one that is
-infinite rejects its configuration for good. Unlike irace's, the budget is never exceeded, not even by an
-experiment: a race that would do so ends.
+What is asked depends on the space, the budget, the seed and the costs alone: the surrogate, too, learns between
+races only. Costs are minimised; one that is infinite rejects its configuration for good. Unlike irace's, the budget
+is never exceeded, not even by an experiment: a race that would do so ends.
 """
 
 import math
@@ -35,7 +35,7 @@ class IteratedRace:
         space: What to configure.
         budget: How many experiments to make at most.
         seed: Of everything that is random here.
-        options: irace's options.
+        options: Ours unless given; `RaceOptions.irace()` is irace's algorithm.
         initial: Configurations to begin with; the first iteration samples the others.
 
     Attributes:

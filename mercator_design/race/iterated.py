@@ -304,8 +304,10 @@ class IteratedRace:
 
     def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
         """Those that have not run, each once."""
-        found = {self.space.key(child[0]): child for child in reversed(children)}
-        return [child for key, child in reversed(found.items()) if key not in self._keys]
+        found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
+        for child in children:
+            found.setdefault(self.space.key(child[0]), child)
+        return [child for key, child in found.items() if key not in self._keys]
 
     def _proposed(
         self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]

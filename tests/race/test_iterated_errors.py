@@ -81,6 +81,7 @@ def test_a_space_without_choice_is_refused():
     ("options", "message"),
     [
         ({"test": "F-test"}, "race option test: expected friedman or t-test .* found F-test"),
+        ({"surrogate": 1.5}, "surrogate: expected between 0 and 1, found 1.5"),
         ({"confidence": 1.0}, "confidence: expected between 0 and 1, found 1.0"),
         ({"confidence": math.nan}, "confidence"),
         ({"first_test": 1}, "first_test: expected 2 or more and a multiple of each_test"),

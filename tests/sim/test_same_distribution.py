@@ -1,4 +1,4 @@
-"""Robots that can touch nothing move by a formula: equal in distribution to all robots in Chipmunk's space."""
+"""The engine's short cuts are equal in distribution to all robots in Chipmunk's space, and more iterations."""
 
 import pytest
 
@@ -47,6 +47,6 @@ def test_few_experiments_of_all_crowds(capsys):
 
 
 @pytest.mark.slow
-def test_the_shortcut_is_equal_in_distribution():
+def test_the_short_cuts_are_equal_in_distribution():
     """2000 experiments of either way, for each crowd."""
     assert same_distribution.main(["--rate", str(FALSE_ALARM)]) == 0

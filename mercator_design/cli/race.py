@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("mission")
 @click.option(
-    "--budget", type=click.IntRange(1, 10**9), required=True, help="Experiments that may be run; at least 60."
+    "--budget", type=click.IntRange(1, 10**9), required=True, help="Experiments that may be run; at least 30."
 )
 @SEED
 @JOBS

@@ -2,10 +2,10 @@
 
 A racing library that knows no robots: it says which experiments to run, is told their costs, and finds the
 configurations of least mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
-Research Perspectives 3:43-58).
+Research Perspectives 3:43-58), but that a surrogate proposes most of what is raced; `RaceOptions.irace()` is irace.
 
     Space, Parameter       what may be configured; `Space.from_text` reads irace's parameters.txt
-    IteratedRace           the whole algorithm as ask and tell; RaceOptions are irace's options
+    IteratedRace           the whole algorithm as ask and tell, with RaceOptions
     Experiment             one configuration on one instance, both counted from 0
 
 >>> from mercator_design.race import IteratedRace, Space

@@ -1,9 +1,9 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
 As ask and tell: `ask` gives a batch of experiments, `tell` takes their costs, and an empty batch is the end.
-What is asked depends on the space, the budget, the seed and the costs alone. Costs are minimised; one that is
-infinite rejects its configuration for good. Unlike irace's, the budget is never exceeded, not even by an
-experiment: a race that would do so ends.
+What is asked depends on the space, the budget, the seed and the costs alone: the surrogate, too, learns between
+races only. Costs are minimised; one that is infinite rejects its configuration for good. Unlike irace's, the budget
+is never exceeded, not even by an experiment: a race that would do so ends.
 """
 
 import math
@@ -19,6 +19,7 @@ from mercator_design.race.model import SamplingModel
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.postselection import select_candidates
+from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race, check_costs
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
@@ -34,12 +35,13 @@ class IteratedRace:
         space: What to configure.
         budget: How many experiments to make at most.
         seed: Of everything that is random here.
-        options: irace's options.
+        options: Ours unless given; `RaceOptions.irace()` is irace's algorithm.
         initial: Configurations to begin with; the first iteration samples the others.
 
     Attributes:
         configurations: All that were ever sampled; an experiment names one by its place in this list.
-        parents: The elite that a configuration was sampled from, None in the first iteration.
+        parents: The elite that a configuration was sampled from, or is most like if the surrogate proposed it; None in
+            the first iteration.
         elites: The survivors of the last race that has ended, best first.
         iterations: Summaries of the races that have ended.
         notes: What differs from what a user may expect.
@@ -101,6 +103,9 @@ class IteratedRace:
         self._model = SamplingModel(
             space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
         )
+        self._proposer = Proposer(space)
+        self._keys: set[tuple[Value | None, ...]] = set()  # of all configurations
+        self._is_exhausted = False
         self._race: Race | None = None
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
@@ -196,6 +201,8 @@ class IteratedRace:
         remaining = self.budget - self._used
         if remaining <= 0:
             return "the whole budget is used"
+        if self._is_exhausted:
+            return "no configuration was found that has not run"
         if iteration > self._n_iterations and self.options.iterations is not None:
             return f"all {self._n_iterations} iterations are done"
         share = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
@@ -277,14 +284,44 @@ class IteratedRace:
             iterations=self._n_iterations,
         )
         generator = self._generator("sampling")
-        children = self._model.sample(n_new, elites, generator, self._is_excluded)
+        n_drawn = n_new - round(self.options.surrogate * n_new)
+        children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
         to_restart = self._too_narrow(children) if self.options.soft_restart else []
         if to_restart:
             self._model.restart(to_restart, n_new)
-            children = self._model.sample(n_new, elites, generator, self._is_excluded)
+            children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
+        if not self.options.repeated:
+            children = self._different(children)
+        if self.options.surrogate > 0:
+            children += self._proposed(n_new - len(children), elites, children)
+        if not children:
+            self._is_exhausted = True
+            self._iteration -= 1
+            return
         numbers = elites + self._add(children)
         race = self._new_race(numbers, budget, elites=elites)
         yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+
+    def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
+        """Those that have not run, each once."""
+        found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
+        for child in children:
+            found.setdefault(self.space.key(child[0]), child)
+        return [child for key, child in found.items() if key not in self._keys]
+
+    def _proposed(
+        self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]
+    ) -> list[tuple[Configuration, int]]:
+        present = self._keys | {self.space.key(configuration) for configuration, _ in others}
+        return self._proposer.propose(
+            n,
+            elites,
+            configurations=self.configurations,
+            costs=self._costs,
+            model=self._model,
+            generator=self._generator("proposals"),
+            excluded=lambda c: self._is_excluded(c) or self.space.key(c) in present,
+        )
 
     def _too_narrow(self, children: Sequence[tuple[Configuration, int]]) -> list[int]:
         """The elites whose distributions have come to give the same configurations again."""
@@ -383,6 +420,7 @@ class IteratedRace:
         first = len(self.configurations)
         for configuration, parent in children:
             self.configurations.append(configuration)
+            self._keys.add(self.space.key(configuration))
             self.parents.append(parent)
             self._costs.append({})
         return list(range(first, len(self.configurations)))

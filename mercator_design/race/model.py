@@ -148,7 +148,7 @@ class SamplingModel:
         """
         found: list[tuple[Configuration, int]] = []
         for _ in range(_MOST_ROUNDS):
-            drawn = self._draw(n - len(found), ranked, generator)
+            drawn = self.draw(n - len(found), ranked, generator)
             found += [child for child in drawn if not excluded(child[0])]
             if len(found) == n:
                 return found
@@ -157,7 +157,8 @@ class SamplingModel:
             f"found {len(found)}; the others are forbidden or were rejected"
         )
 
-    def _draw(self, n: int, ranked: Sequence[int], generator: Generator) -> list[tuple[Configuration, int]]:
+    def draw(self, n: int, ranked: Sequence[int], generator: Generator) -> list[tuple[Configuration, int]]:
+        """New configurations, each with its parent, whatever they are."""
         chosen = generator.choice(len(ranked), size=n, p=elite_weights(len(ranked)))
         uniforms = generator.random((n, self._space.n_variable))
         models = [self.elites[elite] for elite in ranked]

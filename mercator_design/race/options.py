@@ -1,4 +1,4 @@
-"""The options of an iterated race, with irace's defaults, and what is and is not allowed."""
+"""The options of an iterated race, ours and irace's, and what is and is not allowed."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -10,9 +10,11 @@ from mercator_design.race.tests import TestName
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RaceOptions:
-    """irace's options of the same meaning.
+    """irace's options of the same meaning, and what this race does that irace does not; `irace()` gives irace's.
 
     Args:
+        surrogate: Part of the newcomers that a surrogate proposes; irace's sampling model draws the others.
+        repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
         confidence: Of the test.
@@ -38,12 +40,14 @@ class RaceOptions:
         RaceError: An option is out of its range.
     """
 
+    surrogate: float = 0.8
+    repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
-    first_test: int = 5
+    first_test: int = 2
     each_test: int = 1
     block_size: int = 1
-    mu: int = 5
+    mu: int = 2
     elitist: bool = True
     elitist_new_instances: int = 1
     elitist_limit: int = 2
@@ -57,6 +61,7 @@ class RaceOptions:
     postselection: bool = True
 
     def __post_init__(self) -> None:
+        _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
         _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
         _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
         _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
@@ -76,6 +81,11 @@ class RaceOptions:
             _require(name, count, "1 or more", valid=count is None or count >= 1)
         threshold = self.soft_restart_threshold
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
+
+    @classmethod
+    def irace(cls) -> "RaceOptions":
+        """Exactly irace's algorithm."""
+        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False)
 
     @property
     def planned_mu(self) -> int:

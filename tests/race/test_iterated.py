@@ -3,6 +3,7 @@
 import doctest
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -154,7 +155,7 @@ def recorded(monkeypatch):
     monkeypatch.setattr(iterated, "Race", RecordedRace)
     monkeypatch.setattr(iterated, "SamplingModel", RecordedModel)
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2]), integer("n", 1, 9)])
-    race = IteratedRace(space, budget=311, seed=2)
+    race = IteratedRace(space, budget=311, seed=2, options=RaceOptions.irace())
     run(race, cost=lambda c: 0.3 * int(c["a"]) + 0.1 * c["n"])
     return race, races, updates, restarts
 
@@ -222,10 +223,10 @@ def test_what_is_left_is_spent_on_a_postselection():
 def test_a_narrow_model_is_restarted():
     """Two values cannot be told apart for long."""
     space = Space([categorical("a", [1, 2]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1)
+    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
     run(race, cost=lambda c: 0.1 * int(c["a"]))
     assert any(s.soft_restart for s in race.iterations)
-    plain = IteratedRace(space, budget=300, seed=1, options=RaceOptions(soft_restart=False))
+    plain = IteratedRace(space, budget=300, seed=1, options=replace(RaceOptions.irace(), soft_restart=False))
     run(plain, cost=lambda c: 0.1 * int(c["a"]))
     assert not any(s.soft_restart for s in plain.iterations)
 
@@ -239,7 +240,7 @@ def test_a_space_of_two_configurations_is_raced():
 
 def test_equal_configurations_are_one_elite():
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1)
+    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
     run(race, cost=lambda c: int(c["a"]))
     assert len({space.key(c) for c in race.configurations}) < len(race.configurations)
     for summary in race.iterations:
@@ -250,7 +251,7 @@ def test_equal_configurations_are_one_elite():
 def test_of_equal_configurations_the_better_ranked_one_stays():
     """A newcomer that equals the best elite has its costs, and comes after it."""
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1)
+    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
     while batch := race.ask():
         configurations = [race.configurations[e.configuration] for e in batch]
         race.tell([int(c["a"]) + 0.5 * int(c["b"]) for c in configurations])
@@ -265,7 +266,7 @@ def test_initial_configurations_race_first():
     assert race.ask()[0] == Experiment(0, 0)
     assert race.configurations[0] == best
     run(race)
-    assert mixed_cost(race.configurations[race.best.configuration]) < 0.05
+    assert mixed_cost(race.configurations[race.best.configuration]) < 0.1
 
 
 def test_too_many_initial_configurations_are_noted():
@@ -324,7 +325,7 @@ def test_no_budget_is_exceeded(d, kind):
     assert started >= 8
 
 
-@pytest.mark.parametrize(("budget", "iterations"), [(60, 1), (200, 2), (1000, 7), (1350, 9)])
+@pytest.mark.parametrize(("budget", "iterations"), [(30, 1), (100, 2), (1000, 8), (1080, 9)])
 def test_a_large_grammar_is_raced_with_a_small_budget(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
     space = Space.from_text(machines_text())
@@ -355,7 +356,7 @@ def test_each_iteration_races_as_many_configurations_as_is_asked():
 
 def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
     """A quarter of 1000 experiments is too little for 60 configurations, a larger share of them is not."""
-    options = RaceOptions(n_configurations=60, postselection=False)
+    options = replace(RaceOptions.irace(), n_configurations=60, postselection=False)
     race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
     run(race)
     assert race.iterations[0].iteration > 1
@@ -374,7 +375,7 @@ def test_iterations_have_the_budget_asked_for():
 
 
 def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
-    options = RaceOptions(block_size=3, first_test=2, mu=6, postselection=False)
+    options = replace(RaceOptions.irace(), block_size=3, first_test=2, mu=6, postselection=False)
     race = IteratedRace(MIXED, budget=1500, seed=4, options=options)
     told = run(race)
     seen, later = 0, 0

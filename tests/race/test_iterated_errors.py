@@ -81,6 +81,7 @@ def test_a_space_without_choice_is_refused():
     ("options", "message"),
     [
         ({"test": "F-test"}, "race option test: expected friedman or t-test .* found F-test"),
+        ({"surrogate": 1.5}, "surrogate: expected between 0 and 1, found 1.5"),
         ({"confidence": 1.0}, "confidence: expected between 0 and 1, found 1.0"),
         ({"confidence": math.nan}, "confidence"),
         ({"first_test": 1}, "first_test: expected 2 or more and a multiple of each_test"),
@@ -110,8 +111,8 @@ def test_an_option_out_of_range_is_refused(options, message):
 
 
 def test_a_budget_below_one_iteration_is_refused():
-    with pytest.raises(RaceError, match=r"expected at least 60 experiments .* found 59"):
-        IteratedRace(Space.from_text(machines_text()), budget=59, seed=1)
+    with pytest.raises(RaceError, match=r"expected at least 30 experiments .* found 29"):
+        IteratedRace(Space.from_text(machines_text()), budget=29, seed=1)
 
 
 def test_fewer_configurations_than_survive_are_refused():
@@ -119,7 +120,7 @@ def test_fewer_configurations_than_survive_are_refused():
         IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(n_configurations=4))
 
 
-@pytest.mark.parametrize("options", [{"n_configurations": 90}, {"experiments_per_iteration": 20}])
+@pytest.mark.parametrize("options", [{"n_configurations": 90}, {"experiments_per_iteration": 8}])
 def test_a_budget_for_no_first_iteration_is_refused(options):
     race = IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(**options))
     with pytest.raises(RaceError, match="expected a budget for a first iteration, but the budget left is too small"):

@@ -1,0 +1,73 @@
+"""The benchmark of the race's quality: how it reads problems, compares and keeps results."""
+
+import json
+import sys
+
+import pytest
+
+from benchmarks import race_quality
+from mercator_design.race import RaceOptions
+from mercator_design.race.moves import Moves
+
+PARAMETERS = [
+    {"name": "n", "type": "int", "low": 1, "high": 3, "log": False, "condition": None},
+    {"name": "c", "type": "cat", "values": ["a", "b"], "condition": [">=", "n", 2]},
+    {"name": "o", "type": "ord", "values": ["1", "5"], "condition": ["and", ["in", "c", ["a"]], [">=", "n", 3]]},
+    {"name": "r", "type": "real", "low": 0.01, "high": 1.0, "log": True, "digits": 3, "condition": ["in", "c", ["b"]]},
+]
+
+PROBLEM = f"""
+class Tiny:
+    name = "tiny"
+    parameters = {PARAMETERS!r}
+    instances = ["1", "2"]
+    optimum, reference = 1.0, 2.5
+
+    def true_cost(self, configuration):
+        return configuration["n"]
+
+    def evaluate(self, configuration, instance, seed):
+        return configuration["n"] + int(instance) + seed % 7 / 10
+
+PROBLEMS = [Tiny()]
+"""
+
+
+def test_a_problem_s_parameters_become_a_space():
+    import numpy as np
+
+    space = race_quality.space_of(PARAMETERS)
+    moves = Moves(space, np.random.default_rng(1))
+    for configuration in (moves.uniform() for _ in range(100)):
+        assert ("c" in configuration) == (configuration["n"] >= 2)
+        assert ("o" in configuration) == (configuration.get("c") == "a" and configuration["n"] == 3)
+        assert ("r" in configuration) == (configuration.get("c") == "b")
+    assert (space["r"].log, space["r"].digits, space["o"].kind) == (True, 3, "ordered")
+
+
+def test_methods_are_options():
+    assert race_quality.options_of("irace") == RaceOptions.irace()
+    assert race_quality.options_of("no-surrogate") == RaceOptions(surrogate=0)
+    with pytest.raises(SystemExit, match="expected default, irace or no-NAME"):
+        race_quality.options_of("no-such")
+
+
+def test_p_values_are_holm_s():
+    assert race_quality.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+
+
+def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, capsys):
+    module, cache, recorded = tmp_path / "tiny.py", tmp_path / "cache.jsonl", tmp_path / "irace.json"
+    module.write_text(PROBLEM)
+    runs = [{"method": "irace", "problem": "tiny", "budget": 200, "seed": s, "true_cost": 2.5} for s in range(8)]
+    recorded.write_text(json.dumps({"runs": runs}))
+    arguments = ["--problems", module, "--budgets", 200, "--seeds", 8, "--irace", recorded, "--cache", cache]
+    monkeypatch.setattr(sys, "argv", ["race_quality.py", *map(str, arguments)])
+    race_quality.main()
+    first = capsys.readouterr().out
+    assert "| tiny | 0.000 (0.000) [8] | 0.000 (0.000) [8] | 1.000 (0.000) [8] |" in first
+    assert "* default beside R irace: lower mean on 1 of 1, better on 1, worse on 0 at 5%" in first
+    assert len(cache.read_text().splitlines()) == 16
+    monkeypatch.setattr(race_quality, "run", None)
+    race_quality.main()
+    assert capsys.readouterr().out == first

@@ -34,7 +34,7 @@ from scipy.optimize import brentq, minimize_scalar
 from mercator_design import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.race.executors import ThreadExecutor, available_jobs
+from mercator_design.race.executors import ThreadExecutor, available_jobs, in_order
 from mercator_design.sim.simulate import Simulator
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "expected_scores.json"
@@ -77,11 +77,8 @@ def scores(simulator: Simulator, text: str, seeds: range) -> list[float]:
     """Of an FSM in a flavour's text, with some seeds."""
     flavour, _ = fsms(simulator.mission)
     pfsm = parse(text, flavour)
-    found: list[float] = []
     with ThreadExecutor(available_jobs()) as executor:
-        for some in executor.run(lambda seed: simulator.run(pfsm, seed).score, seeds):
-            found += some
-    return found
+        return in_order(executor, lambda seed: simulator.run(pfsm, seed).score, seeds)
 
 
 def nudged(simulator: Simulator) -> Simulator:

@@ -155,6 +155,11 @@ def loaded_plugins() -> dict[str, str]:
     return {path.name: digest for path, digest in _loaded.items()}
 
 
+def plugin_files() -> tuple[Path, ...]:
+    """The files loaded so far."""
+    return tuple(_loaded)
+
+
 def load_plugin(path: str | Path) -> None:
     """Run a Python file that defines objectives or floor dynamics; a second time does nothing.
 

@@ -102,6 +102,39 @@ class TestResume:
         assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
         assert digest(elsewhere / "moved") == digest(undisturbed)
 
+    def test_by_processes(self, mdesign, folder, undisturbed):
+        stop(folder, 70)
+        assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0
+        assert digest(folder) == digest(undisturbed)
+
+    def test_by_dask(self, mdesign, folder, undisturbed, tmp_path):
+        """By a scheduler and a worker as one starts them, found by their file."""
+        pytest.importorskip("distributed")
+        file = tmp_path / "scheduler.json"
+        stop(folder, 70)
+        dask = [sys.executable, "-m", "distributed.cli."]
+        arguments = {
+            "dask_scheduler": ["--port", "0", "--no-dashboard"],
+            "dask_worker": ["--nthreads", "1", "--no-dashboard"],
+        }
+        started = [
+            subprocess.Popen(
+                [*dask[:2], f"{dask[2]}{name}", "--scheduler-file", str(file), *options],
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )
+            for name, options in arguments.items()
+        ]  # fmt: skip
+        try:
+            while not file.exists():
+                assert started[0].poll() is None
+                time.sleep(0.05)
+            assert mdesign("race", "--resume", folder, "--executor", "dask", "--scheduler", file)[0] == 0
+        finally:
+            for process in reversed(started):
+                process.terminate()
+                process.wait()
+        assert digest(folder) == digest(undisturbed)
+
     def test_with_a_larger_budget(self, mdesign, folder, undisturbed, tmp_path):
         """Whether it is asked for after the end or before."""
         early = tmp_path / "early"
@@ -198,6 +231,23 @@ class TestResume:
         )
         assert (done.returncode, done.stderr) == (0, "")
         assert digest(tmp_path / "r") == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--executor", "dask"], "go together"),
+        (["--scheduler", "tcp://nowhere:1"], "go together"),
+        (["--timeout", "3"], "--timeout needs --executor processes"),
+        (["--timeout", "0"], "timeout"),
+        (["--executor", "fairies"], "fairies"),
+    ],
+)
+def test_options_that_do_not_go_together(mdesign, tmp_path, options, words):
+    code, _, err = mdesign(*RACE, "-o", tmp_path / "r", *options)
+    assert code == 2
+    assert words in err
+    assert not (tmp_path / "r").exists()
 
 
 class TestSignals:

@@ -108,7 +108,7 @@ def race(
     from mercator_design.run_folder import RunFolder
 
     executor = _executor(executor_name, jobs, scheduler, timeout)
-    how = {"executor": executor_name, "jobs": executor.jobs}
+    how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
     if resume is not None:
         folder = RunFolder.reopen(resume)
     else:
@@ -131,7 +131,7 @@ def race(
             folder.designer,
             new=len(result.finished) - before,
             seconds=display.seconds,
-            jobs=executor.jobs,
+            jobs=how["jobs"],
             folder=folder.path,
         )
         try:
@@ -200,8 +200,10 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
         raise click.UsageError("--executor dask and --scheduler ADDRESS go together")
     if timeout is not None and name != "processes":
         raise click.UsageError("--timeout needs --executor processes: only a process can be stopped from outside")
-    if name == "dask":
-        raise click.UsageError("dask")
+    if scheduler is not None:
+        from mercator_design.race.dask_executor import DaskExecutor
+
+        return DaskExecutor(scheduler, jobs)
     if name == "processes":
         return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
     return ThreadExecutor(jobs or available_jobs())

@@ -102,7 +102,7 @@ def dynamic(
 
 def is_ours(function: Callable[..., Any]) -> bool:
     """Whether a function is of this package, not of a plugin."""
-    return function.__module__.startswith("mercator_design.")
+    return str(function.__module__).startswith("mercator_design.")
 
 
 def change_of(name: str) -> int:

@@ -47,7 +47,9 @@ class Failed:
 class Executor(Protocol):
     """Runs a function on items; a context manager, which lets go of its workers at the end."""
 
-    jobs: int  # how many run at once
+    @property
+    def jobs(self) -> int:
+        """How many run at once."""
 
     def __enter__(self) -> Self: ...
 
@@ -205,7 +207,7 @@ class ProcessExecutor:
                 place = idle.pop()
                 if self._timeout is not None:
                     errand.deadline = time.monotonic() + self._timeout + START * (place in self._new)
-                running[self._workers[place].submit(_call, packed, errand.item)] = place, errand
+                running[self._workers[place].submit(call_packed, packed, errand.item)] = place, errand
             if not running:
                 return
             soonest = min(errand.deadline for _, errand in running.values())
@@ -269,7 +271,7 @@ def _unpacked(packed: bytes) -> Callable[[Any], Any]:
     return function
 
 
-def _call(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
+def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
     """In a worker: call a function, and make sure that what comes of it can be carried back."""
     result = attempt(_unpacked(packed), item)
     if isinstance(result, Failed):

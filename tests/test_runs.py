@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import optuna
 import pytest
 
 from mercator_design.errors import RaceError
@@ -231,6 +232,23 @@ class TestResume:
         )
         assert (done.returncode, done.stderr) == (0, "")
         assert digest(tmp_path / "r") == expected
+
+
+def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
+    stop(folder, 70)
+    url = f"sqlite:///{tmp_path / 'race.db'}"
+    code, _, err = mdesign("race", "--resume", folder, "--optuna", url)
+    assert (code, err) == (0, "")
+    [study] = optuna.get_all_study_names(url)
+    assert study.startswith("aggregation, seed 1, budget 120, ")
+    best = optuna.load_study(study_name=study, storage=url).best_trial
+    record = read(undisturbed / JOURNAL).record
+    assert best.user_attrs["configuration"] == record.ends[-1].winner
+    assert best.params == record.configurations[record.ends[-1].winner]
+    stop(folder, 70)
+    code, _, err = mdesign("race", "--resume", folder, "--optuna", "sqlite:////nowhere/race.db")
+    assert code == 0
+    assert "Warning: no more of the race goes into the Optuna storage" in err
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """mdesign race: a mission becomes a controller."""
 
 import shlex
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,15 @@ from mercator_design.cli.terminal import Interrupt, tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
 
     from mercator_design.design import Design
     from mercator_design.race.executors import Executor
     from mercator_design.race.journal import Finished
+    from mercator_design.race.optuna_mirror import OptunaMirror
     from mercator_design.race.runner import OnFailure
+    from mercator_design.report.progress import RaceDisplay
     from mercator_design.run_folder import RunFolder
 
 _MOST_TOLD = 10
@@ -76,6 +80,11 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "overrides")
     show_default=True,
     help="What an experiment that fails does: stop the race, or reject its configuration.",
 )
+@click.option(
+    "--optuna",
+    metavar="URL",
+    help="Show the race in an Optuna storage too, e.g. sqlite:///race.db, for optuna-dashboard.",
+)
 @SET
 @PLUGIN
 @click.pass_context
@@ -92,6 +101,7 @@ def race(
     scheduler: str | None,
     timeout: float | None,
     on_failure: "OnFailure",
+    optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
     """Design control software for MISSION by iterated F-race.
@@ -124,8 +134,12 @@ def race(
             folder.designer.simulator.rehearse(announce=tell)
         folder.journal.open_session(**how)
         before = len(folder.journal.experiments)
-        with executor, RaceDisplay(folder.designer, folder.journal.budget) as display:
-            result = _run(folder, executor, on_failure, interrupt, display.update)
+        with (
+            executor,
+            RaceDisplay(folder.designer, folder.journal.budget) as display,
+            _mirror(optuna, folder) as mirror,
+        ):
+            result = _run(folder, executor, on_failure, interrupt, display, mirror)
         summary = race_summary(
             result,
             folder.designer,
@@ -145,7 +159,8 @@ def _run(
     executor: "Executor",
     on_failure: "OnFailure",
     interrupt: Interrupt,
-    show: "Callable[[int], None]",
+    display: "RaceDisplay",
+    mirror: "OptunaMirror | None",
 ) -> "Design":
     from mercator_design.race.runner import ExperimentFailed, Stopped
 
@@ -155,7 +170,9 @@ def _run(
     def watch(finished: "Sequence[Finished]") -> None:
         nonlocal done, failed
         done += len(finished)
-        show(done)
+        display.update(done)
+        if mirror is not None:
+            mirror.note(finished)
         for one in finished:
             if one.failure and one.experiment not in known:
                 command = folder.keep_failed(one)
@@ -165,7 +182,9 @@ def _run(
 
     resume = f"mdesign race --resume {shlex.quote(str(folder.path))}"
     try:
-        return folder.designer.run(executor, folder.journal, on_failure=on_failure, watch=watch, stopped=interrupt.came)
+        result = folder.designer.run(
+            executor, folder.journal, on_failure=on_failure, watch=watch, stopped=interrupt.came
+        )
     except Stopped:
         n = len(folder.journal.experiments)
         interrupt.check(f"{folder.path}: the {n} experiments so far are in journal.jsonl; to go on: {resume}")
@@ -174,6 +193,25 @@ def _run(
         tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
         tell(f"To go on without it:      {resume} --on-failure reject")
         raise
+    if mirror is not None:
+        mirror.finish(result.configuration)
+    return result
+
+
+def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager[OptunaMirror | None]":
+    """What copies the race into an Optuna storage, if there is to be one."""
+    if storage is None:
+        return nullcontext()
+    from mercator_design.race.optuna_mirror import OptunaMirror
+
+    start, objective = folder.journal.start, folder.designer.simulator.mission.objective
+    return OptunaMirror(
+        storage,
+        f"{start['mission']}, seed {start['seed']}, budget {folder.journal.budget}, {folder.path.resolve()}",
+        folder.designer.race,
+        maximise=objective.direction == "maximise",
+        complain=lambda what: tell(f"Warning: {what}"),
+    )
 
 
 def _check_usage(context: click.Context, resume: Path | None) -> None:

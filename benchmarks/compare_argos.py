@@ -7,8 +7,9 @@ Each FILE is JSON, gzip'd or not, of one of two kinds:
     scores   scores, and statistics of each run, of many controllers. They run here with other seeds, and distributions
              are compared; and again from the recorded seeds with the original's own random numbers.
 
-Prints tables and verdicts. Exit code 0: all is as close as it should, or can, be; 1: something is not; 2: a file is no
-recording. Run: python benchmarks/compare_argos.py FILE ... [--runs N] [--jobs N] [--seed S] [--figures DIR]
+Prints tables and verdicts, and what differences each verdict could have seen. Exit code 0: all is as close as it
+should, or can, be; 1: something is not, could not be compared, or nothing could be told; 2: a file is no recording.
+Run: python benchmarks/compare_argos.py FILE ... [--runs N] [--jobs N] [--seed S] [--figures DIR]
 """
 
 import argparse
@@ -22,7 +23,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.argos import recordings, scores, traces
-from benchmarks.argos.scores import Comparison
+from benchmarks.argos.scores import Comparison, Judgement, Limits
+from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
 from mercator_design.errors import MercatorError
 from mercator_design.race.executors import available_jobs
 
@@ -30,11 +32,13 @@ FREE = 1e-4  # [m], [rad] wanted before robots touch each other
 SOON, SOON_CYCLES = 3e-3, 100  # [m] allowed in the first 10 s after they first do
 DISPLACED = 5e-4  # [m] that copies of ours start elsewhere, to which later distances are compared
 AGREEING = 0.999  # wanted of readings and wheel commands
+MOST_LISTED = 20  # rejections
 
 DIFFERENCES = """\
 What differs on purpose:
 - Order of conditions. The original shuffles with the C library's rand(), which it never seeds: all its runs shuffle
-  alike, and are no independent sample. Ours draw. A difference that is gone when ours shuffle alike is marked so.
+  alike, and are no independent sample. Ours draw. A controller that is rejected, and has a state with more than one
+  condition, is run again shuffled alike, as often; what this excuses, and why, is listed.
 - Contact between robots. The original's Chipmunk is 6.0.2, pymunk's is 7: it applies friction at two points, up to 3 mm
   apart, where the older has one. The first collision parts the replays by some 0.1 mm; crowds amplify that."""
 
@@ -47,7 +51,7 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
     print("| run | robots | s | touch | mean | max | rad, max | copies | prox | neighbours | ground | wheels |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     totals: dict[str, np.ndarray] = {}
-    before, soon, later = np.zeros(2), 0.0, True
+    before, soon, later, touched = np.zeros(2), 0.0, True, False
     replayed, failed = [], []
     for number, run in enumerate(runs):
         try:
@@ -61,6 +65,7 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
         before = np.maximum(before, [position[:touch].max(initial=0.0), heading[:touch].max(initial=0.0)])
         touching, copies = "-", "-"
         if touch < trace.cycles:
+            touched = True
             soon = max(soon, float(position[touch : touch + SOON_CYCLES].max()))
             spread = traces.copies_apart(trace, DISPLACED).mean(axis=(1, 2))
             later &= bool(position.mean() <= spread.max())
@@ -74,20 +79,21 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
             totals[name] = totals.get(name, np.zeros(2)) + counts.get(name, (0, 0))
         print(f"| {' | '.join(cells)} |", flush=True)
     print()
-    for line in failed:
-        print(f"left out: {line}")
+    if failed:
+        yield _left_out(failed, "runs", len(runs))
     if not replayed:
-        yield _verdict("any run replayed", reached=False)
         return
     yield _verdict(
         f"until robots touch each other (walls they may): {1e3 * before[0]:.3f} mm, {before[1]:.2g} rad at most; "
         f"wanted {1e3 * FREE:g} mm, {FREE:g} rad",
         reached=bool((before <= FREE).all()),
     )
-    yield _verdict(
-        f"in the 10 s from then: {1e3 * soon:.2g} mm at most; wanted {1e3 * SOON:g} mm", reached=bool(soon <= SOON)
-    )
-    yield _verdict("over whole runs: no farther apart than ours are from displaced copies of themselves", reached=later)
+    if touched:
+        said = f"in the 10 s from then: {1e3 * soon:.2g} mm at most; wanted {1e3 * SOON:g} mm"
+        yield _verdict(said, reached=bool(soon <= SOON))
+        yield _verdict(
+            "over whole runs: no farther apart than ours are from displaced copies of themselves", reached=later
+        )
     for name, (agreed, total) in totals.items():
         if total:
             share = agreed / total
@@ -110,28 +116,40 @@ def print_scores(
         jobs=jobs,
         tell=lambda line: print(line, file=sys.stderr),
     )
+    scores.shuffle_alike(comparisons, jobs=jobs)
     compared = [comparison for comparison in comparisons if comparison.controllers]
     for comparison in comparisons:
-        for sentence in comparison.left_out:
-            print(f"left out: {sentence}")
+        for sentence in comparison.failed:
+            print(f"failed when it was recorded: {sentence}")
+    left_out = [sentence for comparison in comparisons for sentence in comparison.left_out]
+    if left_out:
+        yield _left_out(left_out, "controllers", len(data["runs"]))
     if not compared:
-        yield _verdict("any mission compared", reached=False)
         return
+    limits = {c.mission: scores.correlation_limits(c, len(compared)) for c in compared}
+    judgements = {kind: scores.judge(compared, of_scores=kind == "scores") for kind in ("scores", "statistics")}
     print("\nScores, with seeds of our own. ours - theirs: of the mean, with its standard error. limit: Spearman's")
-    print("correlation of our simulator with itself at these sample sizes, median and lowest 1 %; halves: of the")
-    print("recorded seeds' one half with the other.\n")
+    print("correlation of our simulator with itself at these sample sizes, the median and the lowest: all missions")
+    print(f"together pass it with probability {1 - FALSE_DISCOVERIES:g}. halves: of the recorded seeds' one half with")
+    print("the other. rejected: of the tests of all missions as one family.\n")
     print(
         "| mission | controllers | runs of each, theirs, ours | mean, theirs | ours - theirs | Spearman | limit "
         "| halves | smallest p | rejected |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     for c in compared:
-        print(f"| {' | '.join(_score_cells(c))} |")
-    _print_statistics(compared)
+        print(f"| {' | '.join(_score_cells(c, limits[c.mission], judgements['scores']))} |")
+    _print_statistics(compared, judgements["statistics"])
     _print_replays(compared)
     print(f"\n{DIFFERENCES}\n")
+    told: list[bool] = []
     for c in compared:
-        yield from _verdicts(c)
+        told += _correlation_verdict(c, limits[c.mission])
+    for kind, judgement in judgements.items():
+        told += _judgement_verdict(compared, kind, judgement)
+    yield from told
+    if not told:
+        yield _verdict("a verdict: there are too few runs to tell anything", reached=False)
     if figures:
         from benchmarks.argos.figures import means, statistics
 
@@ -139,26 +157,30 @@ def print_scores(
         print("wrote", statistics(compared, figures / "agreement_statistics.png"))
 
 
-def _score_cells(c: Comparison) -> list[str]:
+def _score_cells(c: Comparison, limits: Limits, judgement: Judgement) -> list[str]:
     theirs, ours = c.means("score")
     difference, error = scores.bias(c, "score")
-    median, lowest = scores.correlation_limits(c)
-    tests = scores.tests(c, of_scores=True)
     return [
         c.mission,
         str(len(c.controllers)),
-        f"{c.recorded_runs}, {len(c.controllers[0].ours['score'])}",
+        f"{c.recorded_runs}, {c.our_runs}",
         f"{theirs.mean():.5g}",
         f"{difference:+.3g} ± {error:.2g}" if np.isfinite(error) else "-",
         _number(scores.correlation(theirs, ours)),
-        f"{_number(median)}, {_number(lowest)}",
+        f"{_number(limits.median)}, {_number(limits.lowest)}",
         _number(scores.halves(c)),
-        f"{min(test.p for test in tests):.2g}",
-        str(len(scores.rejected(tests))),
+        *_test_cells(c, judgement)[1:],
     ]
 
 
-def _print_statistics(compared: Sequence[Comparison]) -> None:
+def _test_cells(c: Comparison, judgement: Judgement) -> list[str]:
+    """How many tests of a mission, their smallest p, and how many reject."""
+    tests = [test for test in judgement.tests if test.mission == c.mission]
+    rejected = [test for test in judgement.rejected if test.mission == c.mission]
+    return [str(len(tests)), f"{min((test.p for test in tests), default=1.0):.2g}", str(len(rejected))]
+
+
+def _print_statistics(compared: Sequence[Comparison], judgement: Judgement) -> None:
     print("\nStatistics of the runs, ours - theirs over all controllers, in standard errors of that difference:\n")
     print(f"| mission | {' | '.join(scores.SINGLE)} | tests | smallest p | rejected |")
     print("|---" * (len(scores.SINGLE) + 4) + "|")
@@ -167,13 +189,7 @@ def _print_statistics(compared: Sequence[Comparison]) -> None:
         for name in scores.SINGLE:
             difference, error = scores.bias(c, name)
             cells.append("-" if not error > 0 else f"{difference / error:+.1f}")
-        tests = scores.tests(c, of_scores=False)
-        cells += [
-            str(len(tests)),
-            f"{min((test.p for test in tests), default=1.0):.2g}",
-            str(len(scores.rejected(tests))),
-        ]
-        print(f"| {' | '.join(cells)} |")
+        print(f"| {' | '.join([*cells, *_test_cells(c, judgement)])} |")
 
 
 def _print_replays(compared: Sequence[Comparison]) -> None:
@@ -193,31 +209,77 @@ def _print_replays(compared: Sequence[Comparison]) -> None:
         print(f"| {' | '.join(cells)} |")
 
 
-def _verdicts(c: Comparison) -> Iterator[bool]:
+def _correlation_verdict(c: Comparison, limits: Limits) -> Iterator[bool]:
     found = scores.correlation(*c.means("score"))
-    if np.isfinite(found):
-        wanted = scores.WANTED_CORRELATION
-        median, lowest = scores.correlation_limits(c)
-        if found >= wanted:
-            yield _verdict(f"{c.mission}: Spearman {found:.3f}; wanted {wanted:g}", reached=True)
-        elif found >= lowest:
-            text = f"{c.mission}: Spearman {found:.3f}; wanted {wanted:g}"
-            print(f"not reached, limit of the data: {text}; our simulator reaches {median:.3f} with itself")
-        else:
-            yield _verdict(f"{c.mission}: Spearman {found:.3f}, less than {lowest:.3f}", reached=False)
-    for kind, of_scores in (("scores", True), ("statistics", False)):
-        tests = scores.tests(c, of_scores=of_scores)
-        differing = scores.rejected(tests)
-        explained = [test for test in differing if scores.comes_from_shuffling(c, test)]
-        wrong = [test for test in differing if test not in explained]
-        if tests:
-            text = f"{c.mission}: {len(wrong)} of {len(tests)} tests of {kind} reject"
-            if explained:
-                text += f", without {len(explained)} that would not if ours were shuffled as theirs"
-            yield _verdict(text, reached=not wrong)
-        for test in differing[:10]:
-            why = " (shuffling)" if test in explained else ""
-            print(f"    {test.controller}: {test.statistic}, p = {test.p:.2g}{why}")
+    wanted = scores.WANTED_CORRELATION
+    text = f"{c.mission}: Spearman {_number(found)}; wanted {wanted:g}"
+    if found >= wanted:
+        yield _verdict(text, reached=True)
+    elif found < limits.lowest:
+        yield _verdict(f"{text}, or {limits.lowest:.4f}, below which ours is not with itself", reached=False)
+    elif np.isfinite([found, limits.visible]).all():
+        print(f"not reached, limit of the data: {text}; our simulator reaches {limits.median:.4f} with itself")
+        yield True
+    else:
+        print(f"cannot tell: {text}: too few controllers, too few runs, or all alike")
+    if np.isfinite(limits.visible):
+        print(
+            f"    could have told, with probability {POWER:g}: a simulator whose true means correlate with these at "
+            f"{limits.visible:.2f}"
+        )
+
+
+def _judgement_verdict(compared: Sequence[Comparison], kind: str, judgement: Judgement) -> Iterator[bool]:
+    tests = len(judgement.tests)
+    if not tests:
+        print(f"cannot tell: {kind}: none are recorded")
+        return
+    print()
+    if any(scores.can_reject(c) for c in compared):
+        text = f"{kind}: {len(judgement.rejected)} of {tests} tests reject, {len(judgement.excused)} are excused"
+        yield _verdict(f"{text}; Benjamini-Hochberg at {FALSE_DISCOVERIES:.0%}", reached=not judgement.rejected)
+    else:
+        print(f"cannot tell: {kind}: with so few runs, none of {tests} tests can reject")
+    for test in judgement.rejected[:MOST_LISTED]:
+        print(f"    rejected: {test.mission}, {test.controller.name}: {test.statistic}, p = {test.p:.2g}")
+    if len(judgement.rejected) > MOST_LISTED:
+        print(f"    ... and {len(judgement.rejected) - MOST_LISTED} more")
+    for excuse in judgement.excused:
+        first, final = excuse.first, excuse.final
+        print(
+            f"    excused: {first.mission}, {first.controller.name}: {first.statistic}, p = {first.p:.2g}; shuffled "
+            f"alike {final.p:.2g}. Shuffling so changes ours: {excuse.p_effect:.2g}"
+        )
+    for test in judgement.lapsed:
+        print(
+            f"    no longer rejected, as fewer others are: {test.mission}, {test.controller.name}: {test.statistic}, "
+            f"p = {test.p:.2g}"
+        )
+    print(f"    could have told, with probability {POWER:g}, if one controller's mean alone is away by so many sd:")
+    for c in compared:
+        name = "score" if kind == "scores" else None
+        if any(test.mission == c.mission for test in judgement.tests):
+            print(f"        {c.mission}: {_visible(c, name, tests)}")
+
+
+def _visible(c: Comparison, name: str | None, tests: int) -> str:
+    shift = scores.visible(c, tests)
+    if not np.isfinite(shift):
+        return "none, by a single controller"
+    if name is None:
+        return f"{shift:.2f}"
+    sd = float(np.median([np.std(one.theirs[name]) for one in c.controllers]))
+    if not sd:
+        return f"{shift:.2f}; the median controller's runs are all alike"
+    mean = float(np.mean([np.mean(one.theirs[name]) for one in c.controllers]))
+    relative = f", {shift * sd / abs(mean):.0%} of the mean" if mean else ""
+    return f"{shift:.2f}; of the median controller {shift * sd:.3g}{relative}"
+
+
+def _left_out(sentences: Sequence[str], what: str, total: int) -> bool:
+    for sentence in sentences:
+        print(f"left out: {sentence}")
+    return _verdict(f"all {what} compared, of {total}", reached=False)
 
 
 def _verdict(text: str, *, reached: bool) -> bool:
@@ -237,14 +299,14 @@ def positive(text: str) -> int:
     return number
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--runs", type=positive, help="ours for each controller; by default five times the recorded")
     parser.add_argument("-j", "--jobs", type=positive, default=available_jobs(), help="experiments run at once")
     parser.add_argument("--seed", type=int, default=1, help="master seed of ours")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw figures there")
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     reached, unreadable = True, False
     try:
         if given.figures:

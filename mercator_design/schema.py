@@ -10,7 +10,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeAlias, Union
 
@@ -200,6 +200,40 @@ def check(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
     for part in parts:
         if part is not Ellipsis:
             check(part, within)
+
+
+def values_in(
+    kind: Kind,
+    value: Any,  # noqa: ANN401 - of that kind
+    path: str = "",
+) -> Iterator[tuple[Kind, Any, str]]:
+    """A value of a kind and all values in it, each with its annotation and its place in words, as "zones[0]"."""
+    yield kind, value, path
+    base, _ = unwrapped(kind)
+    parts = typing.get_args(base)
+    if is_union(base):
+        for part in [part for part in parts if _is_of(part, value)][:1]:
+            yield from values_in(part, value, path)
+    elif is_record(base):
+        for name, (annotation, _) in fields_of(base).items():
+            yield from values_in(annotation, getattr(value, name), f"{path}.{name}")
+    elif origin_of(base) is tuple:
+        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
+        for index, (each, item) in enumerate(zip(kinds, value, strict=True)):
+            yield from values_in(each, item, f"{path}[{index}]")
+    elif origin_of(base) is Mapping:
+        for key, item in value.items():
+            yield from values_in(parts[1], item, f"{path}.{key}")
+
+
+def _is_of(kind: Kind, value: Any) -> bool:  # noqa: ANN401 - of any kind
+    """Whether a value, read as one of several kinds, was read as this one."""
+    base, _ = unwrapped(kind)
+    if is_union(base):
+        return any(_is_of(part, value) for part in typing.get_args(base))
+    if origin_of(base) is Literal:
+        return value in typing.get_args(base)
+    return isinstance(value, base if isinstance(base, type) else origin_of(base))
 
 
 def form(kind: Kind) -> type:

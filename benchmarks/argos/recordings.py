@@ -1,14 +1,13 @@
 """Reading recordings of the original: what a file says, and the missions and robots that it speaks of."""
 
 import dataclasses
-import gzip
 import json
 import math
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks.json_file import read_json
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
@@ -50,16 +49,7 @@ def read(file: Path) -> dict[str, Any]:
     Raises:
         RecordingError: naming the file and the place in it.
     """
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
-    try:
-        data: dict[str, Any] = json.loads(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f"{file}: damaged gzip: {error}") from None
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{file}: expected JSON, gzip'd or not: {error}") from None
+    data: dict[str, Any] = read_json(file, RecordingError)
     runs = data.get("runs") if isinstance(data, dict) else None
     if not isinstance(runs, list) or not runs or not all(isinstance(run, dict) for run in runs):
         raise RecordingError(f"{file}: expected an object with a list 'runs' of traces or of scores")
@@ -110,7 +100,7 @@ def mission_and_robot(name: str, settings: Mapping[str, Any]) -> tuple[Mission, 
         MissionError: if the robots do not fit.
     """
     base = settings.get("base", name)
-    if base not in MISSIONS:
+    if not isinstance(base, str) or base not in MISSIONS:
         raise RecordingError(f"mission '{name}': made from '{base}'; expected one of {', '.join(MISSIONS)}")
     unknown = sorted(set(settings) - _SETTINGS)
     if unknown:

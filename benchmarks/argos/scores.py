@@ -4,7 +4,8 @@ Ours run with other seeds, so only distributions can agree, and what can be seen
 was run. Two things are told from that noise:
 
 * Is a single controller's sample different? Mann-Whitney for each controller and statistic, Benjamini-Hochberg at 1 %
-  over all of a mission. If nothing differs, a mission has a rejection by luck in one file of a hundred.
+  over all scores of a file, and over all statistics: if nothing differs, either rejects anything in one file of a
+  hundred. Controllers that are rejected are looked at again in the light of how the original shuffles; see `judge`.
 * How high can the rank correlation of the means be? As high as that of our simulator with itself: some of our seeds,
   as many as the original has, play the recording, the others play us.
 
@@ -12,9 +13,10 @@ All controllers of a recording share their seeds, hence their starting poses; so
 common here too.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +24,8 @@ import numpy as np
 
 from benchmarks.argos.recordings import RecordingError, mission_and_robot
 from benchmarks.argos.repeat import Original
-from mercator_design.errors import FsmError, MercatorError
+from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejected, visible_shift
+from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
 from mercator_design.missions.floor import ColourName, rgb
 from mercator_design.race.executors import ThreadExecutor, in_order
@@ -33,9 +36,9 @@ from mercator_design.sim.swarm import History
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
 MOST_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
 SINGLE = (*COLOURS, "prox", "front", "nn", "speed_mps", "trans", "r", "spot")
-FALSE_DISCOVERIES = 0.01
 WANTED_CORRELATION = 0.97
-RESAMPLES = 500
+LEAST_RUNS = 50  # of ours for each controller
+RESAMPLES = 2000
 _NOT_RECORDED = 2**31  # seeds from here on
 
 Columns = dict[str, np.ndarray]  # name of a statistic -> its value in each run; "score" among them
@@ -82,7 +85,7 @@ def recorded_columns(run: Mapping[str, Any]) -> Columns:
     def numbers(name: str, values: object, shape: tuple[int, ...]) -> np.ndarray:
         try:
             array = np.array(values, dtype=float)  # None becomes nan
-        except (TypeError, ValueError):
+        except (OverflowError, TypeError, ValueError):
             array = np.empty(0)
         if array.shape != shape:
             raise RecordingError(f"{where}: {name}: expected {' x '.join(map(str, shape))} numbers")
@@ -101,24 +104,33 @@ def recorded_columns(run: Mapping[str, Any]) -> Columns:
         if statistics.get(name) is not None:
             found[name] = numbers(name, statistics[name], (n,))
     for name, bins in (("nn_hist", MOST_NEIGHBOURS), ("occ", MOST_STATES)):
-        if statistics.get(name) is not None:
-            rows = [row if row is not None else [None] * bins for row in statistics[name]]
+        rows = statistics.get(name)
+        if rows is not None:
+            if isinstance(rows, list):
+                rows = [row if row is not None else [None] * bins for row in rows]
             for k, column in enumerate(numbers(name, rows, (n, bins)).T):
                 found[f"{name}[{k}]"] = column
-    return {name: column[ran] for name, column in found.items()}
+    found = {name: column[ran] for name, column in found.items()}
+    return {name: column for name, column in found.items() if name == "score" or np.isfinite(column).any()}
 
 
-@dataclass
+@dataclass(eq=False)
 class Controller:
     """One controller on a mission, here and there."""
 
     name: str
     theirs: Columns
     ours: Columns  # in the order of our seeds, which all controllers of a mission share
+    pfsm: Pfsm
+    seeds: list[int]  # of their runs, as far as they are known
     repeated: Columns | None = None  # from the recorded seeds with the original's random numbers, in theirs' order
-    # Of one whose samples differ: from seeds of ours, but with the original's generators. What then no longer differs
-    # comes from rand(), which is the same in all runs of the original, so that they are not independent.
-    shuffled: Columns | None = None
+    # From as many seeds as ours, which nobody used, with the original's random numbers; empty if that was not needed.
+    shuffled: Columns = field(default_factory=dict)
+
+    @property
+    def is_shuffled(self) -> bool:
+        """Whether it has a state in which the order of conditions matters."""
+        return any(len(state.transitions) > 1 for state in self.pfsm.states)
 
 
 @dataclass
@@ -128,16 +140,23 @@ class Comparison:
     mission: str
     controllers: list[Controller] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)  # a sentence each: what could not be compared, and why
+    failed: list[str] = field(default_factory=list)  # a sentence each: whose runs were recorded as failed
+    original: Original | None = None  # repeats its runs, if it can be run
 
     def means(self, name: str) -> np.ndarray:
         """Means (2, controllers) of a statistic, theirs and ours, where there are both."""
-        pairs = [(c.theirs[name].mean(), c.ours[name].mean()) for c in self.controllers if len(c.theirs.get(name, ()))]
+        pairs = [(np.nanmean(c.theirs[name]), c.ours[name].mean()) for c in self.controllers if name in c.theirs]
         return np.array(pairs).reshape(-1, 2).T
 
     @property
     def recorded_runs(self) -> int:
         """Of most controllers."""
-        return int(np.median([len(c.theirs["score"]) for c in self.controllers]))
+        return int(np.bincount([len(c.theirs["score"]) for c in self.controllers]).argmax())
+
+    @property
+    def our_runs(self) -> int:
+        """Of most controllers."""
+        return int(np.bincount([len(c.ours["score"]) for c in self.controllers]).argmax())
 
 
 def compare(
@@ -154,7 +173,7 @@ def compare(
     Args:
         meta: The file's; `missions` says what differs from the shipped mission files.
         runs: The file's.
-        experiments: How many of ours for each controller; None: five times as many as were recorded.
+        experiments: How many of ours for each controller; None: five times as many as were recorded, and LEAST_RUNS.
         seed: Master seed of ours.
         jobs: Experiments at once.
         tell: Called with a line on what is being run.
@@ -171,39 +190,30 @@ def compare(
                 raise RecordingError(f"mission '{name}': expected an object")
             simulator = Simulator(*mission_and_robot(name, settings))
             simulator.check_placement()
-            original = Original(simulator)
+            comparison.original = Original(simulator)
         except MercatorError as error:
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")
             continue
         tell(f"{name}: {len(of_mission)} controllers")
-        pfsms = []
         for run in of_mission:
             try:
                 pfsm = parse(run["fsm"], tolerate=lambda _: None)
                 theirs = recorded_columns(run)
-            except (FsmError, RecordingError) as error:
+                ran, recorded = len(theirs["score"]), len(run["scores"])
+                if ran < recorded:
+                    comparison.failed.append(f"{name}: {run['name']}: {recorded - ran} of {recorded} runs")
+                if not ran:
+                    raise RecordingError("no run has a score")
+                n = experiments or max(LEAST_RUNS, 5 * recorded)
+                ours = _columns(
+                    [instance_seed(seed, "evaluation", k) for k in range(n)], partial(_ours, simulator, pfsm), jobs
+                )
+                seeds = recorded_seeds(run)
+                again = _columns(seeds, partial(_repeated, comparison.original, pfsm), jobs) if seeds else None
+            except MercatorError as error:
                 comparison.left_out.append(f"{name}: {run['name']}: {error}")
                 continue
-            failed = len(run["scores"]) - len(theirs["score"])
-            if failed:
-                comparison.left_out.append(
-                    f"{name}: {run['name']}: {failed} of {len(run['scores'])} runs have no score"
-                )
-            if not len(theirs["score"]):
-                continue
-            seeds = [
-                instance_seed(seed, "evaluation", instance) for instance in range(experiments or 5 * len(run["scores"]))
-            ]
-            ours = _columns(seeds, partial(_ours, simulator, pfsm), jobs)
-            again = recorded_seeds(run)
-            repeated = _columns(again, partial(_repeated, original, pfsm), jobs) if again else None
-            comparison.controllers.append(Controller(run["name"], theirs, ours, repeated))
-            pfsms.append(pfsm)
-        differing = {test.controller for kind in (True, False) for test in rejected(tests(comparison, of_scores=kind))}
-        for pfsm, controller in zip(pfsms, comparison.controllers, strict=True):
-            if controller.name in differing:
-                seeds = [_NOT_RECORDED + k for k in range(len(controller.ours["score"]))]
-                controller.shuffled = _columns(seeds, partial(_repeated, original, pfsm), jobs)
+            comparison.controllers.append(Controller(run["name"], theirs, ours, pfsm, seeds, again))
     return found
 
 
@@ -214,7 +224,19 @@ def recorded_seeds(run: Mapping[str, Any]) -> list[int]:
         return []
     if not all(isinstance(seed, int) and 0 < seed < 2**32 for seed in seeds):
         return []
-    return [seed for seed, score in zip(seeds, run["scores"], strict=True) if score is not None]
+    ran = np.isfinite(np.array(run["scores"], dtype=float))
+    return [seed for seed, has_score in zip(seeds, ran, strict=True) if has_score]
+
+
+def shuffle_alike(comparisons: Sequence[Comparison], *, jobs: int) -> None:
+    """Run controllers that are rejected, and whose conditions are shuffled, with the original's random numbers too."""
+    differing = {test.controller for kind in (True, False) for test in first_tests(comparisons, of_scores=kind)[1]}
+    for comparison in comparisons:
+        for one in comparison.controllers:
+            if one in differing and one.is_shuffled and comparison.original:
+                unused = (seed for seed in itertools.count(_NOT_RECORDED) if seed not in one.seeds)
+                seeds = list(itertools.islice(unused, len(one.ours["score"])))
+                one.shuffled = _columns(seeds, partial(_repeated, comparison.original, one.pfsm), jobs)
 
 
 def same(theirs: Columns, ours: Columns, names: Sequence[str]) -> np.ndarray:
@@ -247,66 +269,168 @@ def _columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], j
 class Test:
     """Of one controller's statistic: is theirs another distribution than ours?"""
 
-    controller: str
+    mission: str
+    controller: Controller
     statistic: str
     p: float
 
 
-def tests(comparison: Comparison, *, of_scores: bool) -> list[Test]:
-    """Tests of a mission's scores, or of all its statistics."""
-    return [
-        Test(controller.name, name, p_value(name, column, controller.ours[name]))
+@dataclass(frozen=True)
+class Excuse:
+    """A test that rejected, until the controller ran with its conditions shuffled as the original's."""
+
+    first: Test
+    final: Test
+    p_effect: float  # that ours, with and without that, are of one distribution
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the tests of all scores of a file, or of all statistics, come to."""
+
+    tests: list[Test]
+    rejected: list[Test]
+    excused: list[Excuse]
+    lapsed: list[Test]  # rejected at first, and now no longer because fewer others are
+
+
+def first_tests(comparisons: Sequence[Comparison], *, of_scores: bool) -> tuple[list[Test], list[Test]]:
+    """Tests of all scores, or of all statistics; and which of them are rejected, ours as they are."""
+    tests = [
+        Test(comparison.mission, controller, name, p_value(name, column, controller.ours[name]))
+        for comparison in comparisons
         for controller in comparison.controllers
         for name, column in controller.theirs.items()
-        if (name == "score") == of_scores and np.isfinite(column).any()
+        if (name == "score") == of_scores
     ]
+    return tests, [tests[k] for k in rejected([test.p for test in tests])]
+
+
+def judge(comparisons: Sequence[Comparison], *, of_scores: bool) -> Judgement:
+    """Test, excuse, and test again.
+
+    The original shuffles the conditions of a state by the C library's rand(), which is the same in all its runs: they
+    are no independent sample of what its random numbers could do. So a controller that is rejected is compared again,
+    with as many runs of ours that are shuffled alike. That is no second chance for a sample to pass by luck:
+
+    * Only where a state has more than one condition.
+    * Only if shuffling alike matters: ours with and without it must differ themselves, in the statistic that was
+      rejected, by the same test at FALSE_DISCOVERIES divided by all statistics looked at. As ours are more than theirs,
+      this sees what the rejection saw. A difference that has another cause remains.
+    * All p of such a controller are replaced, and the procedure is applied to the whole family again.
+    """
+    tests, differing = first_tests(comparisons, of_scores=of_scores)
+    doubted = [test for test in differing if test.controller.shuffled]
+    effects = {test: _p_of(test, test.controller.ours) for test in doubted}
+    shown = {test: p for test, p in effects.items() if p <= FALSE_DISCOVERIES / len(doubted)}
+    affected = {test.controller for test in shown}
+    finals = {
+        test: replace(test, p=_p_of(test, test.controller.theirs))
+        for test in tests
+        if test in shown or (test.controller in affected and test not in differing)
+    }
+    final = [finals.get(test, test) for test in tests]
+    still = [final[k] for k in rejected([test.p for test in final])]
+    return Judgement(
+        tests=final,
+        rejected=still,
+        excused=[Excuse(test, finals[test], p) for test, p in shown.items() if finals[test] not in still],
+        lapsed=[test for test in differing if test not in shown and test not in still],
+    )
+
+
+def _p_of(test: Test, columns: Columns) -> float:
+    """Of a test's statistic, between these runs and those of ours that are shuffled alike."""
+    return p_value(test.statistic, columns[test.statistic], test.controller.shuffled[test.statistic])
 
 
 def p_value(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
     """Of the Mann-Whitney test, to as many digits as are recorded: six of scores, six decimals of statistics."""
-    from scipy.stats import mannwhitneyu
-
     theirs = theirs[np.isfinite(theirs)]
     digits = 5 - math.floor(math.log10(max(1.0, np.abs(theirs).max()))) if name == "score" else 6
-    theirs, ours = np.round(theirs, digits), np.round(ours, digits)
-    return 1.0 if len({*theirs, *ours}) == 1 else float(mannwhitneyu(theirs, ours).pvalue)
+    return mann_whitney(np.round(theirs, digits), np.round(ours, digits))
 
 
-def comes_from_shuffling(comparison: Comparison, test: Test) -> bool:
-    """Whether a rejected test would not be, had our runs been shuffled as all of the original's."""
-    one = next(c for c in comparison.controllers if c.name == test.controller)
-    if one.shuffled is None:
-        return False
-    p = p_value(test.statistic, one.theirs[test.statistic], one.shuffled[test.statistic])
-    return p > FALSE_DISCOVERIES
+def visible(comparison: Comparison, tests: int) -> float:
+    """The smallest difference of one controller's mean [sd] that would have been found with probability POWER."""
+    return visible_shift(comparison.recorded_runs, comparison.our_runs, FALSE_DISCOVERIES / tests)
 
 
-def rejected(tests: Sequence[Test], rate: float = FALSE_DISCOVERIES) -> list[Test]:
-    """Those that Benjamini and Hochberg's procedure rejects, the clearest first."""
-    ordered = sorted(tests, key=lambda test: test.p)
-    passing = [k for k, test in enumerate(ordered, start=1) if test.p <= rate * k / len(ordered)]
-    return ordered[: passing[-1]] if passing else []
+def can_reject(comparison: Comparison) -> bool:
+    """Whether any test can, at these numbers of runs, even if all controllers differ as much as can be."""
+    return math.isfinite(visible_shift(comparison.recorded_runs, comparison.our_runs, FALSE_DISCOVERIES))
 
 
 def correlation(some: np.ndarray, others: np.ndarray) -> float:
     """Spearman's; nan if either is constant or too short."""
-    from scipy.stats import spearmanr
-
-    if len(some) < 3 or len(set(some)) == 1 or len(set(others)) == 1:
-        return math.nan
-    return float(spearmanr(some, others).statistic)
+    return float(_correlations(some[None], others[None])[0])
 
 
-def correlation_limits(comparison: Comparison, name: str = "score", seed: int = 1) -> tuple[float, float]:
-    """What Spearman's correlation of means would be if both were one simulator: the median, and the lowest 1 %."""
+def _correlations(some: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Of the rows of both (n, values): (n,)."""
+    from scipy.stats import rankdata
+
+    if some.shape[1] < 3:
+        return np.full(len(some), math.nan)
+    a, b = (rankdata(side, axis=1) for side in (some, others))
+    a, b = (side - side.mean(axis=1, keepdims=True) for side in (a, b))
+    size = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
+    return np.asarray(np.divide((a * b).sum(axis=1), size, out=np.full(len(a), math.nan), where=size > 0))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of Spearman's correlation of means, at the sizes of these samples."""
+
+    median: float  # if both were one simulator
+    lowest: float  # what less than this is, is no luck
+    visible: float  # true correlation of another simulator, which would give less than the lowest with chance POWER;
+    # nan if none would
+
+
+def correlation_limits(comparison: Comparison, missions: int = 1, name: str = "score", seed: int = 1) -> Limits:
+    """What our simulator, in the recording's place, would give.
+
+    The lowest is passed with probability 1 - FALSE_DISCOVERIES by all of so many missions together. For `visible`, the
+    one in the recording's place has its controllers' true means displaced, by normal numbers of ever larger deviation.
+    """
     random = np.random.default_rng(seed)
-    ours = np.array([c.ours[name] for c in comparison.controllers if len(c.theirs.get(name, ()))])
-    n = min(comparison.recorded_runs, ours.shape[1] // 2)
-    found = []
-    for _ in range(RESAMPLES):
-        order = random.permutation(ours.shape[1])
-        found.append(correlation(ours[:, order[:n]].mean(axis=1), ours[:, order[n:]].mean(axis=1)))
-    return float(np.median(found)), float(np.quantile(found, 0.01))
+    some, others = _resampled_means([(c.theirs, c.ours) for c in comparison.controllers], name, random)
+    found = _correlations(some, others)
+    found = found[np.isfinite(found)]  # all means may be alike by luck
+    if len(found) < RESAMPLES // 2:
+        return Limits(math.nan, math.nan, math.nan)
+    lowest = float(np.quantile(found, FALSE_DISCOVERIES / missions))
+    truth = comparison.means(name)[1]
+    visible = math.nan
+    for size in np.geomspace(0.05, 20.0, 25):
+        displaced = random.normal(0.0, size * truth.std(), some.shape)
+        if np.mean(_correlations(some + displaced, others) < lowest) >= POWER:
+            visible = float(np.median(_correlations(truth + displaced, np.broadcast_to(truth, some.shape))))
+            break
+    return Limits(float(np.median(found)), lowest, visible)
+
+
+def _resampled_means(
+    pairs: Sequence[tuple[Columns, Columns]], name: str, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means (RESAMPLES, controllers) of ours, dealt to two samples: as many as theirs are, and the others.
+
+    Seeds are dealt alike for all controllers.
+    """
+    samples = [ours[name] for _, ours in pairs]
+    sizes = [(min(len(theirs[name]), len(ours[name]) // 2), len(ours[name])) for theirs, ours in pairs]
+    some, others = np.full((2, RESAMPLES, len(pairs)), math.nan)
+    order = np.argsort(random.random((RESAMPLES, max(m for _, m in sizes))), axis=1)
+    for n, m in set(sizes):
+        which = [k for k, size in enumerate(sizes) if size == (n, m)]
+        if n:
+            values = np.array([samples[k] for k in which]).T
+            within = order[order < m].reshape(RESAMPLES, m)
+            for row in range(RESAMPLES):
+                some[row, which] = values[within[row, :n]].mean(axis=0)
+                others[row, which] = values[within[row, n:]].mean(axis=0)
+    return some, others
 
 
 def halves(comparison: Comparison, name: str = "score", seed: int = 1) -> float:
@@ -315,7 +439,7 @@ def halves(comparison: Comparison, name: str = "score", seed: int = 1) -> float:
     n = comparison.recorded_runs
     theirs = np.array([c.theirs[name] for c in comparison.controllers if len(c.theirs.get(name, ())) == n])
     found = []
-    for _ in range(RESAMPLES // 5):
+    for _ in range(100):
         order = random.permutation(n)
         if theirs.size and n > 1:
             some, others = theirs[:, order[: n // 2]], theirs[:, order[n // 2 :]]
@@ -328,10 +452,17 @@ def bias(comparison: Comparison, name: str) -> tuple[float, float]:
 
     The error is that over seeds, which the controllers share, so that their common luck is counted once.
     """
-    n = comparison.recorded_runs
-    pairs = [(c.theirs[name], c.ours[name]) for c in comparison.controllers if len(c.theirs.get(name, ())) == n]
-    if not pairs or n < 2:
+    n, m = comparison.recorded_runs, comparison.our_runs
+    pairs = [
+        (c.theirs[name], c.ours[name])
+        for c in comparison.controllers
+        if len(c.theirs.get(name, ())) == n and len(c.ours[name]) == m
+    ]
+    if not pairs:
         return math.nan, math.nan
-    theirs, ours = (np.nanmean(side, axis=0) for side in zip(*pairs, strict=True))
+    theirs, ours = (np.mean(side, axis=0) for side in zip(*pairs, strict=True))
+    theirs = theirs[np.isfinite(theirs)]
+    if min(len(theirs), len(ours)) < 2:
+        return math.nan, math.nan
     error = math.sqrt(theirs.var(ddof=1) / len(theirs) + ours.var(ddof=1) / len(ours))
     return float(ours.mean() - theirs.mean()), error

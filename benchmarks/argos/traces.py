@@ -21,6 +21,7 @@ from mercator_design.sim.simulate import referee_motion
 from mercator_design.sim.world import Instance, World
 
 NEAR, BEYOND = -9.0, 9.0  # how a trace writes minus and plus infinity
+SENSORS = 8  # of proximity
 
 
 class Trace:
@@ -35,14 +36,29 @@ class Trace:
         self.fsm = parse(run["fsm"], tolerate=lambda _: None)
         try:
             robots = list(run["robots"].values())
-            self.poses = np.stack([np.column_stack([r["x"], r["y"], r["yaw"]]) for r in robots], axis=1)
-            self.commands = np.stack([np.column_stack([r["vl"], r["vr"]]) for r in robots], axis=1) / 100.0
-            self.states = np.column_stack([r["s0"] for r in robots])
-            self.proximity = [[r["prox"][k] for r in robots] for k in range(len(self.poses))]
-            self.neighbours = np.column_stack([r["nn"] for r in robots])
-            self.ground = np.stack([np.array(r["ground"], dtype=float) for r in robots], axis=1)
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+            self.poses = _table([np.column_stack([r["x"], r["y"], r["yaw"]]) for r in robots])
+            self.commands = _table([np.column_stack([r["vl"], r["vr"]]) for r in robots]) / 100.0
+            self.states = _table([r["s0"] for r in robots]).astype(int)
+            self.neighbours = _table([r["nn"] for r in robots])
+            self.ground = _table([r["ground"] for r in robots])
+            self.proximity = _table([[[BEYOND if d is None else d for d in row] for row in r["prox"]] for r in robots])
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise RecordingError(f"run '{self.name}': robots: no table of a trace: {error!r}") from None
+        n = self.poses.shape[:2]
+        for column, found, shape in (
+            ("vl, vr", self.commands, (*n, 2)),
+            ("s0", self.states, n),
+            ("nn", self.neighbours, n),
+            ("ground", self.ground, (*n, 3)),
+            ("prox", self.proximity, (*n, SENSORS)),
+        ):
+            if found.shape != shape:
+                expected, given = (" x ".join(map(str, each)) for each in (shape, found.shape))
+                raise RecordingError(
+                    f"run '{self.name}': {column}: expected cycles x robots ... = {expected}, found {given}"
+                )
+        if not self.poses.size or self.states.min() < 0 or self.states.max() >= len(self.fsm.states):
+            raise RecordingError(f"run '{self.name}': s0: expected states of the FSM, 0 to {len(self.fsm.states) - 1}")
         settings = {"n": len(robots), "velocity": 30.0, **run["settings"], "n_robots": len(robots), "length": 1}
         self._mission, model = mission_and_robot(run["mission"], settings)
         self.range = model.reference_model.proximity_range if settings.get("prox_range", 1.0) else 0.0
@@ -80,6 +96,14 @@ class Trace:
             instance.scene.floor.zones[:] = self._zones
         put(instance, self.poses[0] + shift)
         return instance
+
+
+def _table(columns: list[Any]) -> np.ndarray:
+    """A column of each robot as finite numbers (cycles, robots, ...)."""
+    table = np.stack([np.array(column, dtype=float) for column in columns], axis=1)
+    if not np.isfinite(table).all():
+        raise ValueError("not all are finite numbers")
+    return table
 
 
 def put(instance: Instance, poses: np.ndarray) -> None:
@@ -143,10 +167,10 @@ def replay_perception(trace: Trace) -> Iterator[tuple[int, int, Readings, np.nda
             yield cycle, i, readings, distances
 
 
-def same_distance(recorded: float | None, ours: float, furthest: float) -> bool:
+def same_distance(recorded: float, ours: float, furthest: float) -> bool:
     """Whether a proximity reading agrees; poses are recorded to 1e-5, readings to 1e-4."""
     close = 2e-3
-    if recorded is None or recorded == BEYOND:
+    if recorded == BEYOND:
         return ours > furthest - close
     if recorded == NEAR:
         return ours < 0.05 + close
@@ -163,7 +187,7 @@ def agreements(trace: Trace) -> dict[str, tuple[int, int]]:
 
     memory = [[0.0] * MEMORY for _ in range(trace.robots)]
     for cycle, i, readings, distances in replay_perception(trace):
-        recorded = trace.proximity[cycle][i]
+        recorded = trace.proximity[cycle, i]
         if trace.range > 0:
             pairs = zip(recorded, distances, strict=True)
             count("proximity", all(same_distance(a, b, trace.range) for a, b in pairs))

@@ -15,6 +15,8 @@ from mercator_design.cli import draw, evaluate, missions, race, record, robots, 
 from mercator_design.cli.terminal import Terminated, tell
 from mercator_design.errors import MercatorError, printable
 
+_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
+
 
 def main() -> None:
     """Run the command line; every way out has its exit code."""
@@ -23,7 +25,8 @@ def main() -> None:
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.ClickException as error:
-        error.message = printable(error.message)  # type: ignore[misc]  # the only way in
+        if not isinstance(error, _HELP):
+            error.message = printable(error.message)  # type: ignore[misc]  # the only way in
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:

@@ -22,12 +22,13 @@ from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
-from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
+from mercator_design.schema import parameters_of, values_in
 
 ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
 Channel: TypeAlias = Annotated[int, Range(0, 255)]
 Colour: TypeAlias = ColourName | tuple[Channel, Channel, Channel]
 RGB: TypeAlias = tuple[float, float, float]
+_COLOURS = (Colour, *typing.get_args(Colour))
 
 COLOURS: Mapping[ColourName, RGB] = {
     # As ARGoS defines them, but gray: the floors of its missions use GRAY50.
@@ -329,7 +330,8 @@ class Floor:
         for dynamics in self.dynamics:
             kinds = parameters_of(DYNAMICS[dynamics.name])
             for name, (kind, default) in kinds.items():
-                written += _colours_in(kind, dynamics.parameters.get(name, default))
+                values = values_in(kind, dynamics.parameters.get(name, default))
+                written += [value for each, value, _ in values if each in _COLOURS]
         return {rgb(colour): colour for colour in written}
 
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
@@ -341,16 +343,6 @@ class Floor:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
         return rows
-
-
-def _colours_in(kind: Kind, value: Any) -> list[Colour]:  # noqa: ANN401 - of that kind
-    """The colours in the value of a parameter."""
-    base, _ = unwrapped(kind)
-    if base in (Colour, ColourName):
-        return [value]
-    if origin_of(base) is tuple:
-        return [colour for item in value for colour in _colours_in(typing.get_args(base)[0], item)]
-    return []
 
 
 def check_call(functions: Mapping[str, Callable[..., Any]], name: str, parameters: Mapping[str, Any]) -> None:

@@ -15,7 +15,6 @@ import inspect
 import sys
 import traceback
 import types
-import typing
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
@@ -27,7 +26,7 @@ from mercator_design.errors import MissionError
 from mercator_design.files import Unreadable, read_small
 from mercator_design.loading import Length, check_parameter
 from mercator_design.missions.arena import Array
-from mercator_design.schema import Kind, origin_of, parameters_of, unwrapped
+from mercator_design.schema import parameters_of, values_in
 
 OBJECTIVES: dict[str, Callable[..., float]] = {}
 DYNAMICS: dict[str, Callable[..., "list[tuple[float, ...]]"]] = {}
@@ -102,7 +101,12 @@ def dynamic(
 
 def is_ours(function: Callable[..., Any]) -> bool:
     """Whether a function is of this package, not of a plugin."""
-    return str(function.__module__).startswith("mercator_design.")
+    return _module_of(function).startswith("mercator_design.")
+
+
+def _module_of(function: Callable[..., Any]) -> str:
+    """The name of a function's module; nothing for one from a text without a name."""
+    return function.__module__ or ""
 
 
 def change_of(name: str) -> int:
@@ -126,7 +130,7 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
         except TypeError as wrong:
             raise ValueError(f"{name}: parameter {key}: {wrong}") from None
     if name in registry:
-        where = sys.modules[registry[name].__module__].__file__
+        where = registry[name].__code__.co_filename
         raise ValueError(f"{what} is called '{name}' already, in {where}")
     registry[name] = function
 
@@ -134,20 +138,9 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
 def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The zones that parameters name, each with its place among them, as ("zones[0]", "nest")."""
     for name, (kind, default) in parameters_of(function).items():
-        yield from _references(kind, parameters.get(name, default), name)
-
-
-def _references(kind: Kind, value: Any, path: str) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - of that kind
-    if any(isinstance(extra, _ZoneReference) for extra in getattr(kind, "__metadata__", ())):
-        yield path, value
-        return
-    base, _ = unwrapped(kind)
-    if origin_of(base) is tuple:
-        for index, item in enumerate(value):
-            yield from _references(typing.get_args(base)[0], item, f"{path}[{index}]")
-    elif origin_of(base) is Mapping:
-        for key, item in value.items():
-            yield from _references(typing.get_args(base)[1], item, f"{path}.{key}")
+        for each, value, path in values_in(kind, parameters.get(name, default), name):
+            if any(isinstance(extra, _ZoneReference) for extra in getattr(each, "__metadata__", ())):
+                yield path, value
 
 
 def loaded_plugins() -> dict[str, str]:
@@ -212,7 +205,7 @@ def snapshot() -> Callable[[], None]:
             registry.update(entry)
         CHANGES[:] = changes
         # What a plugin imported would not define its part again if it stayed imported.
-        packages = {each.__module__.partition(".")[0] for each in foreign}
+        packages = {_module_of(each).partition(".")[0] for each in foreign}
         for name in {*sys.modules} - modules:
             if name.partition(".")[0] in packages:
                 del sys.modules[name]

@@ -1,9 +1,9 @@
 """How irace divides a budget: how many iterations, and how many configurations each of them races.
 
 Pure functions, named after those of irace's source (computeNbIterations, computeComputationalBudget,
-computeNbConfigurations, computeMinimumBudget). A budget counts experiments. irace's blocks of instances do
-not occur: an instance here is one starting situation. Where irace refuses a small budget, fewer iterations
-are planned, as irace itself does when it races against time.
+computeNbConfigurations, computeMinimumBudget). A budget counts experiments; what counts instances here does
+so where irace counts blocks of them, too. Where irace refuses a small budget, fewer iterations are planned,
+as irace itself does when it races against time.
 """
 
 import math

@@ -74,16 +74,24 @@ class IteratedRace:
         self.stop_reason: str | None = None
 
         self._survivors = plan.survivors  # that end a race
-        self._most_configurations = plan.configurations
+        self._most_configurations = None if self.options.n_configurations else plan.configurations
         self._n_iterations = plan.iterations
+        wanted = self.options.n_configurations
+        if wanted is not None and wanted <= plan.survivors:
+            raise RaceError(
+                f"race option n_configurations: expected more than the {plan.survivors} survivors that end a race, "
+                f"found {wanted}"
+            )
         self._iteration = 0
         self._initial = self._checked(initial)
         self._costs: list[dict[int, float]] = []  # of each configuration, by instance
         self._rejected: set[tuple[Value | None, ...]] = set()
         self._used = 0
         self._n_seen = 0  # instances
-        self._n_new_instances = self.options.elitist_new_instances
-        self._model = SamplingModel(space, elitist=self.options.elitist)
+        self._n_new_instances = self.options.new_instances
+        self._model = SamplingModel(
+            space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
+        )
         self._race: Race | None = None
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
@@ -136,7 +144,11 @@ class IteratedRace:
         return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
 
     def ask(self) -> list[Experiment]:
-        """The next experiments, all on one instance; the same until their costs are told; none at the end."""
+        """The next experiments, all on one instance; the same until their costs are told; none at the end.
+
+        Raises:
+            RaceError: The options leave the first iteration too small a budget, or too little is allowed.
+        """
         if self._batch is None:
             self._batch = next(self._batches, [])
         return list(self._batch)
@@ -176,8 +188,8 @@ class IteratedRace:
             self._n_iterations = self._iteration + 1
         else:
             self._n_iterations = self._iteration + plan.iterations
-            self._most_configurations = plan.configurations
-        self._n_new_instances = self.options.elitist_new_instances
+            self._most_configurations = None if self.options.n_configurations else plan.configurations
+        self._n_new_instances = self.options.new_instances
         self._model.initialise(self._elite_configurations())
         self.stop_reason = None
         self._batches = self._run()
@@ -188,8 +200,8 @@ class IteratedRace:
             budget,
             n_variable=self.space.n_variable,
             mu=self.options.planned_mu,
-            each_test=self.options.each_test,
-            n_new=self.options.elitist_new_instances,
+            each_test=self.options.instances_each_test,
+            n_new=self.options.new_instances,
             elitist=self.options.elitist,
             iterations=self.options.iterations,
             survivors=self.options.survivors,
@@ -198,23 +210,32 @@ class IteratedRace:
     def _run(self) -> Batches:
         """The whole algorithm; each batch it yields is sent its costs."""
         while not isinstance(planned := self._plan_iteration(self._iteration + 1), str):
-            self._iteration += 1
+            self._iteration, budget, n = planned
             self._n_iterations = max(self._n_iterations, self._iteration)
-            yield from self._later_race(*planned) if self.elites else self._first_race(*planned)
+            yield from self._later_race(budget, n) if self.elites else self._first_race(budget, n)
+        if not self.iterations:
+            raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
         self._n_iterations = self._iteration
         if self.options.elitist and self.options.postselection:
             yield from self._postselect()
 
-    def _plan_iteration(self, iteration: int) -> tuple[int, int] | str:
-        """Budget and number of configurations of an iteration, or why there is none."""
+    def _plan_iteration(self, iteration: int) -> tuple[int, int, int] | str:
+        """Number, budget and number of configurations of an iteration, or why there is none."""
         remaining = self.budget - self._used
         if remaining <= 0:
             return "the whole budget is used"
         if iteration > self._n_iterations and self.options.iterations is not None:
             return f"all {self._n_iterations} iterations are done"
-        budget = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
+        share = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
+        budget = min(self.options.experiments_per_iteration or share, remaining)
         n = self._n_configurations(budget, iteration)
+        wanted = self.options.n_configurations
+        if wanted is not None and n < wanted:
+            if budget == share < remaining:
+                return self._plan_iteration(iteration + 1)
+            return f"the budget left is too small to race {wanted} configurations"
+        n = n if wanted is None else wanted
         n_elites = len(self.elites)
         if n <= self._survivors:
             return f"the budget left is too small to race more than {self._survivors} configurations"
@@ -225,7 +246,7 @@ class IteratedRace:
         if self.options.elitist:
             n_new_instances = self._n_new_instances if n_elites else 0
             needed = (n - n_elites) * mu + n_elites * min(n_new_instances, mu)
-        return "the budget left is too small to test configurations" if needed > budget else (budget, n)
+        return "the budget left is too small to test configurations" if needed > budget else (iteration, budget, n)
 
     def _n_configurations(self, budget: int, iteration: int) -> int:
         """As many as the budget allows, if need be without new instances, and then with few instances at all."""
@@ -234,7 +255,7 @@ class IteratedRace:
 
         def fitting(growth: int, mu: int) -> int:
             n_new = self._n_new_instances if keeping else 0
-            each_test = self.options.each_test
+            each_test = self.options.instances_each_test
             return arithmetic.n_configurations(
                 budget, growth, mu=mu, each_test=each_test, n_elites=n_elites, n_old=n_old, n_new=n_new
             )
@@ -309,7 +330,7 @@ class IteratedRace:
         old: list[int] = []
         if self.options.elitist and elites:
             new = list(range(self._n_seen, self._n_seen + self._n_new_instances))
-            old = self._generator("instances").permutation(self._n_seen).tolist()
+            old = self._old_instances()
         return Race(
             numbers,
             earlier={elite: self._costs[elite] for elite in elites} if self.options.elitist else {},
@@ -321,23 +342,30 @@ class IteratedRace:
             limit=self.budget - self._used,
         )
 
+    def _old_instances(self) -> list[int]:
+        """Those seen, in random order of their blocks."""
+        size = self.options.block_size
+        blocks = self._generator("instances").permutation(math.ceil(self._n_seen / size)).tolist()
+        in_order = (block * size + place for block in blocks for place in range(size))
+        return [instance for instance in in_order if instance < self._n_seen]
+
     def _postselect(self) -> Batches:
         """A race among the best of all iterations with what is left of the budget."""
         remaining = self.budget - self._used
-        if remaining // self.options.each_test <= 1 or not self.elites:
+        if remaining // max(self.options.block_size, self.options.each_test) <= 1 or not self.elites:
             return
         former = chain.from_iterable(summary.elites for summary in reversed(self.iterations))
         ordered = dict.fromkeys([*(elite.configuration for elite in former), *range(len(self.configurations))])
         accepted = [c for c in ordered if self.space.key(self.configurations[c]) not in self._rejected]
         needs = {c: self._n_seen - len(self._costs[c]) for c in accepted}
-        candidates = sorted(select_candidates(needs, remaining, self.options.each_test))
+        candidates = sorted(select_candidates(needs, remaining, self.options.instances_each_test))
         if not candidates:
             return
         self._iteration += 1
         race = Race(
             candidates,
             earlier={c: self._costs[c] for c in candidates},
-            instances=self._generator("instances").permutation(self._n_seen).tolist(),
+            instances=self._old_instances(),
             next_instance=self._n_seen,
             rules=self.options.rules(first_test=self._n_seen, elitist_limit=0),
             survivors=1,

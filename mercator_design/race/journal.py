@@ -21,6 +21,7 @@ import hashlib
 import json
 import os
 import socket
+import sys
 import time
 import zlib
 from collections.abc import Mapping, Sequence
@@ -151,7 +152,9 @@ class Record:
                     if self.experiments.setdefault(one.experiment, one) != one:
                         raise ValueError(f"experiment {one.experiment} finished twice, with different results")  # noqa: TRY301
                 case "configuration":
-                    self.configurations[event["configuration"]] = event["values"]
+                    # Their names are those of other configurations: once in memory is enough.
+                    values = {sys.intern(name): value for name, value in event["values"].items()}
+                    self.configurations[event["configuration"]] = values
                     self.parents[event["configuration"]] = event["parent"]
                 case "start":
                     if self.start or event.get("format") != FORMAT:

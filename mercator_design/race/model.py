@@ -6,8 +6,9 @@ categorical one a probability of each value. A new configuration takes one elite
 values from the parent's distributions. These narrow with each iteration; a soft restart widens them again.
 
 In two things this is not irace. An ordered parameter is drawn as the integer 1 .. K of its value: irace adds
-no half to the mean, so that it prefers the lower neighbour and never draws the last value. And a dependent
-parameter's mean is kept as its place within its own bounds, so that it scales with them.
+no half to the mean and none to the upper bound, so that it prefers the lower neighbour and never draws the last value;
+`ordered_as_integers` is for it to be so. And a dependent parameter's mean is kept as its place within its own bounds,
+so that it scales with them.
 """
 
 from bisect import bisect_right
@@ -64,13 +65,15 @@ class SamplingModel:
     Args:
         space: What is sampled.
         elitist: Whether the probabilities of categorical values are capped, as in elitist races.
+        ordered_as_integers: False for irace's way with ordered parameters.
     """
 
-    def __init__(self, space: Space, *, elitist: bool = True) -> None:
+    def __init__(self, space: Space, *, elitist: bool = True, ordered_as_integers: bool = True) -> None:
         self.elites: dict[int, EliteModel] = {}
         self._space = space
         self._elitist = elitist
         self._columns = {p.name: column for column, p in enumerate(space.variable)}
+        self._skewed = [] if ordered_as_integers else [c for c, p in enumerate(space.variable) if p.kind == "ordered"]
 
     def initialise(self, elites: Mapping[int, Configuration]) -> None:
         """Begin with the elites of the first race."""
@@ -159,18 +162,20 @@ class SamplingModel:
         uniforms = generator.random((n, self._space.n_variable))
         models = [self.elites[elite] for elite in ranked]
         factors = np.array([0.0 if p.is_dependent else _spread_factor(p) for p in self._space.variable])
-        places = truncated_normal(
-            uniforms,
-            np.array([m.centres for m in models])[chosen],
-            np.array([m.spreads for m in models])[chosen] * factors,
-        ).tolist()
+        centres = np.array([m.centres for m in models])[chosen]
+        spreads = np.array([m.spreads for m in models])[chosen]
+        places = truncated_normal(uniforms, centres, spreads * factors)
+        for column in self._skewed:
+            places[:, column] = _skewed(
+                len(self._space.variable[column].values), uniforms[:, column], centres[:, column], spreads[:, column]
+            )
         cumulated = [{name: w.cumsum().tolist() for name, w in m.weights.items()} for m in models]
         return [
             (
-                self._space.build(self._chooser(models[k], cumulated[k], places[row], uniforms[row])),
+                self._space.build(self._chooser(models[k], cumulated[k], place, uniforms[row])),
                 ranked[k],
             )
-            for row, k in enumerate(chosen.tolist())
+            for row, (k, place) in enumerate(zip(chosen.tolist(), places.tolist(), strict=True))
         ]
 
     def _chooser(
@@ -222,3 +227,13 @@ def _spread_factor(parameter: Parameter) -> float:
     bounds = parameter.bounds({})
     low, high = bounds if bounds is not None else (0, 0)
     return (high - low) / (high - low + 1)
+
+
+def _skewed(n_values: int, uniforms: Floats, centres: Floats, spreads: Floats) -> Floats:
+    """Places of an ordered parameter's values as irace draws them: the integer part of what is normal in 1 .. K.
+
+    A centre that is NaN is uniform here as elsewhere.
+    """
+    width = n_values - 1
+    drawn = truncated_normal(uniforms, np.clip((centres * n_values - 0.5) / width, 0, 1), spreads)
+    return np.where(np.isnan(centres), uniforms, (np.floor(drawn * width) + 0.5) / n_values)

@@ -16,16 +16,22 @@ class RaceOptions:
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
         confidence: Of the test.
-        first_test: Instances before the first test, a multiple of each_test.
-        each_test: Instances between tests.
-        mu: Instances to plan the number of configurations with; raised to first_test.
+        first_test: Blocks of instances before the first test, a multiple of each_test.
+        each_test: Blocks between tests.
+        block_size: Instances that make a block: they are raced on together and in their order. With 1, the default, all
+            that counts blocks counts instances.
+        mu: Instances to plan the number of configurations with, a multiple of block_size; raised to first_test's.
         elitist: Elites keep their results, and are protected until newcomers have caught up.
-        elitist_new_instances: New instances that a later elitist race begins with, a multiple of each_test.
+        elitist_new_instances: New blocks that a later elitist race begins with, a multiple of each_test.
         elitist_limit: Tests without elimination that end an elitist race; 0 for no limit.
         iterations: How many to make instead of irace's number (nbIterations).
         survivors: How many configurations end a race instead of irace's number (minNbSurvival).
+        n_configurations: How many race in each iteration, fewer than the budget would allow (nbConfigurations). An
+            iteration whose share of the budget is too small for them is left out.
+        experiments_per_iteration: Budget of each iteration instead of an even share (nbExperimentsPerIteration).
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
+        ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
 
     Raises:
@@ -36,14 +42,18 @@ class RaceOptions:
     confidence: float = 0.95
     first_test: int = 5
     each_test: int = 1
+    block_size: int = 1
     mu: int = 5
     elitist: bool = True
     elitist_new_instances: int = 1
     elitist_limit: int = 2
     iterations: int | None = None
     survivors: int | None = None
+    n_configurations: int | None = None
+    experiments_per_iteration: int | None = None
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
+    ordered_as_integers: bool = True
     postselection: bool = True
 
     def __post_init__(self) -> None:
@@ -53,31 +63,49 @@ class RaceOptions:
         multiple = f"a multiple of each_test ({self.each_test})"
         even = self.first_test % self.each_test == 0
         _require("first_test", self.first_test, f"2 or more and {multiple}", valid=self.first_test >= 2 and even)
-        _require("mu", self.mu, "1 or more", valid=self.mu >= 1)
+        _require("block_size", self.block_size, "1 or more", valid=self.block_size >= 1)
+        even = self.mu % self.block_size == 0
+        expected = f"1 or more and a multiple of block_size ({self.block_size})"
+        _require("mu", self.mu, expected, valid=self.mu >= 1 and (even or self.mu < self._instances_of_first_test))
         even = self.elitist_new_instances % self.each_test == 0
         valid = self.elitist_new_instances >= 0 and even
         _require("elitist_new_instances", self.elitist_new_instances, f"0 or {multiple}", valid=valid)
         _require("elitist_limit", self.elitist_limit, "0 or more", valid=self.elitist_limit >= 0)
-        for name, count in (("iterations", self.iterations), ("survivors", self.survivors)):
+        for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
+            count = getattr(self, name)
             _require(name, count, "1 or more", valid=count is None or count >= 1)
         threshold = self.soft_restart_threshold
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
 
     @property
     def planned_mu(self) -> int:
-        """Mu, but no less than first_test."""
-        return max(self.mu, self.first_test)
+        """Mu, but no fewer instances than there are before the first test."""
+        return max(self.mu, self._instances_of_first_test)
+
+    @property
+    def instances_each_test(self) -> int:
+        """Instances between tests."""
+        return self.each_test * self.block_size
+
+    @property
+    def new_instances(self) -> int:
+        """New instances that a later elitist race begins with."""
+        return self.elitist_new_instances * self.block_size
 
     def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
-        """The rules of one race, with its own first test or limit if it has them."""
+        """The rules of one race, with its own first test, in instances, or limit if it has them."""
         limit = self.elitist_limit if elitist_limit is None else elitist_limit
         return RaceRules(
             test=self.test,
             confidence=self.confidence,
-            first_test=first_test or self.first_test,
-            each_test=self.each_test,
+            first_test=first_test or self._instances_of_first_test,
+            each_test=self.instances_each_test,
             elitist_limit=limit if self.elitist else 0,
         )
+
+    @property
+    def _instances_of_first_test(self) -> int:
+        return self.first_test * self.block_size
 
 
 def _require(name: str, found: object, expected: str, *, valid: bool) -> None:

@@ -77,6 +77,9 @@ class Race:
         used: Experiments told.
         rejected: Configurations that were rejected by an infinite cost.
         stop_reason: Why the race has ended, None before.
+
+    Raises:
+        RaceError: There are no configurations.
     """
 
     def __init__(
@@ -91,6 +94,8 @@ class Race:
         budget: int,
         limit: int,
     ) -> None:
+        if len(configurations) == 0:
+            raise RaceError("race: expected configurations, found none")
         self.configurations = tuple(configurations)
         self.used = 0
         self.rejected: list[int] = []

@@ -167,6 +167,7 @@ class Runner(Generic[T]):
                 self.record.note([event])
             elif self.record.configurations[number] != values:
                 raise _another(f"configuration {number}: {values}", f"{self.record.configurations[number]}")
+            self.record.configurations[number] = values  # once in memory is enough
 
     def _note_end(self, place: int, end: End) -> None:
         if place < len(self.record.ends):

@@ -252,6 +252,16 @@ class TestLoading:
             restore()
         assert digests[0] != digests[1]
 
+    def test_what_a_notebook_defines(self):
+        before = everything_registered()
+        restore = plugins.snapshot()
+        exec(compile(NORTHERN + SHRINK, "<a notebook>", "exec"), {})  # noqa: S102 - our own
+        assert {"northernmost", "shrinking"} <= {*OBJECTIVES, *DYNAMICS}
+        with pytest.raises(ValueError, match="an objective is called 'northernmost' already, in <a notebook>"):
+            exec(compile(NORTHERN, "<a notebook>", "exec"), {})  # noqa: S102 - our own
+        restore()
+        assert before == everything_registered()
+
     def test_a_file_that_cannot_be_read(self, tmp_path):
         with pytest.raises(MissionError, match=r"nowhere.py: no such file"):
             load_plugin(tmp_path / "nowhere.py")

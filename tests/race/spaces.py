@@ -1,24 +1,5 @@
 """Spaces that several tests use."""
 
-from mercator_design.race import Parameter, Space, categorical, integer, ordered, real
-from tests.race.reference import load
-
-
-def reference_parameters() -> dict[str, Parameter]:
-    """The parameters of irace's measured sampling models."""
-    makers = {
-        "cat": lambda name, p, condition: categorical(name, p["values"], condition=condition),
-        "ord": lambda name, p, condition: ordered(name, p["values"], condition=condition),
-        "int": lambda name, p, condition: integer(name, p["low"], p["high"], log=p["log"], condition=condition),
-        "real": lambda name, p, condition: real(name, p["low"], p["high"], log=p["log"], condition=condition),
-    }
-    described = load("race_vectors")["model"]["parameters"]
-    return {name: makers[p["type"]](name, p, p.get("condition")) for name, p in described.items()}
-
-
-def reference_space() -> Space:
-    return Space([*reference_parameters().values(), categorical("fx", ["only"])])
-
 
 def machines_text() -> str:
     """A grammar of finite-state machines with up to four states, in the way of AutoMoDe's: 149 parameters."""

@@ -342,3 +342,53 @@ def test_the_example_of_the_package_runs():
     failed, attempted = doctest.testmod(mercator_design.race)
     assert failed == 0
     assert attempted >= 5
+
+
+def test_each_iteration_races_as_many_configurations_as_is_asked():
+    race = IteratedRace(MIXED, budget=1000, seed=3, options=RaceOptions(n_configurations=9, postselection=False))
+    run(race)
+    assert {summary.n_configurations for summary in race.iterations} == {9}
+    free = IteratedRace(MIXED, budget=1000, seed=3)
+    run(free)
+    assert free.iterations[0].n_configurations > 9
+
+
+def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
+    """A quarter of 1000 experiments is too little for 60 configurations, a larger share of them is not."""
+    options = RaceOptions(n_configurations=60, postselection=False)
+    race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
+    run(race)
+    assert race.iterations[0].iteration > 1
+    assert race.iterations[0].n_configurations == 60
+    assert race.stop_reason == "the budget left is too small to race 60 configurations"
+
+
+def test_iterations_have_the_budget_asked_for():
+    options = RaceOptions(experiments_per_iteration=150, postselection=False)
+    race = IteratedRace(MIXED, budget=500, seed=3, options=options)
+    run(race)
+    used = [summary.used for summary in race.iterations]
+    left = [500 - sum(used[:number]) for number in range(len(used))]
+    assert [summary.budget for summary in race.iterations] == [min(150, of_left) for of_left in left]
+    assert len(used) > 2
+
+
+def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
+    options = RaceOptions(block_size=3, first_test=2, mu=6, postselection=False)
+    race = IteratedRace(MIXED, budget=1500, seed=4, options=options)
+    told = run(race)
+    seen, later = 0, 0
+    for summary in race.iterations:
+        experiments, told = told[: summary.used], told[summary.used :]
+        instances = list(dict.fromkeys(experiment.instance for experiment, _ in experiments))
+        blocks = [instances[k : k + 3] for k in range(0, len(instances), 3)]
+        assert [[i % 3 for i in block] for block in blocks] == [[0, 1, 2]] * len(blocks)
+        assert all(block[2] == block[0] + 2 for block in blocks)
+        if seen:
+            assert blocks[0] == [seen, seen + 1, seen + 2]  # one new block
+            later += blocks[1:] != sorted(blocks[1:])
+        assert summary.n_instances % 3 == 0
+        assert summary.n_instances >= 6
+        seen = max(seen, *(i + 1 for i in instances))
+    assert later > 0
+    assert len(race.iterations) > 2

@@ -97,6 +97,10 @@ def test_a_space_without_choice_is_refused():
         ({"iterations": 0}, "iterations: expected 1 or more"),
         ({"survivors": 0}, "survivors: expected 1 or more"),
         ({"mu": 0}, "mu: expected 1 or more"),
+        ({"mu": 16, "block_size": 3}, "mu: expected 1 or more and a multiple of block_size .3., found 16"),
+        ({"block_size": 0}, "block_size: expected 1 or more"),
+        ({"n_configurations": 0}, "n_configurations: expected 1 or more"),
+        ({"experiments_per_iteration": 0}, "experiments_per_iteration: expected 1 or more"),
         ({"soft_restart_threshold": -1.0}, "soft_restart_threshold: expected 0 or more"),
     ],
 )
@@ -108,3 +112,15 @@ def test_an_option_out_of_range_is_refused(options, message):
 def test_a_budget_below_one_iteration_is_refused():
     with pytest.raises(RaceError, match=r"expected at least 60 experiments .* found 59"):
         IteratedRace(Space.from_text(machines_text()), budget=59, seed=1)
+
+
+def test_fewer_configurations_than_survive_are_refused():
+    with pytest.raises(RaceError, match=r"n_configurations: expected more than the 4 survivors .*, found 4"):
+        IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(n_configurations=4))
+
+
+@pytest.mark.parametrize("options", [{"n_configurations": 90}, {"experiments_per_iteration": 20}])
+def test_a_budget_for_no_first_iteration_is_refused(options):
+    race = IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(**options))
+    with pytest.raises(RaceError, match="expected a budget for a first iteration, but the budget left is too small"):
+        race.ask()

@@ -4,51 +4,6 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Race, RaceRules
-from tests.race.reference import load
-
-TESTS = {"F-test": "friedman"}
-
-
-@pytest.mark.parametrize("case", load("race_races"), ids=lambda case: case["id"])
-def test_whole_races_are_iraces(case):
-    """Four races in a row, each with the elites of the one before: every experiment in its order."""
-    options = case["options"]
-    rules = RaceRules(
-        test=TESTS.get(case["test"], case["test"]),
-        confidence=options["confidence"],
-        first_test=options["firstTest"],
-        each_test=options["eachTest"],
-        elitist_limit=options["elitistLimit"],
-    )
-    results: dict[int, dict[int, float]] = {}
-    for expected in case["races"]:
-        n_old = expected["next_instance"] - 1
-        n_new = expected["elitist_new_instances"] if n_old else 0
-        race = Race(
-            [number - 1 for number in expected["configurations"]],
-            earlier={number - 1: results[number - 1] for number in expected["elites_in"]},
-            instances=[*range(n_old, n_old + n_new), *range(n_old)],
-            next_instance=n_old + n_new,
-            rules=rules,
-            survivors=case["min_survival"],
-            budget=expected["max_experiments"],
-            limit=1_000_000,
-        )
-        evaluated = []
-        while batch := race.ask():
-            costs = [float(case["costs"][instance][configuration]) for configuration, instance in batch]
-            for (configuration, instance), cost in zip(batch, costs, strict=True):
-                results.setdefault(configuration, {})[instance] = cost
-            evaluated.append(
-                {"instance": batch[0].instance + 1, "configurations": [e.configuration + 1 for e in batch]}
-            )
-            race.tell(costs)
-        assert evaluated == expected["evaluated"]
-        assert race.used == expected["experiments_used"]
-        ranked = [number + 1 for number in race.ranked()]
-        assert ranked == expected["survivors"]
-        assert [race.ranks()[number - 1] for number in ranked] == expected["ranks"]
-        assert ranked[: case["min_survival"]] == expected["elites_out"]
 
 
 def new_race(n=4, *, limit=1000, earlier=None, instances=(), **rules):
@@ -79,6 +34,11 @@ def test_what_is_not_a_number_is_refused_and_named(cost):
         race.tell([1.0, 1.0, cost, 1.0])
     assert race.ask() == batch
     assert race.used == 0
+
+
+def test_a_race_of_nothing_is_refused():
+    with pytest.raises(RaceError, match="expected configurations, found none"):
+        new_race(0)
 
 
 def test_too_few_costs_are_refused():

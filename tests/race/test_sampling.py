@@ -1,6 +1,4 @@
-"""Sampling against irace's. All draws are seeded, so no test fails by luck."""
-
-import math
+"""All draws are seeded, so no test fails by luck."""
 
 import numpy as np
 import pytest
@@ -8,73 +6,13 @@ from scipy.special import ndtr
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, real
-from mercator_design.race.model import SamplingModel, elite_weights
-from mercator_design.race.sampling import similar, sobol_sample, truncated_normal
-from tests.race.reference import configuration, load
-from tests.race.spaces import machines_text, reference_space
-
-TRACES = load("race_vectors")["model"]["traces"]
+from mercator_design.race.model import SamplingModel
+from mercator_design.race.sampling import similar, sobol_sample
+from tests.race.spaces import machines_text
 
 
 def nothing(_):
     return False
-
-
-def test_weights_of_elites_are_iraces():
-    cases = load("race_vectors")["elite_weights"]
-    assert len(cases) == 15
-    for case in cases:
-        assert elite_weights(case["n"]) == pytest.approx(case["weights"])
-
-
-@pytest.mark.parametrize("trace", TRACES, ids=lambda trace: trace["id"])
-def test_models_are_iraces(trace):
-    """Initialise, updates and soft restarts in a row: all distributions after each step."""
-    space = reference_space()
-    model = SamplingModel(space, elitist=trace["elitist"])
-    for step in trace["steps"]:
-        if step["step"] == "soft_restart":
-            model.restart(step["restart_ids"], step["nb_new_configurations"])
-        else:
-            elites = {row[".ID."]: configuration(row) for row in step["elites"]}
-            if step["step"] == "initialise":
-                model.initialise(elites)
-            else:
-                model.update(
-                    elites,
-                    {row[".ID."]: row.get(".PARENT.") for row in step["elites"]},
-                    n_new=step["nb_new_configurations"],
-                    iteration=step["iteration"],
-                    iterations=step["nb_iterations"],
-                )
-        for name, expected in step["model"].items():
-            assert {str(elite) for elite in model.elites} == expected.keys()
-            for elite, entry in expected.items():
-                assert_same(model.elites[int(elite)], space, name, entry)
-
-
-def assert_same(elite, space, name, entry):
-    parameter = space[name]
-    if parameter.kind == "categorical":
-        assert elite.weights[name] == pytest.approx(entry, rel=1e-12)
-        return
-    column = space.variable.index(parameter)
-    low, high = parameter.bounds({})
-    spread, centre = elite.spreads[column], elite.centres[column]
-    assert (spread if parameter.log else spread * (high - low)) == pytest.approx(entry[0], rel=1e-12)
-    if entry[1] is None:
-        assert math.isnan(centre)
-    else:
-        value = parameter.values[entry[1] - 1] if parameter.values else entry[1]
-        assert centre == pytest.approx(parameter.position(value, (low, high)), rel=1e-12)
-
-
-def test_similar_configurations_are_iraces():
-    cases = load("race_vectors")["similar"]
-    assert len(cases) == 30
-    for case in cases:
-        rows = {row[".ID."]: configuration(row) for row in case["configurations"]}
-        assert similar(reference_space(), rows, case["threshold"]) == case["similar_ids"]
 
 
 def test_similar_configurations_have_the_same_inactive_parameters():
@@ -88,17 +26,6 @@ def test_similar_configurations_have_the_same_inactive_parameters():
     assert similar(space, rows, 1e-4) == [0, 1]
 
 
-@pytest.mark.parametrize("case", load("race_vectors")["truncated_normal"], ids=lambda case: f"{case['mean']:.2f}")
-def test_truncated_normal_has_its_moments(case):
-    low, width = case["low"], case["high"] - case["low"]
-    uniforms = (np.arange(200_000) + 0.5) / 200_000
-    mean, sd = (case["mean"] - low) / width, case["sd"] / width
-    values = low + width * truncated_normal(uniforms, mean, sd)
-    assert values.mean() == pytest.approx(case["exact_mean"], abs=1e-4 * width)
-    assert values.std() == pytest.approx(case["sample_sd"], abs=5 * case["sample_sd"] / math.sqrt(case["n"]))
-    assert np.quantile(values, [0.1, 0.5, 0.9]) == pytest.approx(case["q10_q50_q90"], abs=0.02 * width)
-
-
 def frequencies(parameter, value, spread):
     """Of each value of an integer or ordered parameter, as sampled around one value."""
     space = Space([parameter])
@@ -110,21 +37,22 @@ def frequencies(parameter, value, spread):
     return np.bincount(found, minlength=11)[1:] / len(found)
 
 
-@pytest.mark.parametrize("log", [False, True])
-def test_integers_are_as_frequent_as_iraces(log):
-    cases = load("race_vectors")["sampled_frequencies"]["intlog_1_10" if log else "int_1_10"]
-    for case in cases:
-        sd, mean = case["model"]
-        found = frequencies(integer("x", 1, 10, log=log), mean, sd if log else sd / 9)
-        assert found == pytest.approx(np.array(case["freq"]), abs=0.015)
-
-
 def test_ordered_values_are_drawn_as_integers():
-    """Unlike irace, which never draws the last one."""
+    """Unlike irace, which never draws the last one; test_vectors.py has its way."""
     found = frequencies(ordered("x", [1, 2, 5, 10, 20]), "20", 1 / 4)[:5]
     edges = ndtr(np.arange(1, 7) - 5.5)
     assert found == pytest.approx(np.diff(edges) / (edges[-1] - edges[0]), abs=0.015)
     assert found.argmax() == 4
+
+
+def test_in_iraces_way_the_last_ordered_value_is_drawn_only_where_no_elite_has_one():
+    space = Space([integer("n", 1, 2), ordered("x", [1, 2, 5, 10], condition="n == 2")])
+    model = SamplingModel(space, ordered_as_integers=False)
+    model.initialise({0: {"n": 2, "x": "10"}, 1: {"n": 1}})
+    drawn = model.sample(2000, [0, 1], np.random.default_rng(3), nothing)
+    of = [[c["x"] for c, parent in drawn if parent == elite and "x" in c] for elite in (0, 1)]
+    assert set(of[0]) == {"1", "2", "5"}
+    assert [of[1].count(value) / len(of[1]) for value in ("1", "2", "5", "10")] == pytest.approx([0.25] * 4, abs=0.1)
 
 
 def test_values_stay_around_the_parent_and_rounding_is_kept():

@@ -1,0 +1,304 @@
+"""The comparison with the original as a command: what it accepts, what it finds wrong, and files of all kinds."""
+
+import copy
+import gzip
+import json
+import math
+import os
+from pathlib import Path
+
+import pytest
+
+from benchmarks import compare_argos
+from benchmarks.argos.recordings import read
+
+DATA = Path(__file__).parents[1] / "data"
+REFERENCE = os.environ.get("MERCATOR_REFERENCE")
+SCORES = read(DATA / "argos_scores.json.gz")
+TRACES = {run["name"]: run for run in read(DATA / "argos_traces.json.gz")["runs"]}
+
+
+@pytest.fixture
+def run(tmp_path, capsys):
+    """Writes a recording, compares with it, and returns the exit code and what was printed."""
+
+    def compared(runs, *options, meta=SCORES["meta"]):
+        file = tmp_path / "recording.json.gz"
+        file.write_bytes(gzip.compress(json.dumps({"meta": meta, "runs": runs}).encode()))
+        code = compare_argos.main([str(file), "--jobs", "2", *options])
+        output = capsys.readouterr()
+        return code, output.out + output.err
+
+    return compared
+
+
+def cut(mission, n=40):
+    """The first runs of each controller of a mission."""
+    found = copy.deepcopy([one for one in SCORES["runs"] if one["mission"] == mission])
+    for one in found:
+        one["seeds"], one["scores"] = one["seeds"][:n], one["scores"][:n]
+        one["stats"] = {name: column and column[:n] for name, column in one["stats"].items()}
+    return found
+
+
+def shortened(name, cycles):
+    """The first cycles of a recorded run."""
+    found = copy.deepcopy(TRACES[name])
+    for robot in found["robots"].values():
+        for key, column in robot.items():
+            robot[key] = column[:cycles]
+    return found
+
+
+# The tool accepts what is right ...
+
+
+def test_a_cut_of_the_recorded_scores(run):
+    code, text = run(cut("aggregation"))
+    assert code == 0
+    assert "scores: 0 of 5 tests reject, 0 are excused" in text
+    assert "statistics: 0 of 130 tests reject" in text
+    assert "could have told, with probability 0.9, if one controller's mean alone is away by so many sd:" in text
+    assert "a simulator whose true means correlate with these at" in text
+
+
+def test_a_cut_of_the_recorded_traces(run):
+    code, text = run([shortened("explore_rwm20_n1", 7), shortened("four_state_n5", 120), shortened("stop_n5", 1)])
+    assert code == 0
+    assert "NOT" not in text
+    assert text.count("\nreached: ") == 7
+
+
+# ... and finds what is wrong.
+
+
+def test_a_scaled_score_column(run):
+    runs = cut("coverage_v30_n3_r0.4")[:2]
+    runs[0]["scores"] = [1.1 * score for score in runs[0]["scores"]]
+    code, text = run(runs)
+    assert code == 1
+    assert f"rejected: coverage_v30_n3_r0.4, {runs[0]['name']}: score" in text
+
+
+def test_statistics_that_are_a_little_off(run):
+    """6 mm/s slower."""
+    runs = cut("coverage_v30_n3_r0.4")[:2]
+    runs[1]["stats"]["speed_mps"] = [speed - 0.006 for speed in runs[1]["stats"]["speed_mps"]]
+    code, text = run(runs)
+    assert code == 1
+    assert f"rejected: coverage_v30_n3_r0.4, {runs[1]['name']}: speed_mps" in text
+
+
+def test_scores_of_another_mission(run):
+    runs = cut("color_aggregation")[:2]
+    for one in runs:
+        one["mission"] = "aggregation"
+        del one["stats"]
+    code, text = run(runs)
+    assert code == 1
+    assert "rejected: aggregation" in text
+
+
+def test_controllers_that_are_mixed_up(run):
+    runs = cut("aggregation")
+    columns = [one["scores"] for one in runs]
+    for one, column in zip(runs, columns[1:] + columns[:1], strict=True):
+        one["scores"] = column
+        del one["stats"]
+    code, text = run(runs, "--runs", "80")
+    assert code == 1
+    assert "NOT reached: aggregation: Spearman" in text
+
+
+def test_another_world(run):
+    """Shuffling explains nothing: controllers that are run again with the original's random numbers still differ."""
+    runs = [one for one in cut("aggregation") if one["name"] in {"four_state", "explore_rwm20"}]
+    code, text = run(runs, meta={"missions": {"aggregation": {"n_robots": 3, "prox_range": 0.25}}})
+    assert code == 1
+    assert "rejected: aggregation, four_state" in text
+    assert "0 are excused" in text
+
+
+@pytest.mark.parametrize(("column", "shift"), [("x", 0.001), ("vl", 1.0), ("yaw", 0.002)])
+def test_a_shifted_trace(run, column, shift):
+    found = shortened("attract5_n1", 100)
+    for robot in found["robots"].values():
+        robot[column][50:] = [value + shift for value in robot[column][50:]]
+    code, text = run([found])
+    assert code == 1
+    assert "NOT reached: until robots touch each other" in text
+
+
+def test_readings_of_another_robot(run):
+    found = shortened("explore_rwm20_n1", 100)
+    for robot in found["robots"].values():
+        robot["prox"] = [row[1:] + row[:1] for row in robot["prox"]]
+    code, text = run([found])
+    assert code == 1
+    assert "NOT reached: proximity" in text
+
+
+# Files of all kinds: clear words, and no traceback.
+
+
+def test_one_run_of_each_controller(run):
+    """Nothing is called reached that no data could have made fail."""
+    code, text = run(cut("aggregation", 1))
+    assert code == 1
+    assert "cannot tell: aggregation: Spearman" in text
+    assert "cannot tell: scores: with so few runs, none of 5 tests can reject" in text
+    assert "cannot tell: statistics: with so few runs" in text
+    assert "NOT reached: a verdict: there are too few runs to tell anything" in text
+
+
+def test_two_runs_of_each_controller(run):
+    code, text = run(cut("aggregation", 2))
+    assert code == 0
+    assert "reached: scores: 0 of 5 tests reject" in text
+    assert "aggregation: none, by a single controller" in text
+
+
+def test_few_runs_of_one_controller_beside_others(run):
+    code, text = run([*cut("aggregation")[:4], *cut("aggregation", 2)[4:]], "--runs", "50")
+    assert code == 0
+    assert "| aggregation | 5 | 40, 50 |" in text
+
+
+def test_equal_scores_in_all_runs(run):
+    """The shipped coverage sets no speed."""
+    stays = {"mission": "coverage", "fsm": "--nstates 1 --s0 0 --rwm0 9", "scores": [683430.0] * 20}
+    code, text = run([{**stays, "name": name} for name in "abc"], meta={})
+    assert code == 0
+    assert "cannot tell: coverage: Spearman -" in text
+    assert "cannot tell: statistics: none are recorded" in text
+    code, text = run([{**stays, "name": "a", "scores": [683431.0] * 20}], meta={})
+    assert code == 1
+    assert "rejected: coverage, a: score" in text
+
+
+def test_a_mission_that_is_not_known(run):
+    code, text = run([*cut("aggregation")[:1], {**cut("aggregation")[1], "mission": "beyond"}])
+    assert code == 1
+    assert "left out: beyond: 1 controllers: mission 'beyond': made from 'beyond'; expected one of aggregation" in text
+    assert "NOT reached: all controllers compared, of 2" in text
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"fsm": "--nstates 9"}, "left out"),
+        ({"scores": [], "stats": None}, "no run has a score"),
+        ({"scores": [None, None], "stats": None}, "no run has a score"),
+        ({"scores": ["much", 1]}, "scores: expected 2 numbers"),
+        ({"scores": [10**400, 1]}, "scores: expected 2 numbers"),
+        ({"scores": 5}, "scores: expected a list"),
+        ({"stats": 7}, "stats: expected an object"),
+        ({"stats": {"prox": [0.5]}}, "prox: expected 40 numbers"),
+        ({"stats": {"occ": 3}}, "occ: expected 40 x 4 numbers"),
+        ({"stats": {"occ": [[1, 0]] * 40}}, "occ: expected 40 x 4 numbers"),
+    ],
+)
+def test_controllers_that_cannot_be_compared(run, wrong, words):
+    good, bad = cut("aggregation")[:2]
+    code, text = run([good, {**bad, **wrong}], "--runs", "20")
+    assert code == 1
+    assert words in text
+    assert "| aggregation | 1 |" in text
+
+
+def test_statistics_that_are_not_there(run):
+    """Columns, rows and values; and scores that are no numbers."""
+    good, some = cut("aggregation")[:2]
+    some["scores"][3] = math.nan
+    some["stats"] = {
+        "prox": [None] * 40,
+        "nn": [None, *some["stats"]["nn"][1:]],
+        "occ": [None, *some["stats"]["occ"][1:]],
+    }
+    code, text = run([good, {**some, "seeds": [0] * 40}], "--runs", "40")
+    assert code == 0
+    assert f"failed when it was recorded: aggregation: {some['name']}: 1 of 40 runs" in text
+    assert "statistics: 0 of 31 tests" in text
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        {"base": []},
+        {"base": "foraging"},
+        {"n_robots": 900},
+        {"n_robots": "3"},
+        {"length": 0},
+        {"scale": 0},
+        {"up": 1},
+    ],
+)
+def test_settings_that_cannot_be_run(run, settings):
+    code, text = run(cut("aggregation")[:1], "--runs", "2", meta={"missions": {"aggregation": settings}})
+    assert code == 1
+    assert "left out: aggregation: 1 controllers: " in text
+
+
+@pytest.mark.parametrize("fsm", ["--nstates 2 --s0 0 --rwm0 5 --s1 1", "--nstates 1 --s0 1"])
+def test_states_without_transitions(run, fsm):
+    code, _ = run([{"mission": "aggregation", "name": "x", "fsm": fsm, "scores": [0, 1, 0, 2, 0], "seeds": [7] * 5}])
+    assert code == 0
+
+
+def without(name, key):
+    found = shortened(name, 20)
+    for robot in found["robots"].values():
+        del robot[key]
+    return found
+
+
+def changed(name, key, value):
+    found = shortened(name, 20)
+    for robot in found["robots"].values():
+        robot[key] = value(robot[key])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("trace", "words"),
+    [
+        (without("stop_n5", "x"), "'x'"),
+        (changed("stop_n5", "prox", lambda rows: [row[:7] for row in rows]), "prox: expected"),
+        (changed("stop_n5", "prox", lambda rows: rows[:9]), "prox: expected"),
+        (changed("stop_n5", "ground", lambda rows: [row[:1] for row in rows]), "ground: expected"),
+        (changed("stop_n5", "s0", lambda column: [7] * len(column)), "s0: expected states"),
+        (changed("stop_n5", "nn", lambda column: column[:3]), "nn: expected"),
+        (changed("stop_n5", "vl", lambda column: column[:3]), "robots: no table"),
+        (changed("stop_n5", "x", lambda column: [math.nan] * len(column)), "finite"),
+        (shortened("stop_n5", 0), "expected"),
+        ({**TRACES["stop_n5"], "robots": {}}, "robots: no table"),
+        ({**TRACES["stop_n5"], "robots": 5}, "robots: no table"),
+        ({**TRACES["stop_n5"], "fsm": "--nstates 2"}, "stop_n5"),
+        ({**TRACES["stop_n5"], "mission": "beyond"}, "made from 'beyond'"),
+    ],
+)
+def test_traces_that_cannot_be_replayed(run, trace, words):
+    code, text = run([shortened("explore_rwm20_n1", 5), trace])
+    assert code == 1
+    assert words in text
+    assert "NOT reached: all runs compared, of 2" in text
+    assert "\nreached: until robots touch" in text
+
+
+def test_a_file_that_is_not_there(capsys, tmp_path):
+    assert compare_argos.main([str(tmp_path / "none.json.gz")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_recordings_that_are_here():
+    assert compare_argos.main([str(DATA / f"argos_{kind}.json.gz") for kind in ("traces", "scores")]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(REFERENCE is None, reason="MERCATOR_REFERENCE names no folder of whole recordings")
+def test_whole_recordings():
+    files = sorted(Path(REFERENCE).glob("argos_*.json.gz"))
+    assert files
+    assert compare_argos.main([str(file) for file in files]) == 0

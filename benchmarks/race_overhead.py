@@ -25,8 +25,8 @@ from mercator_design.fsm.grammar import parameters_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import IteratedRace, Space
 from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
-from mercator_design.race.journal import Journal, Record
-from mercator_design.race.runner import Measured, Runner
+from mercator_design.race.journal import Journal, Measured, Record
+from mercator_design.race.runner import Runner
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -119,9 +119,11 @@ def utilisation(budget: int, jobs: int) -> None:
         used = len(designer.run(executor).finished)
         wall = time.perf_counter() - wall
     busy = sum(executor.busy)
+    unasked = len(executor.busy) - used
     print(
         f"utilisation, {used} experiments of aggregation_20, {jobs} threads: {busy / (jobs * wall):.1%} in experiments "
-        f"({wall:.1f} s, {1e3 * busy / used:.1f} ms an experiment)"
+        f"({wall:.1f} s, {1e3 * busy / len(executor.busy):.1f} ms an experiment; "
+        f"{unasked} more were run that nobody asked for)"
     )
 
 
@@ -130,7 +132,7 @@ class _Timed(ThreadExecutor):
 
     busy: list[float]
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[tuple[int, R | Failed]]:
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         def timed(item: T) -> R:
             start = time.perf_counter()
             result = function(item)

@@ -28,8 +28,8 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
 from mercator_design.race import IteratedRace, Space
 from mercator_design.race.executors import Executor, ThreadExecutor, in_order
-from mercator_design.race.journal import Finished, Record
-from mercator_design.race.runner import Measured, OnFailure, Runner
+from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator

@@ -54,7 +54,7 @@ class DaskExecutor:
     ) -> None:
         self._client.close()
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[tuple[int, R | Failed]]:
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         from distributed import as_completed
 
@@ -64,13 +64,14 @@ class DaskExecutor:
         places: dict[Any, int] = {}
         while True:
             room = (self._wanted or 2 * self.jobs) - len(places)
-            for index, item in numbered:
+            while room > 0:
+                index, item = next(numbered, (0, None))
+                if item is None:
+                    break
                 future = self._client.submit(call_packed, packed, item, pure=False)
                 places[future.key] = index
                 under_way.add(future)
                 room -= 1
-                if room <= 0:
-                    break
             if not places:
                 return
             future = next(under_way)

@@ -57,10 +57,11 @@ class Executor(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None: ...
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[tuple[int, R | Failed]]:
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """Each item's place and what the function gave for it, in the order in which they finish.
 
         Items are drawn one by one when there is room for them; when there are no more, what is under way still comes.
+        None is no item: there may be one when something has finished.
         """
 
 
@@ -131,11 +132,13 @@ class ThreadExecutor:
             for thread in self._threads:
                 thread.join()
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[tuple[int, R | Failed]]:
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         numbered = enumerate(items)
         if not self._threads:
             for index, item in numbered:
+                if item is None:
+                    return  # nothing is under way that could finish
                 yield index, attempt(function, item)
             return
         done: queue.SimpleQueue[tuple[int, R | Failed]] = queue.SimpleQueue()
@@ -145,11 +148,12 @@ class ThreadExecutor:
 
         under_way = 0
         while True:
-            for index, item in numbered:
+            while under_way <= self.jobs:  # one that runs for each thread, and one that waits
+                index, item = next(numbered, (0, None))
+                if item is None:
+                    break
                 self._todo.put(job(index, item))
                 under_way += 1
-                if under_way == 2 * self.jobs:  # one that runs and one that waits for each thread
-                    break
             if not under_way:
                 return
             yield done.get()
@@ -195,10 +199,10 @@ class ProcessExecutor:
         for worker in self._workers:
             worker.shutdown(wait=True, kill_workers=kind is not None)
 
-    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[tuple[int, R | Failed]]:
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         packed = pickle.dumps(function)
-        errands = (_Errand(index, item) for index, item in enumerate(items))
+        errands = (None if item is None else _Errand(index, item) for index, item in enumerate(items))
         again: collections.deque[_Errand[T]] = collections.deque()
         idle = list(range(self.jobs))
         running: dict[Future[R | Failed], tuple[int, _Errand[T]]] = {}

@@ -169,6 +169,10 @@ class IteratedRace:
         except StopIteration:
             return
 
+    def foresee(self, n: int) -> list[Experiment]:
+        """At most n experiments that `ask` will probably give next, after those it has given."""
+        return [] if self._race is None else self._race.foresee(n)
+
     def extend(self, budget: int) -> None:
         """Go on with a larger budget after the end.
 

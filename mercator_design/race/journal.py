@@ -6,6 +6,7 @@ A file has an event a line, as JSON with a checksum of the line in it, and is on
     session        a process that began to work on it: its number, host, time, executor
     configuration  one that is raced from now on: its number, its parent's, its values
     experiment     one that has finished, in the order in which they do
+    ahead          an experiment that has finished before the race asked for it, and perhaps will not
     extend         a larger budget, which counts from where the one before has ended
     end            where the race ended under a budget, its winner, and the digest of all up to there
     stop           a process that ended before the race did, and why
@@ -29,10 +30,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.parameter import Configuration
+from mercator_design.race.race import Experiment
 
 FORMAT = 1
 SYNC_EVERY = 1.0
@@ -41,6 +43,13 @@ _CRC = ',"crc":"'
 _TAIL = len(_CRC) + 8 + len('"}')
 
 Event = dict[str, Any]
+
+
+class Measured(NamedTuple):
+    """What came of an experiment."""
+
+    score: float
+    outcome: str  # digest of what happened in it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +84,7 @@ class Record:
     configurations: dict[int, Configuration] = field(default_factory=dict)
     parents: dict[int, int | None] = field(default_factory=dict)
     experiments: dict[int, Finished] = field(default_factory=dict)
+    ahead: dict[Experiment, Measured] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
     ends: list[End] = field(default_factory=list)
     sessions: list[Event] = field(default_factory=list)  # starts and stops of processes
@@ -123,6 +133,10 @@ class Record:
         """Take in experiments that have finished."""
         self.note([{"event": "experiment"} | {name: getattr(one, name) for name in _FIELDS} for one in finished])
 
+    def note_ahead(self, experiment: Experiment, measured: Measured) -> None:
+        """Take in an experiment that the race has not asked for yet."""
+        self.note([{"event": "ahead", **experiment._asdict(), **measured._asdict()}])
+
     def note_end(self, end: End) -> None:
         """Take in that the race has ended, with the digest of all up to there."""
         self.ends.append(end)
@@ -151,6 +165,9 @@ class Record:
                     one = Finished(**event)
                     if self.experiments.setdefault(one.experiment, one) != one:
                         raise ValueError(f"experiment {one.experiment} finished twice, with different results")  # noqa: TRY301
+                case "ahead":
+                    where = Experiment(event["configuration"], event["instance"])
+                    self.ahead[where] = Measured(event["score"], event["outcome"])
                 case "configuration":
                     # Their names are those of other configurations: once in memory is enough.
                     values = {sys.intern(name): value for name, value in event["values"].items()}

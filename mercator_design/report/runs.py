@@ -50,6 +50,8 @@ def run_summary(path: Path) -> str:
     if not record.start:
         return f"{path}: no race has begun here yet"
     start = record.start
+    asked = {(one.configuration, one.instance) for one in record.experiments.values()}
+    unasked = sum(place not in asked for place in record.ahead)
     failed = sum(one.score is None for one in record.experiments.values())
     lines = [
         f"Mission    {start['mission']}, for robot {start['robot_model']}",
@@ -61,6 +63,7 @@ def run_summary(path: Path) -> str:
             else []
         ),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
+        *([f"Ahead      {unasked} more experiments were run that the race did not ask for"] if unasked else []),
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from mercator_design.race import IteratedRace, Space
 from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import Journal, Record
-from mercator_design.race.runner import Measured, Runner
+from mercator_design.race.journal import Journal, Measured, Record, read
+from mercator_design.race.runner import Runner
 
 SPACE = Space.from_text('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300
@@ -66,6 +66,11 @@ def resumed(path, executor=None, seed=1, **options):
         return journal.ends[-1].winner, journal.digest(), len(anew)
 
 
+def places(record):
+    """Configuration and instance of each experiment."""
+    return [(one.configuration, one.instance) for one in record.experiments.values()]
+
+
 class _Killed:
     """Lets only so many bytes be written, and then kills."""
 
@@ -96,12 +101,11 @@ def main(folder, seed, points):
             resumed(path, ThreadExecutor(2), seed)
             os._exit(0)
         _, status = os.waitpid(child, 0)
-        finished = path.read_bytes().count(b'"event":"experiment"') - (
-            b'"event":"experiment"' in path.read_bytes().rpartition(b"\n")[2]
-        )
+        known = read(path).record if path.stat().st_size else Record()
+        missing = len({*places(whole)} - {*places(known)} - known.ahead.keys())
         winner, digest, anew = resumed(path, seed=seed)
-        if not os.WIFSIGNALED(status) or (winner, digest) != expected or anew != len(whole.experiments) - finished:
-            print(f"killed at byte {point}: {status=}, {winner=}, {digest=}, {anew=}, {finished=}")  # noqa: T201
+        if not os.WIFSIGNALED(status) or (winner, digest) != expected or anew != missing:
+            print(f"killed at byte {point}: {status=}, {winner=}, {digest=}, {anew=}, {missing=}")  # noqa: T201
             return 1
     return 0
 

@@ -126,6 +126,19 @@ class TestConformance:
             for done, _ in enumerate(executor.run(square, items()), start=1):
                 assert len(drawn) - done <= 2 * executor.jobs
 
+    def test_there_may_be_nothing_to_run_until_something_has_finished(self, make):
+        todo, found = [0], []
+
+        def items():
+            while len(found) < 20:
+                yield todo.pop() if todo else None
+
+        with make() as executor:
+            for _, result in executor.run(square, items()):
+                found.append(result)
+                todo.append(len(found))
+        assert found[:20] == [k * k for k in range(20)]
+
     def test_items_that_end_early(self, make):
         """What is under way is still given."""
         stopped = False

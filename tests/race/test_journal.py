@@ -15,9 +15,9 @@ import pytest
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, journal
 from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import End, Finished, Journal, Record, from_line, is_locked, read, to_line
-from mercator_design.race.runner import ExperimentFailed, Measured, Stopped
-from tests.race.racing import BUDGET, SPACE, measure, resumed, runner, undisturbed
+from mercator_design.race.journal import End, Finished, Journal, Measured, Record, from_line, is_locked, read, to_line
+from mercator_design.race.runner import ExperimentFailed, Stopped
+from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
 WHOLE = undisturbed()
 EXPECTED = WHOLE.ends[-1].winner, WHOLE.digest()
@@ -388,8 +388,56 @@ def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
     with Journal(path, new=True) as one, ThreadExecutor(3) as executor:
         with pytest.raises(Stopped):
             runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).run()
-        assert len(one.experiments) == len(begun)
-    assert resumed(path) == (*EXPECTED, RAN - len(begun))
+        known = {*places(one)} | one.ahead.keys()
+        assert len(known) == len(begun)
+    assert resumed(path) == (*EXPECTED, len({*places(WHOLE)} - known))
+
+
+class TestAhead:
+    """Experiments that are run before the race asks for them, so that no worker is idle."""
+
+    @staticmethod
+    def raced(jobs):
+        """A race whose experiments take a moment."""
+        record, ran = Record(), []
+
+        def slowly(item):
+            ran.append(item)
+            time.sleep(0.001 * (1 + item[1] % 3))
+            return measure(item)
+
+        with ThreadExecutor(jobs) as executor:
+            runner(record, executor, function=slowly).run()
+        return record, ran
+
+    def test_one_worker_never_does(self):
+        record, ran = self.raced(1)
+        assert record.ahead == {}
+        assert len(ran) == RAN
+
+    def test_several_do_and_it_makes_no_difference(self):
+        record, ran = self.raced(6)
+        assert record.ahead
+        assert (record.ends[-1].winner, record.digest()) == EXPECTED
+        assert len(ran) == len(set(ran))  # none runs twice
+        assert len(ran) - RAN == len(record.ahead.keys() - {*places(record)}) < 0.25 * RAN
+
+    def test_what_is_foreseen_is_asked_for_if_nothing_is_eliminated(self):
+        race = IteratedRace(SPACE, budget=300, seed=1)
+        assert race.foresee(3) == []
+        foreseen = []
+        for _ in range(5):  # before the first test
+            batch = race.ask()
+            assert foreseen in ([], batch)
+            foreseen = race.foresee(len(batch))
+            assert race.foresee(2) == foreseen[:2]
+            race.tell([0.0] * len(batch))
+
+    def test_no_more_is_foreseen_than_the_budget_allows(self):
+        race = IteratedRace(SPACE, budget=60, seed=1)
+        while batch := race.ask():
+            assert len(race.foresee(1000)) <= max(race.budget - race.used - len(batch), 0)
+            race.tell([race.configurations[e.configuration]["x"] for e in batch])
 
 
 def test_the_digest_is_of_what_happened():

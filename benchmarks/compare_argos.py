@@ -8,13 +8,18 @@ Each FILE is JSON, gzip'd or not, of one of two kinds:
              are compared; and again from the recorded seeds with the original's own random numbers.
 
 Prints tables and verdicts, and what differences each verdict could have seen. Exit code 0: all is as close as it
-should, or can, be; 1: something is not, could not be compared, or nothing could be told; 2: a file is no recording.
-Run: python benchmarks/compare_argos.py FILE ... [--runs N] [--jobs N] [--seed S] [--figures DIR]
+should, or can, be; 1: something is not, could not be compared, or nothing could be told; 2: a file is no recording; 3:
+a mission given with --mission is not valid.
+Run: python benchmarks/compare_argos.py FILE ... [--mission NAME=FILE.yaml ...] [--flavour chocolate]
+         [--runs N] [--jobs N] [--seed S] [--figures DIR]
+
+A mission of a recording is the --mission of its name, with the robot model that this names; or is made from one of the
+original's three shipped files, which are known here; or is the mission of that name that is shipped with this project.
 """
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +31,10 @@ from benchmarks.argos import recordings, scores, traces
 from benchmarks.argos.scores import Comparison, Judgement, Limits
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
 from mercator_design.errors import MercatorError
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors import available_jobs
+from mercator_design.sim.robot_model import load_robot_model
 
 FREE = 1e-4  # [m], [rad] wanted before robots touch each other
 SOON, SOON_CYCLES = 3e-3, 100  # [m] allowed in the first 10 s after they first do
@@ -43,19 +51,26 @@ What differs on purpose:
   apart, where the older has one. The first collision parts the replays by some 0.1 mm; crowds amplify that."""
 
 
-def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterator[bool]:
+def print_traces(
+    runs: Sequence[dict[str, Any]], *, files: Mapping[str, Path], flavour: str, figures: Path | None
+) -> Iterator[bool]:
     print("Replayed with recorded commands; distances in mm, of all robots and cycles. touch: s until a robot first")
+    print("touches another. copies: how far, on average, ours get from copies of themselves started 0.5 mm elsewhere.")
     print(
-        "touches another. copies: how far, on average, ours get from copies of themselves started 0.5 mm elsewhere.\n"
+        "vector: of proximity, where there is one. blobs: distance and bearing of each neighbour. -: nothing recorded,"
     )
-    print("| run | robots | s | touch | mean | max | rad, max | copies | prox | neighbours | ground | wheels |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    print("or nothing that could differ.\n")
+    print(
+        "| run | robots | s | touch | mean | max | rad, max | copies | prox | vector | neighbours | blobs | ground "
+        "| wheels |"
+    )
+    print("|---" * 14 + "|")
     totals: dict[str, np.ndarray] = {}
     before, soon, later, touched = np.zeros(2), 0.0, True, False
-    replayed, failed = [], []
+    replayed, failed, unrecorded = [], [], []
     for number, run in enumerate(runs):
         try:
-            trace = traces.Trace(run)
+            trace = traces.Trace(run, files, flavour)
         except MercatorError as error:
             failed.append(f"run {number}, '{run['name']}': {error}")
             continue
@@ -71,14 +86,20 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
             later &= bool(position.mean() <= spread.max())
             touching, copies = f"{touch / 10:g}", f"{1e3 * spread.min():.2g} to {1e3 * spread.max():.2g}"
         replayed.append(trace)
+        if trace.unknown_floor:
+            failed.append(f"run {number}, '{run['name']}': ground: {trace.unknown_floor}")
+        missing = [name for name, column in (("pv and pa", trace.vector), ("blobs", trace.blobs)) if column is None]
+        unrecorded += [f"{name} of run {number}, '{run['name']}'" for name in missing]
         cells = [trace.name, str(trace.robots), f"{trace.cycles / 10:g}", touching]
         cells += [f"{1e3 * position.mean():.3f}", f"{1e3 * position.max():.3f}", f"{heading.max():.5f}", copies]
         counts = traces.agreements(trace)
-        for name in ("proximity", "neighbours", "ground", "wheels"):
+        for name in traces.READINGS:
             cells.append("{}/{}".format(*counts[name]) if name in counts else "-")
             totals[name] = totals.get(name, np.zeros(2)) + counts.get(name, (0, 0))
         print(f"| {' | '.join(cells)} |", flush=True)
     print()
+    if unrecorded:
+        print(f"not recorded, so not compared: {'; '.join(unrecorded)}")
     if failed:
         yield _left_out(failed, "runs", len(runs))
     if not replayed:
@@ -106,7 +127,14 @@ def print_traces(runs: Sequence[dict[str, Any]], figures: Path | None) -> Iterat
 
 
 def print_scores(
-    data: dict[str, Any], *, runs: int | None, seed: int, jobs: int, figures: Path | None
+    data: dict[str, Any],
+    *,
+    runs: int | None,
+    seed: int,
+    jobs: int,
+    files: Mapping[str, Path],
+    flavour: str,
+    figures: Path | None,
 ) -> Iterator[bool]:
     comparisons = scores.compare(
         data["meta"],
@@ -115,6 +143,8 @@ def print_scores(
         seed=seed,
         jobs=jobs,
         tell=lambda line: print(line, file=sys.stderr),
+        files=files,
+        flavour=flavour,
     )
     scores.shuffle_alike(comparisons, jobs=jobs)
     compared = [comparison for comparison in comparisons if comparison.controllers]
@@ -193,6 +223,14 @@ def _print_statistics(compared: Sequence[Comparison], judgement: Judgement) -> N
 
 
 def _print_replays(compared: Sequence[Comparison]) -> None:
+    for c in compared:
+        if c.original is None:
+            print(
+                f"\nnot repeated from the recorded seeds: {c.mission}, here {c.place}: how the original uses random "
+                "numbers is known only of its three shipped missions"
+            )
+    if all(c.original is None for c in compared):
+        return
     print("\nRepeated from the recorded seeds with the original's random numbers. same: runs whose score, and whose")
     print("score and all statistics, are the recorded ones to the last digit.\n")
     print("| mission | runs | same score | same in all | mean, theirs | mean, ours | Spearman of means |")
@@ -299,33 +337,70 @@ def positive(text: str) -> int:
     return number
 
 
+def named_file(text: str) -> tuple[str, Path]:
+    """A mission's name in a recording, and the file that says what it is."""
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise ValueError
+    return name, Path(file)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--runs", type=positive, help="ours for each controller; by default five times the recorded")
     parser.add_argument("-j", "--jobs", type=positive, default=available_jobs(), help="experiments run at once")
     parser.add_argument("--seed", type=int, default=1, help="master seed of ours")
+    parser.add_argument(
+        "--mission",
+        action="append",
+        default=[],
+        type=named_file,
+        metavar="NAME=FILE",
+        help="what a mission of the recordings is; may be repeated. Numbers of robots and seconds, range of proximity "
+        "and velocity are still the recording's, if it says any",
+    )
+    parser.add_argument("--flavour", choices=FLAVOURS, default=FLAVOURS[0], help="of the FSMs of all files")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw figures there")
     given = parser.parse_args(arguments)
-    reached, unreadable = True, False
+    files = dict(given.mission)
+    reached, unreadable, recorded = True, False, set()
     try:
         if given.figures:
             given.figures.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         print(f"{given.figures}: cannot be made: {error.strerror}", file=sys.stderr)
         return 2
+    try:
+        for mission in files.values():
+            load_robot_model(load_mission(mission).robot_model)
+    except MercatorError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     for file in given.files:
         print(f"# {file}\n")
         try:
             data = recordings.read(file)
+            recorded |= {run["mission"] for run in data["runs"]}
             if data["kind"] == "traces":
-                verdicts = print_traces(data["runs"], given.figures)
+                verdicts = print_traces(data["runs"], files=files, flavour=given.flavour, figures=given.figures)
             else:
-                verdicts = print_scores(data, runs=given.runs, seed=given.seed, jobs=given.jobs, figures=given.figures)
+                verdicts = print_scores(
+                    data,
+                    runs=given.runs,
+                    seed=given.seed,
+                    jobs=given.jobs,
+                    files=files,
+                    flavour=given.flavour,
+                    figures=given.figures,
+                )
             reached &= all([*verdicts])
         except MercatorError as error:
             print(error, file=sys.stderr)
             unreadable = True
+    for name in sorted(set(files) - recorded):
+        print(f"--mission {name}: no recording has a mission of that name", file=sys.stderr)
+        unreadable = True
     return 2 if unreadable else int(not reached)
 
 

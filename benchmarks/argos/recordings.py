@@ -5,9 +5,11 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from benchmarks.json_file import read_json
+from mercator_design import shipped
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
@@ -34,7 +36,9 @@ WALLS = tuple(
 )
 """Centres [m], rounded to millimetres as they are in its files, and angles."""
 
-_SETTINGS = {"base", "n_robots", "n", "prox_range", "velocity", "length", "walls", "scale", "arena"}
+_SETTINGS = {"base", "n_robots", "n", "prox_range", "velocity", "length"}
+_ORIGINAL_SETTINGS = {"walls", "scale", "arena"}
+_NUMBERS = {"prox_range", "velocity", "length", "scale"}
 
 
 class RecordingError(MercatorError):
@@ -78,48 +82,73 @@ def walls(scale: float = 1.0) -> str:
     )
 
 
-def robot_model(proximity_range: float, velocity: float = 30.0) -> RobotModel:
-    """The original's robot, with a mission file's proximity range [m], where 0 is blind, and velocity [cm/s]."""
-    model = load_robot_model("mercator-argos")
-    blind = {"obstacle_threshold": 2.0} if proximity_range == 0.0 else {}
-    constants = model.reference_model._replace(proximity_range=max(proximity_range, 1e-3), **blind)
-    drive = dataclasses.replace(model.drive, maximum_speed=velocity / 100.0)
+def robot_model(model: RobotModel, settings: Mapping[str, float]) -> RobotModel:
+    """A robot with a recording's `prox_range` [m], where 0 is blind, and `velocity` [cm/s], where these are set."""
+    constants, drive = model.reference_model, model.drive
+    if (proximity_range := settings.get("prox_range")) is not None:
+        blind = {"obstacle_threshold": 2.0} if proximity_range == 0.0 else {}
+        constants = constants._replace(proximity_range=max(proximity_range, 1e-3), **blind)
+    if (velocity := settings.get("velocity")) is not None:
+        drive = dataclasses.replace(drive, maximum_speed=velocity / 100.0)
     return dataclasses.replace(model, reference_model=constants, drive=drive)
 
 
-def mission_and_robot(name: str, settings: Mapping[str, Any]) -> tuple[Mission, RobotModel]:
-    """What a mission of a recording is here.
+def shipped_with_original(name: str, settings: Mapping[str, Any], files: Mapping[str, Path]) -> bool:
+    """Whether a mission is made from one of the original's own files, of which all is known, its walls and starts too.
 
     Args:
         name: Of the mission, in the recording.
-        settings: `base`, the shipped mission file that it was made from, if it is not the name; and what differs from
-            that: `n_robots`, `n` (the file was written for so many), `prox_range` [m], `velocity` [cm/s], `length` [s].
+        settings: See `mission_and_robot`.
+        files: By name the missions that were given for those of the recording.
+    """
+    base = settings.get("base", name)
+    return name not in files and isinstance(base, str) and base in MISSIONS
+
+
+def mission_and_robot(
+    name: str, settings: Mapping[str, Any], files: Mapping[str, Path] = MappingProxyType({})
+) -> tuple[Mission, RobotModel]:
+    """What a mission of a recording is here: the file given for it, the original's, or a shipped one of its name.
+
+    Args:
+        name: Of the mission, in the recording.
+        settings: `base`, the mission file that it was made from, if it is not the name; and what differs from that:
+            `n_robots`, `n` (the file was written for so many), `prox_range` [m], `velocity` [cm/s], `length` [s]; of
+            the original's files also `walls` (whether there are any), `scale`, `arena`.
+        files: By name the missions that stand for those of the recording.
 
     Raises:
         RecordingError: if it is made from no known one, or a setting is not.
-        MissionError: if the robots do not fit.
+        MissionError: if the robots do not fit, or a file is wrong.
     """
     base = settings.get("base", name)
-    if not isinstance(base, str) or base not in MISSIONS:
-        raise RecordingError(f"mission '{name}': made from '{base}'; expected one of {', '.join(MISSIONS)}")
-    unknown = sorted(set(settings) - _SETTINGS)
+    original = shipped_with_original(name, settings, files)
+    if not original and name not in files and (not isinstance(base, str) or base not in shipped.missions()):
+        raise RecordingError(
+            f"mission '{name}': made from '{base}', which is not shipped; say what it is with --mission '{name}'=FILE"
+        )
+    unknown = sorted(set(settings) - (_SETTINGS | _ORIGINAL_SETTINGS if original else _SETTINGS))
     if unknown:
         raise RecordingError(f"mission '{name}': what its '{unknown[0]}' means is not known here")
-    robots = settings.get("n_robots", settings.get("n", ROBOTS[base]))
-    velocity = settings.get("velocity", VELOCITIES[base])
-    proximity_range = settings.get("prox_range", RANGES[base])
-    length = settings.get("length", 120)
-    scale = settings.get("scale", 1)
-    for key, value in (("velocity", velocity), ("prox_range", proximity_range), ("length", length), ("scale", scale)):
-        if not isinstance(value, int | float) or not 0 <= value < 1e6:
-            raise RecordingError(f"mission '{name}': {key}: expected a number from 0, found {value!r}")
+    if original:
+        settings = {"prox_range": RANGES[base], "velocity": VELOCITIES[base], "length": 120, "scale": 1, **settings}
+    for key in _NUMBERS & set(settings):
+        if not isinstance(settings[key], int | float) or not 0 <= settings[key] < 1e6:
+            raise RecordingError(f"mission '{name}': {key}: expected a number from 0, found {settings[key]!r}")
+    robots = settings.get("n_robots", settings.get("n", ROBOTS[base] if original else 1))
     if not isinstance(robots, int) or not 1 <= robots <= 1000:
         raise RecordingError(f"mission '{name}': n_robots: expected a whole number from 1 to 1000, found {robots!r}")
-    others = STARTS[0] if "n" in settings else STARTS[1]
-    waiting = [list(STARTS[0])] + (robots - 1) * [list(others)]
-    overrides = [f"robots={robots}", f"duration={length}", f"placement.waiting={waiting}"]
+    overrides = [f"duration={settings['length']}"] if "length" in settings else []
+    if original or {"n_robots", "n"} & set(settings):
+        overrides.append(f"robots={robots}")
+    if not original:
+        mission = load_mission(files.get(name, base), overrides)
+        return mission, robot_model(load_robot_model(mission.robot_model), settings)
+    waiting = [list(STARTS[0])] + (robots - 1) * [list(STARTS[0] if "n" in settings else STARTS[1])]
+    overrides.append(f"placement.waiting={waiting}")
     if settings.get("walls", True):
+        scale = settings["scale"]
         overrides += [f"arena.walls.apothem={1.5 * scale}", f"arena.obstacles={walls(scale)}"]
     else:
         overrides += ["arena.walls.apothem=99"]
-    return load_mission(MISSIONS[base], overrides), robot_model(proximity_range, velocity)
+    return load_mission(MISSIONS[base], overrides), robot_model(load_robot_model("mercator-argos"), settings)

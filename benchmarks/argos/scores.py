@@ -18,11 +18,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from benchmarks.argos.recordings import RecordingError, mission_and_robot
+from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipped_with_original
 from benchmarks.argos.repeat import Original
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejected, visible_shift
 from mercator_design.errors import MercatorError
@@ -141,7 +143,8 @@ class Comparison:
     controllers: list[Controller] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)  # a sentence each: what could not be compared, and why
     failed: list[str] = field(default_factory=list)  # a sentence each: whose runs were recorded as failed
-    original: Original | None = None  # repeats its runs, if it can be run
+    original: Original | None = None  # repeats its runs, if it can be run and is one of the original's own files
+    place: str = ""  # which mission and robot model of ours it is
 
     def means(self, name: str) -> np.ndarray:
         """Means (2, controllers) of a statistic, theirs and ours, where there are both."""
@@ -167,6 +170,8 @@ def compare(
     seed: int,
     jobs: int,
     tell: Callable[[str], None],
+    files: Mapping[str, Path] = MappingProxyType({}),
+    flavour: str = "watermelon",
 ) -> list[Comparison]:
     """Run every controller of a file of scores, mission by mission.
 
@@ -177,6 +182,8 @@ def compare(
         seed: Master seed of ours.
         jobs: Experiments at once.
         tell: Called with a line on what is being run.
+        files: By name the missions that stand for those of the file.
+        flavour: Of the FSMs.
     """
     known = meta.get("missions", {})
     found = []
@@ -188,16 +195,18 @@ def compare(
             settings = known.get(name, {}) if isinstance(known, Mapping) else {}
             if not isinstance(settings, Mapping):
                 raise RecordingError(f"mission '{name}': expected an object")
-            simulator = Simulator(*mission_and_robot(name, settings))
+            simulator = Simulator(*mission_and_robot(name, settings, files))
             simulator.check_placement()
-            comparison.original = Original(simulator)
+            comparison.place = f"{simulator.mission.name}, robot model {simulator.robot_model.name}"
+            if shipped_with_original(name, settings, files):
+                comparison.original = Original(simulator)
         except MercatorError as error:
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")
             continue
         tell(f"{name}: {len(of_mission)} controllers")
         for run in of_mission:
             try:
-                pfsm = parse(run["fsm"], tolerate=lambda _: None)
+                pfsm = parse(run["fsm"], flavour, tolerate=lambda _: None)
                 theirs = recorded_columns(run)
                 ran, recorded = len(theirs["score"]), len(run["scores"])
                 if ran < recorded:
@@ -209,7 +218,9 @@ def compare(
                     [instance_seed(seed, "evaluation", k) for k in range(n)], partial(_ours, simulator, pfsm), jobs
                 )
                 seeds = recorded_seeds(run)
-                again = _columns(seeds, partial(_repeated, comparison.original, pfsm), jobs) if seeds else None
+                again = None
+                if seeds and comparison.original:
+                    again = _columns(seeds, partial(_repeated, comparison.original, pfsm), jobs)
             except MercatorError as error:
                 comparison.left_out.append(f"{name}: {run['name']}: {error}")
                 continue

@@ -234,7 +234,7 @@ def test_files_that_are_no_recordings(tmp_path, content, complaint):
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"base": "foraging"}, "made from 'foraging'"),
+        ({"base": "beyond"}, "made from 'beyond'"),
         ({"base": "coverage", "gravity": 1}, "gravity"),
         ({"base": "coverage", "n_robots": 0}, "n_robots"),
         ({"base": "coverage", "velocity": "fast"}, "velocity"),

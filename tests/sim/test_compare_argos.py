@@ -2,15 +2,21 @@
 
 import copy
 import gzip
+import itertools
 import json
 import math
 import os
 from pathlib import Path
 
 import pytest
+import yaml
 
 from benchmarks import compare_argos
-from benchmarks.argos.recordings import read
+from benchmarks.argos.recordings import read, walls
+from mercator_design.fsm import parse
+from mercator_design.missions.mission import load_mission
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
 
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")
@@ -63,10 +69,29 @@ def test_a_cut_of_the_recorded_scores(run):
 
 
 def test_a_cut_of_the_recorded_traces(run):
-    code, text = run([shortened("explore_rwm20_n1", 7), shortened("four_state_n5", 120), shortened("stop_n5", 1)])
+    names = {"explore_rwm20_n1": 7, "four_state_n5": 120, "stop_n5": 1, "shipped_color_fsm_n5": 9}
+    code, text = run([shortened(name, cycles) for name, cycles in names.items()])
     assert code == 0
     assert "NOT" not in text
-    assert text.count("\nreached: ") == 7
+    assert text.count("\nreached: ") == 9
+    assert "not recorded, so not compared: blobs of run 0, 'explore_rwm20_n1'; blobs of run 1, 'four_state_n5'" in text
+
+
+def test_a_trace_whose_robots_are_listed_in_another_order(run):
+    found = shortened("shipped_color_fsm_n5", 20)
+    found["robots"] = dict(reversed(found["robots"].items()))
+    code, text = run([found])
+    assert code == 0
+    assert "| 100/100 | 100/100 |\n" in text
+
+
+def test_a_trace_without_its_seed(run):
+    """The colours of tiles are then those that were read on them."""
+    found = copy.deepcopy(TRACES["shipped_color_fsm_n5"])
+    del found["seed"]
+    code, text = run([found])
+    assert code == 0
+    assert "reached: ground: 1000 of 1000" in text
 
 
 # ... and finds what is wrong.
@@ -138,6 +163,150 @@ def test_readings_of_another_robot(run):
     assert "NOT reached: proximity" in text
 
 
+@pytest.mark.parametrize(
+    ("column", "alter", "verdict"),
+    [
+        ("pv", lambda length: 0.0, "vector"),
+        ("pv", lambda length: 0.998 * length, "vector"),
+        ("pa", lambda angle: angle + 0.002, "vector"),
+        ("blobs", lambda seen: seen[:-1], "blobs"),
+        ("blobs", lambda seen: [*seen, [50.0, 0.0]], "blobs"),
+        ("blobs", lambda seen: [*seen[:-1], seen[0]], "blobs"),
+        ("blobs", lambda seen: [[distance + 0.05, bearing] for distance, bearing in seen], "blobs"),
+        ("blobs", lambda seen: [[distance, bearing + 0.001] for distance, bearing in seen], "blobs"),
+    ],
+)
+def test_readings_that_are_a_little_off(run, column, alter, verdict):
+    found = shortened("shipped_color_fsm_n5", 20)
+    for robot in found["robots"].values():
+        robot[column][10:] = [alter(value) for value in robot[column][10:]]
+    code, text = run([found])
+    assert code == 1
+    assert f"NOT reached: {verdict}" in text
+    assert text.count("NOT") == 1
+
+
+@pytest.mark.parametrize("seed", [15, None])
+def test_a_floor_that_was_read_wrong(run, seed):
+    """Whether or not its tiles follow from the seed, and whatever the order of robots."""
+    found = copy.deepcopy(TRACES["shipped_color_fsm_n5"])
+    found["robots"] = dict(reversed(found["robots"].items()))
+    found["seed"] = seed
+    for robot in found["robots"].values():
+        robot["ground"] = [[1, 2, 3] for _ in robot["ground"]]
+    code, text = run([found])
+    assert code == 1
+    assert ("NOT reached: ground: 0 of 1000" if seed else "left out: run 0, 'shipped_color_fsm_n5': ground: ") in text
+
+
+def test_a_tile_of_two_colours(run):
+    found = copy.deepcopy(TRACES["shipped_color_fsm_n5"])
+    del found["seed"]
+    colours = itertools.cycle([[255, 0, 0], [0, 255, 0]])
+    for robot in found["robots"].values():
+        robot["ground"] = [value if value == [127, 127, 127] else next(colours) for value in robot["ground"]]
+    code, text = run([found])
+    assert code == 1
+    assert "ground: 2 colours were read on the tile at" in text
+    assert "NOT reached: all runs compared, of 1" in text
+
+
+# Missions that are not the original's own.
+
+
+@pytest.fixture
+def mission(tmp_path):
+    """Writes the original's aggregation, changed, as a mission file, and returns the option that names it."""
+
+    def written(**changes):
+        text = (Path(__file__).parents[2] / "scenarios" / "aggregation.yaml").read_text()
+        content = {**yaml.safe_load(text), "robot_model": "mercator-argos", "robots": 3, **changes}
+        content["arena"]["walls"]["apothem"] = 1.5
+        content["arena"]["obstacles"] = json.loads(walls())
+        file = tmp_path / "mine.yaml"
+        file.write_text(json.dumps(content))
+        return "--mission", f"mine={file}"
+
+    return written
+
+
+def of_mine(name, cycles, fsm):
+    return {**shortened(name, cycles), "mission": "mine", "fsm": fsm}
+
+
+def test_a_trace_of_chocolate_on_a_mission_of_its_own(run, mission):
+    """Attraction has another number than in Watermelon."""
+    trace = of_mine("attract5_n1", 100, "--nstates 1 --s0 4 --att0 5")
+    code, text = run([trace], *mission(), "--flavour", "chocolate")
+    assert code == 0
+    assert "reached: wheels: 100 of 100" in text
+    code, text = run([trace], *mission())
+    assert code == 1
+    assert "left out: run 0" in text
+    code, text = run([{**trace, "fsm": "--nstates 1 --s0 1"}], *mission(), "--flavour", "chocolate")
+    assert code == 1
+    assert "NOT reached: wheels" in text
+
+
+def test_a_trace_on_another_floor_than_its_mission_has(run, mission):
+    trace = of_mine("stop_n5", 20, "--nstates 1 --s0 1")
+    assert run([trace], *mission())[0] == 0
+    spot = {"name": "spot", "shape": "disc", "center": [0, 0], "radius": 0.5, "color": "black"}
+    code, text = run([trace], *mission(floor={"background": "white", "zones": [spot]}))
+    assert code == 1
+    assert "NOT reached: ground" in text
+
+
+def test_a_trace_cannot_be_replayed_by_chance(run, mission):
+    trace = of_mine("stop_n5", 5, "--nstates 1 --s0 1")
+    code, text = run([trace], *mission(robot_model="epuck"))
+    assert code == 1
+    assert "robot model epuck: drive.noise, proximity.weight_noise, " in text
+
+
+def scored(name, count, **settings):
+    """A recording of scores that our own simulator makes on a shipped mission, with Chocolate's phototaxis and stop."""
+    model, task = load_robot_model("epuck"), load_mission(name, [f"{k}={v}" for k, v in settings.items()])
+    simulator = Simulator(task, model)
+    runs = []
+    for label, fsm in (("light", "--nstates 1 --s0 2"), ("stop", "--nstates 1 --s0 1")):
+        scores = [simulator.run(parse(fsm, "chocolate"), seed).score for seed in range(5000, 5000 + count)]
+        runs.append({"mission": name, "name": label, "fsm": fsm, "scores": scores, "seeds": [7] * count})
+    return runs
+
+
+def test_scores_of_chocolate_on_a_shipped_mission(run):
+    """And on another that is given for it, where the robots start on the black spot."""
+    runs = scored("chocolate_aac", 20, duration=5)
+    meta = {"missions": {"chocolate_aac": {"length": 5}}}
+    options = ("--flavour", "chocolate", "--runs", "60")
+    code, text = run(runs, *options, meta=meta)
+    assert code == 0
+    assert "not repeated from the recorded seeds: chocolate_aac, here chocolate_aac, robot model epuck" in text
+    assert "Repeated from" not in text
+    code, text = run(runs, *options, "--mission", "chocolate_aac=scenarios/chocolate_cfa.yaml", meta=meta)
+    assert code == 1
+    assert "rejected: chocolate_aac, stop: score" in text
+    code, text = run(runs, *options, meta={"missions": {"chocolate_aac": {"scale": 2}}})
+    assert code == 1
+    assert "left out: chocolate_aac: 2 controllers: mission 'chocolate_aac': what its 'scale' means" in text
+
+
+def test_missions_that_cannot_be_given(run, mission, tmp_path):
+    trace = of_mine("stop_n5", 2, "--nstates 1 --s0 1")
+    code, text = run([trace], "--mission", f"mine={tmp_path / 'none.yaml'}")
+    assert code == 3
+    assert "none.yaml" in text
+    code, text = run([trace], *mission(robots="many"))
+    assert code == 3
+    assert "robots" in text
+    code, text = run([trace], *mission(), "--mission", "yours=aggregation")
+    assert code == 2
+    assert "--mission yours: no recording has a mission of that name" in text
+    with pytest.raises(SystemExit, match="2"):
+        run([trace], "--mission", "mine")
+
+
 # Files of all kinds: clear words, and no traceback.
 
 
@@ -179,7 +348,7 @@ def test_equal_scores_in_all_runs(run):
 def test_a_mission_that_is_not_known(run):
     code, text = run([*cut("aggregation")[:1], {**cut("aggregation")[1], "mission": "beyond"}])
     assert code == 1
-    assert "left out: beyond: 1 controllers: mission 'beyond': made from 'beyond'; expected one of aggregation" in text
+    assert "left out: beyond: 1 controllers: mission 'beyond': made from 'beyond', which is not shipped" in text
     assert "NOT reached: all controllers compared, of 2" in text
 
 
@@ -226,7 +395,7 @@ def test_statistics_that_are_not_there(run):
     [
         [],
         {"base": []},
-        {"base": "foraging"},
+        {"base": "beyond"},
         {"n_robots": 900},
         {"n_robots": "3"},
         {"length": 0},
@@ -271,6 +440,11 @@ def changed(name, key, value):
         (changed("stop_n5", "nn", lambda column: column[:3]), "nn: expected"),
         (changed("stop_n5", "vl", lambda column: column[:3]), "robots: no table"),
         (changed("stop_n5", "x", lambda column: [math.nan] * len(column)), "finite"),
+        (changed("stop_n5", "pv", lambda column: [None] * len(column)), "finite"),
+        (without("shipped_color_fsm_n5", "pa"), "'pa'"),
+        (changed("shipped_color_fsm_n5", "blobs", lambda rows: rows[:9]), "blobs: expected"),
+        (changed("shipped_color_fsm_n5", "blobs", lambda rows: [[1.0]] * len(rows)), "robots: no table"),
+        (changed("shipped_color_fsm_n5", "blobs", lambda rows: [[[None, 1.0]]] * len(rows)), "finite"),
         (shortened("stop_n5", 0), "expected"),
         ({**TRACES["stop_n5"], "robots": {}}, "robots: no table"),
         ({**TRACES["stop_n5"], "robots": 5}, "robots: no table"),

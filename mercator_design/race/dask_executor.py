@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from mercator_design.errors import RaceError
-from mercator_design.race.executors import Failed, call_packed
+from mercator_design.race.executors import Failed, WorkerUnfit, call_packed
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -87,6 +87,8 @@ class DaskExecutor:
             return Failed(
                 f"its worker died, {error.allowed_failures + 1} times, the last time {error.last_worker.address}"
             )
+        except WorkerUnfit:
+            raise
         except Exception as error:  # noqa: BLE001 - what went wrong in Dask itself
             return Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")
         finally:

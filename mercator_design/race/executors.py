@@ -7,9 +7,11 @@ gives a `Failed`, and whoever asked decides.
 
 import collections
 import contextlib
+import os
 import pickle
 import queue
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -44,6 +46,10 @@ class Failed:
     error: Exception | None = None  # that it raised, if it did and if it could be carried here
 
 
+class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
+    """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
+
+
 class Executor(Protocol):
     """Runs a function on items; a context manager, which lets go of its workers at the end."""
 
@@ -62,6 +68,9 @@ class Executor(Protocol):
 
         Items are drawn one by one when there is room for them; when there are no more, what is under way still comes.
         None is no item: there may be one when something has finished.
+
+        Raises:
+            WorkerUnfit: A worker has no such function, or another version of it.
         """
 
 
@@ -250,6 +259,8 @@ def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed |
         if errand.deaths < MOST_DEATHS:
             return None
         return Failed(f"its worker process died, {errand.deaths} times: {_sentence(error)}")
+    except WorkerUnfit:
+        raise
     except Exception as error:  # noqa: BLE001 - such as what cannot be carried between processes
         return Failed(f"{type(error).__name__}: {error!s:.500}", error)
 
@@ -276,8 +287,17 @@ def _unpacked(packed: bytes) -> Callable[[Any], Any]:
 
 
 def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
-    """In a worker: call a function, and make sure that what comes of it can be carried back."""
-    result = attempt(_unpacked(packed), item)
+    """In a worker: call a function, and make sure that what comes of it can be carried back.
+
+    Raises:
+        WorkerUnfit: The function cannot be had here.
+    """
+    try:
+        function = _unpacked(packed)
+    except Exception as error:  # noqa: BLE001 - such as what is not installed
+        where = f"process {os.getpid()} on {socket.gethostname()}"
+        raise WorkerUnfit(f"a worker ({where}) cannot run this race: {type(error).__name__}: {error!s:.300}") from None
+    result = attempt(function, item)
     if isinstance(result, Failed):
         try:
             pickle.loads(pickle.dumps(result))  # noqa: S301 - our own

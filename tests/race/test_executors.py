@@ -16,7 +16,7 @@ import pytest
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.race import executors
 from mercator_design.race.dask_executor import DaskExecutor
-from mercator_design.race.executors import Failed, ProcessExecutor, ThreadExecutor, in_order
+from mercator_design.race.executors import Failed, ProcessExecutor, ThreadExecutor, WorkerUnfit, in_order
 from mercator_design.race.journal import Record
 from mercator_design.race.runner import Stopped
 from tests.race.racing import measure, runner, undisturbed
@@ -184,6 +184,28 @@ class TestConformance:
         with make() as executor:
             runner(record, executor).run()
         assert record.digest() == undisturbed().digest()
+
+
+def refuse():
+    raise ValueError("another version")
+
+
+class Refused:
+    def __call__(self, x):
+        return x
+
+    def __reduce__(self):
+        return refuse, ()
+
+
+@pytest.mark.parametrize("make", [*PROCESSES, "dask"], indirect=True)
+def test_a_worker_that_cannot_run_it_is_no_failure_of_an_experiment(make):
+    with make() as executor:
+        with pytest.raises(
+            WorkerUnfit, match=r"a worker \(process .* cannot run this race: ValueError: another version"
+        ):
+            list(executor.run(Refused(), range(5)))
+        assert in_order(executor, square, range(3)) == [0, 1, 4]
 
 
 class TestProcesses:

@@ -332,12 +332,10 @@ class TestFullDisk:
 class TestFailures:
     @staticmethod
     def failing(item):
-        (x, _, _), _ = item
+        (x, y, _), _ = item
         if x > 2:
             raise ArithmeticError("too far")
-        if x > 1.8:
-            return Measured(float("nan"), "")
-        return measure(item) if x < 1.7 else Measured(float("inf"), "")
+        return measure(item) if y < 0 else Measured(float("nan" if x < 0 else "inf"), "")
 
     def test_they_stop_the_race_by_default_and_are_tried_again(self, tmp_path):
         path = tmp_path / "journal.jsonl"
@@ -356,9 +354,12 @@ class TestFailures:
             running = runner(one, executor, function=self.failing, on_failure="reject")
             running.run()
             failed = [e for e in one.experiments.values() if e.score is None]
-            assert {"ArithmeticError: too far", "expected a finite score, found nan"} <= {e.failure for e in failed}
+            assert {e.failure for e in failed} == {
+                "ArithmeticError: too far", "expected a finite score, found nan", "expected a finite score, found inf",
+            }  # fmt: skip
             winner = one.configurations[one.ends[-1].winner]
-            assert winner["x"] < 1.7
+            assert winner["x"] <= 2
+            assert winner["y"] < 0
             per_configuration = {e.configuration for e in failed}
             assert len(per_configuration) == len(failed)  # not run again
             digest = one.digest()
@@ -423,14 +424,15 @@ class TestAhead:
         assert len(ran) - RAN == len(record.ahead.keys() - {*places(record)}) < 0.25 * RAN
 
     def test_what_is_foreseen_is_asked_for_if_nothing_is_eliminated(self):
-        race = IteratedRace(SPACE, budget=300, seed=1)
+        race = IteratedRace(SPACE, budget=600, seed=1)
         assert race.foresee(3) == []
         foreseen = []
-        for _ in range(5):  # before the first test
+        for _ in range(3):  # before the first test
             batch = race.ask()
-            assert foreseen in ([], batch)
+            assert foreseen == batch[: len(foreseen)]
             foreseen = race.foresee(len(batch))
             assert race.foresee(2) == foreseen[:2]
+            assert foreseen
             race.tell([0.0] * len(batch))
 
     def test_no_more_is_foreseen_than_the_budget_allows(self):

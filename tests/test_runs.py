@@ -335,8 +335,9 @@ class TestFailures:
         assert code == 0
         assert "Failed     " in out
 
-    def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path):
-        code, out, err = mdesign(*nervous, "--on-failure", "reject")
+    @pytest.mark.parametrize("executor", ["threads", "processes"])
+    def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path, executor):
+        code, out, err = mdesign(*nervous, "--on-failure", "reject", "--executor", executor, "-j", 2)
         assert code == 0
         assert "Warning: configuration " in err
         table = experiments_table(tmp_path / "r")

@@ -49,7 +49,7 @@ def evaluate(
 
     \b
     With --json: mission, direction, robots, duration, robot_model,
-    runs, seed, scores, seeds, mean,
+    runs, seed (null with --instance), scores, seeds, mean,
     standard_deviation (n - 1), quartiles [lower, median, upper],
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.

@@ -210,10 +210,23 @@ def ratio(times: list[float], others: list[float], scale: float = 1.0) -> Spread
     return single._replace(mean=scale * sum(times) / sum(others))
 
 
+def at_least(low: int) -> Callable[[str], int]:
+    """What reads an argument that is a whole number, and not below another."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or int(text) < low:
+            raise argparse.ArgumentTypeError(f"expected a whole number >= {low}, found '{text}'")
+        return int(text)
+
+    return number
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=10, help="seeds (default 10)")
-    parser.add_argument("--memory", type=int, default=10_000, help="experiments after which memory is compared")
+    parser.add_argument("--rounds", type=at_least(1), default=10, help="seeds (default 10)")
+    parser.add_argument(
+        "--memory", type=at_least(10), default=10_000, help="experiments after which memory is compared, 10 or more"
+    )
     given = parser.parse_args()
     fsm = parse(FSM)
 

@@ -1,19 +1,22 @@
 """Draws every shipped mission into docs/pictures/missions/ and shows them in the README. Run: python docs/gallery.py"""
 
+import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
+
+from docs.made_part import MadePart
 from mercator_design import shipped
-from mercator_design.files import write_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.preview import save_preview
 from mercator_design.sim.simulate import Simulator
 
 ROOT = Path(__file__).parents[1]
-README, PICTURES = ROOT / "README.md", ROOT / "docs" / "pictures" / "missions"
-BEGIN, END = "<!-- gallery: made by docs/gallery.py -->\n\n", "\n<!-- end of the gallery -->\n"
+PICTURES = ROOT / "docs" / "pictures" / "missions"
+GALLERY = MadePart(ROOT / "README.md", "gallery", "gallery.py")
 COLUMNS = 4
 
 
@@ -43,9 +46,7 @@ def main() -> None:
             old.unlink()
     for name in names:
         draw(name, PICTURES / f"{name}.png")
-    before, _, rest = README.read_text().partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_text(README, before + BEGIN + table(names) + END + after)
+    GALLERY.write(table(names))
     size = sum(path.stat().st_size for path in PICTURES.glob("*.png"))
     print(f"{PICTURES}: {len(names)} pictures, {size / 1e3:.0f} kB")
 

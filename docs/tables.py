@@ -1,30 +1,78 @@
 """Writes the tables in the documents that are made from the code. Run: python docs/tables.py"""
 
+import json
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from mercator_design.files import write_text
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
+
+from docs.made_part import MadePart
 from mercator_design.json_schema import json_schema
 from mercator_design.sim.robot_model import RobotModel
 
-DOCUMENT = Path(__file__).parent / "control_software.md"
-BEGIN, END = "<!-- reference model: made by docs/tables.py -->\n", "\n<!-- end of the reference model -->\n"
+DOCS = Path(__file__).parent
+REFERENCE_MODEL = MadePart(DOCS / "control_software.md", "reference model", "tables.py")
+ROBOT_MODEL = MadePart(DOCS / "simulator.md", "robot model", "tables.py")
+
+SCHEMA = json_schema(RobotModel, title="")
+TOLD_ELSEWHERE = {"ReferenceModel", "Gaussian", "Uniform"}
 
 
 def reference_model() -> str:
     """Key, default, unit and meaning of every constant, from the comments behind them."""
-    keys = json_schema(RobotModel, title="")["$defs"]["ReferenceModel"]["properties"]
-    lines = ["| key | default | unit | what |", "|---|---|---|---|"]
-    for key, entry in keys.items():
-        unit, meaning = re.fullmatch(r"(?:\[(.+?)\] )?(.+)", entry["description"]).groups("")
-        lines.append(f"| `{key}` | {entry['default']:.6g} | {unit} | {meaning} |")
-    return "".join(f"{line}\n" for line in ["", *lines])
+    keys = SCHEMA["$defs"]["ReferenceModel"]["properties"]
+    return table([row(f"`{key}`", entry["description"], f"{entry['default']:.6g}") for key, entry in keys.items()])
+
+
+def robot_model() -> str:
+    """The same of every key of a robot model, section by section."""
+    rows = []
+    for key, entry in SCHEMA["properties"].items():
+        sections = [SCHEMA["$defs"][name] for name in records(entry) if name not in TOLD_ELSEWHERE]
+        if not sections:
+            rows.append(row(f"**`{key}`**", entry["description"], default(SCHEMA, key)))
+        for section in sections:
+            tags = [f" `{tag}: {each['const']}`" for tag, each in section["properties"].items() if "const" in each]
+            meaning = section["description"] if tags else entry["description"]
+            rows.append(row("".join([f"**`{key}`**", *tags]), meaning, default(SCHEMA, key)))
+            for name, each in section["properties"].items():
+                if "const" not in each:
+                    rows.append(row(f"`{key}.{name}`", each["description"], default(section, name)))
+    return table(rows)
+
+
+def records(entry: Any) -> Iterator[str]:
+    """The names of the dataclasses that a value may be."""
+    if "$ref" in entry:
+        yield entry["$ref"].rpartition("/")[2]
+    for alternative in [*entry.get("anyOf", []), *entry.get("oneOf", [])]:
+        yield from records(alternative)
+
+
+def default(record: dict[str, Any], key: str) -> str:
+    """What a key is if it is left out; nothing is said of a section whose keys say it."""
+    if key in record["required"] and key != "name":
+        return "required"
+    value = record["properties"][key].get("default")
+    return "" if value == "" or isinstance(value, dict) or key == "name" else json.dumps(value)
+
+
+def row(key: str, description: str, value: str) -> list[str]:
+    unit, meaning = re.fullmatch(r"(?:\[(.+?)\] )?(.+)", description).groups("")
+    return [key, value, unit, meaning]
+
+
+def table(rows: list[list[str]]) -> str:
+    lines = [["key", "default", "unit", "what"], ["---"] * 4, *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def main() -> None:
-    before, _, rest = DOCUMENT.read_text().partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_text(DOCUMENT, before + BEGIN + reference_model() + END + after)
+    REFERENCE_MODEL.write(reference_model())
+    ROBOT_MODEL.write(robot_model())
 
 
 if __name__ == "__main__":

@@ -311,7 +311,7 @@ def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
     Raises:
         TypeError: saying what is wrong.
     """
-    schema.check(kind)
+    schema.check_annotation(kind)
     if default is dataclasses.MISSING:
         return
     try:

@@ -175,7 +175,7 @@ def keywords_of(kind: Kind) -> tuple[str, KeywordsOf] | None:
     return None
 
 
-def check(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
+def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
     """Make sure that loading.py understands an annotation, which may be part of some records.
 
     Raises:
@@ -199,7 +199,7 @@ def check(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
         )
     for part in parts:
         if part is not Ellipsis:
-            check(part, within)
+            check_annotation(part, within)
 
 
 def values_in(

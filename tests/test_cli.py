@@ -342,6 +342,26 @@ class TestValidate:
         assert "valid robot model mercator" in out
         assert "body.mass" in err
 
+    @pytest.mark.parametrize("key", ["body", "drive"])
+    def test_a_robot_model_with_a_misspelt_key_is_one(self, mdesign, tmp_path, key):
+        text = shipped.robot_models()["mercator"].read_text()
+        (tmp_path / "bad.yaml").write_text(text.replace(f"\n{key}:", f"\n{key}x:"))
+        code, _, err = mdesign("validate", tmp_path / "bad.yaml")
+        assert code == 3
+        assert f"{key}x: unknown key; did you mean '{key}'?" in err
+        (tmp_path / "based.yaml").write_text("schema: 1\nbasis: epuck\nneighbours: {range: 0.3}\n")
+        assert (
+            "basis: unknown key; known: schema, name, description, body"
+            in mdesign("validate", tmp_path / "based.yaml")[2]
+        )
+
+    def test_a_mission_with_a_key_of_robot_models_is_a_mission(self, mdesign, tmp_path):
+        text = shipped.missions()["aggregation"].read_text()
+        (tmp_path / "bad.yaml").write_text(f"{text}body: {{shape: disc}}\n")
+        code, _, err = mdesign("validate", tmp_path / "bad.yaml")
+        assert code == 3
+        assert "body: unknown key; known: schema, name, description, source, robots" in err
+
     def test_what_makes_no_difference_is_told(self, mdesign, tmp_path):
         robot, mission = tmp_path / "far.yaml", tmp_path / "colours.yaml"
         robot.write_text("schema: 1\nbase: epuck\nneighbours: {range: 2}\n")
@@ -511,6 +531,15 @@ class TestSchema:
         assert own["properties"]["start"]["description"] == "[m] from where distances count"
 
 
+def test_help_without_arguments_is_a_page(mdesign):
+    code, out, err = mdesign()
+    lines = (out or err).splitlines()
+    assert code in {0, 2}  # as the version of click has it
+    assert lines[0].startswith("Usage: mdesign")
+    assert {"race", "evaluate", "robots"} <= {line.split()[0] for line in lines if line.startswith("  ")}
+    assert "\\n" not in out + err
+
+
 def test_help_needs_no_heavy_module():
     script = (
         "import sys; from mercator_design.cli import cli; cli(['--help'], standalone_mode=False);"
@@ -555,7 +584,7 @@ class TestRecord:
         assert list(table.columns) == [
             *["time", "robot", "x", "y", "heading", "state", "imu_0", "imu_1", "imu_2", "wheels_0", "wheels_1"]
         ]
-        assert table.time.unique().tolist() == [0.1, 0.6, 1.1, 1.6]
+        assert table.time.unique().tolist() == [0.5, 1.0, 1.5, 2.0]
         assert len(table) == 4 * 3
 
     def test_arrays(self, mdesign, tmp_path):
@@ -565,7 +594,17 @@ class TestRecord:
         with np.load(tmp_path / "trace.npz") as arrays:
             assert arrays["lidar"].shape == (2, 3, 719)
             assert arrays["pose"].shape == (2, 3, 3)
-            assert arrays["time"].tolist() == [0.1, 1.1]
+            assert arrays["time"].tolist() == [1.0, 2.0]
+
+    @pytest.mark.parametrize(("every", "times"), [(8, [0.8, 1.6, 2.0]), (20, [2.0]), (1000, [2.0])])
+    def test_the_last_cycle_is_always_there(self, mdesign, tmp_path, every, times):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "aggregation", "--set", "duration=2"]
+        for n, name in ((1, "all.csv"), (every, "some.csv")):
+            assert mdesign("record", tmp_path / "fsm.txt", *options, "--every", n, "-o", tmp_path / name)[0] == 0
+        whole, some = pd.read_csv(tmp_path / "all.csv"), pd.read_csv(tmp_path / "some.csv")
+        assert some.time.unique().tolist() == times
+        assert some.equals(whole[whole.time.isin(times)].reset_index(drop=True))
 
     def test_what_is_too_large_is_said_before_the_experiment(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.setattr(Simulator, "run", None)
@@ -619,7 +658,9 @@ class TestRobots:
     def test_list(self, mdesign):
         code, out, _ = mdesign("robots", "list")
         assert code == 0
-        assert [line.split()[0] for line in out.splitlines()] == list(shipped.robot_models())
+        names = [line.split()[0] for line in out.splitlines()]
+        assert names == list(shipped.robot_models()) == sorted(names)
+        assert mdesign("robots") == (0, out, "")
 
     def test_show(self, mdesign):
         code, out, _ = mdesign("robots", "show", "epuck")

@@ -2,20 +2,22 @@
 
 import dataclasses
 import re
-import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from docs import tables
+from docs.made_part import MadePart
+from mercator_design.cli.record import record
 from mercator_design.fsm import ReferenceModel, parse
 from mercator_design.sim.devices import DEVICES
-from mercator_design.sim.robot_model import Gaussian, LightCamera, load_robot_model
+from mercator_design.sim.robot_model import Gaussian, load_robot_model
 from tests.sim.worlds import at, simulator
 
 ROOT = Path(__file__).parents[1]
-TABLES = runpy.run_path(str(ROOT / "docs" / "tables.py"))
-MERCATOR = dataclasses.replace(load_robot_model("mercator"), light=LightCamera(height=0.154, range=10.0))
+RING = dataclasses.replace(load_robot_model("epuck").light, noise=None)
+MERCATOR = dataclasses.replace(load_robot_model("mercator"), light=RING)
 SIMULATOR = (ROOT / "docs" / "simulator.md").read_text()
 ROWS = {
     row.split("|")[1].strip(" `"): [cell.strip() for cell in row.split("|")[2:-1]]
@@ -25,15 +27,47 @@ ROWS = {
 
 
 def test_the_table_of_the_reference_model_is_the_codes():
-    text = TABLES["DOCUMENT"].read_text()
-    shown = text.partition(TABLES["BEGIN"])[2].partition(TABLES["END"])[0]
-    assert shown == TABLES["reference_model"](), "run python docs/tables.py"
+    shown = tables.REFERENCE_MODEL.read()
+    assert shown == tables.reference_model(), "run python docs/tables.py"
     assert re.findall(r"^\| `(\w+)` \|", shown, re.MULTILINE) == list(ReferenceModel._fields)
     assert f"| `neighbour_range` | {ReferenceModel().neighbour_range:g} | m | within which" in shown
 
 
+def test_the_table_of_robot_models_is_the_codes():
+    shown = tables.ROBOT_MODEL.read()
+    assert shown == tables.robot_model(), "run python docs/tables.py"
+    assert re.findall(r"^\| \*\*`(\w+)`", shown, re.MULTILINE)[3:6] == ["body", "body", "drive"]
+    for row in ("`body.radius` | required | m |", "`ground.gray` | false |", "`lidar.range` | [0.1, 12.0] | m |"):
+        assert f"| {row}" in shown
+
+
+class TestMadeParts:
+    def test_what_is_around_stays(self, tmp_path):
+        file = tmp_path / "a.md"
+        file.write_text("before\n\n<!-- list: made by docs/x.py -->\n\nold\n\n<!-- end of the list -->\nafter\n")
+        part = MadePart(file, "list", "x.py")
+        assert part.read() == "old\n"
+        part.write("new\nones\n")
+        assert part.read() == "new\nones\n"
+        assert file.read_text().startswith("before\n\n<!-- list")
+        assert file.read_text().endswith("list -->\nafter\n")
+
+    @pytest.mark.parametrize("text", ["", "<!-- list: made by docs/x.py -->\n\n", "\n<!-- end of the list -->\n"])
+    def test_one_that_is_missing_is_not_made_up(self, tmp_path, text):
+        file = tmp_path / "a.md"
+        file.write_text(text)
+        with pytest.raises(ValueError, match=r"a.md: expected a part between <!-- list: made by"):
+            MadePart(file, "list", "x.py").write("new\n")
+        assert file.read_text() == text
+
+
 def test_every_device_has_its_row():
     assert list(ROWS) == list(DEVICES)
+
+
+def test_the_help_of_record_names_every_device():
+    named = re.search(r"Devices: (.*?)\.", record.help, re.DOTALL)
+    assert re.split(r",\s+", named[1]) == list(DEVICES)
 
 
 def keys(cell):
@@ -85,7 +119,7 @@ class TestDevices:
         """The keys named do, on robots that move alike."""
         *_, noise = ROWS[device]
         quiet = plain.measure(device)
-        named = [key for key in keys(noise) if device != "neighbours" or not key.startswith("lidar")]
+        named = [key for key in keys(noise) if not (device.startswith("neighbour") and key.startswith("lidar"))]
         assert named or noise == "none"
         for key in named:
             noisy = recorded(changed(MERCATOR, key)).measure(device)

@@ -1,21 +1,19 @@
 """Pictures of missions: what is where, in which file, and that there is one of each shipped mission."""
 
-import runpy
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
 
+from docs import gallery
 from mercator_design import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.report.preview import preview, save_preview
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
-ROOT = Path(__file__).parents[1]
 LABYRINTH = """
 schema: 1
 robots: 2
@@ -137,6 +135,18 @@ def test_the_start_area_is_the_placements_within_the_walls(labyrinth):
     assert np.hypot(*start_area(preview(wide, seed=1).axes[0]).T).max() == pytest.approx(1.226, abs=0.06)
 
 
+def test_the_start_area_has_its_corners(labyrinth):
+    """Of the rectangle, within 1 cm in an arena of 4 m."""
+    area = start_area(preview(labyrinth, seed=1).axes[0])
+    for corner in ((-1.1, -0.85), (-0.1, -0.85), (-1.1, 0.05), (-0.1, 0.05)):
+        assert np.linalg.norm(area - corner, axis=1).min() < 0.01
+
+
+def test_the_title_is_as_in_yaml():
+    figure = preview(Simulator(load_mission("aac", ["objective.share=true"])), seed=1)
+    assert any("when: always; share: true" in text.get_text() for text in figure.texts)
+
+
 def test_fixed_poses_have_no_start_area():
     mission = load_mission("aggregation", ["placement={shape: poses, poses: [[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]}"])
     assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
@@ -195,16 +205,12 @@ class TestFiles:
 
 
 class TestGallery:
-    gallery = runpy.run_path(str(ROOT / "docs" / "gallery.py"))
-
     def test_the_readme_shows_every_shipped_mission(self):
-        text = self.gallery["README"].read_text()
-        shown = text.partition(self.gallery["BEGIN"])[2].partition(self.gallery["END"])[0]
-        assert shown == self.gallery["table"](list(shipped.missions())), "run python docs/gallery.py"
+        assert gallery.GALLERY.read() == gallery.table(list(shipped.missions())), "run python docs/gallery.py"
 
     def test_every_shipped_mission_has_a_picture_and_no_other_has(self):
-        assert {file.stem for file in self.gallery["PICTURES"].iterdir()} == set(shipped.missions())
-        assert sum(file.stat().st_size for file in self.gallery["PICTURES"].iterdir()) < 1_500_000
+        assert {file.stem for file in gallery.PICTURES.iterdir()} == set(shipped.missions())
+        assert sum(file.stat().st_size for file in gallery.PICTURES.iterdir()) < 1_500_000
 
     @pytest.mark.parametrize(
         "name",
@@ -215,8 +221,8 @@ class TestGallery:
     )
     def test_it_is_drawn_as_the_mission_is_now(self, name, tmp_path):
         """But for the edges of letters and lines, in which versions of the libraries may differ."""
-        self.gallery["draw"](name, tmp_path / "now.png")
-        with Image.open(tmp_path / "now.png") as now, Image.open(self.gallery["PICTURES"] / f"{name}.png") as kept:
+        gallery.draw(name, tmp_path / "now.png")
+        with Image.open(tmp_path / "now.png") as now, Image.open(gallery.PICTURES / f"{name}.png") as kept:
             assert now.size == kept.size
             coarse = [np.asarray(picture.convert("RGB").reduce(8), int) for picture in (now, kept)]
         assert np.mean(np.abs(coarse[0] - coarse[1]).max(axis=-1) > 48) < 0.005, "run python docs/gallery.py"

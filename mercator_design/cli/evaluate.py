@@ -4,17 +4,14 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
-from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, PLUGIN, SEED, SET
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 
 
 @click.command()
 @click.argument("fsm", type=FILE)
-@click.option(
-    "--mission",
-    help="YAML file or name of a shipped mission.  [default: the one that FSM's header says it was designed for]",
-)
+@MISSION
 @click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
 @SEED
 @click.option(
@@ -26,7 +23,7 @@ from mercator_design.cli.terminal import Interrupt, tell
     help="Run on the instance of this seed, instead of on fresh ones. May be repeated.",
 )
 @JOBS
-@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@ROBOT_MODEL
 @FLAVOUR
 @LENIENT
 @SET
@@ -63,7 +60,7 @@ def evaluate(
     file = read_controller(fsm, flavour, lenient=lenient)
     loaded = mission_of(fsm, file, mission, overrides)
     simulator = new_simulator(loaded, robot_model)
-    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
+    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
     simulator.rehearse(announce=tell)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:

@@ -10,9 +10,6 @@ from mercator_design.cli.terminal import warn
 from mercator_design.errors import FsmError, MissionError, excerpt
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from mercator_design.fsm.modules import Module
     from mercator_design.fsm.text import FsmFile
     from mercator_design.missions.mission import Mission
     from mercator_design.sim.simulate import Simulator
@@ -31,13 +28,6 @@ def new_simulator(mission: "Mission", robot_model: str | None) -> "Simulator":
     from mercator_design.sim.simulate import Simulator
 
     return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
-
-
-def doubt(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
-    """Tell of what makes no difference when a mission's robots run modules of a flavour."""
-    from mercator_design.sim.doubts import doubts
-
-    warn(doubts(simulator.mission, simulator.robot_model, flavour, modules))
 
 
 def mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":

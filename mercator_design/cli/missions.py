@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mercator_design.cli.inputs import new_simulator
-from mercator_design.cli.options import PLUGIN, SEED, SET
+from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, seed_of
 from mercator_design.cli.terminal import naming, terminal_width
 from mercator_design.errors import MercatorError, MissionError
 
@@ -70,14 +70,8 @@ def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path |
     callback=_picture,
     help="Picture to write, .png or .svg.  [default: MISSION.png in this folder]",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**63 - 1),
-    default=1,
-    show_default=True,
-    help="Instance to show: where the robots start, and the colours of tiles.",
-)
-@click.option("--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]")
+@seed_of("Instance to show: where the robots start, and the colours of tiles.")
+@ROBOT_MODEL
 @SET
 @PLUGIN
 def preview(mission: str, output: Path | None, seed: int, robot_model: str | None, overrides: tuple[str, ...]) -> None:

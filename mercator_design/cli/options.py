@@ -1,5 +1,6 @@
 """Options that several verbs have."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -15,13 +16,21 @@ SET = click.option(
     metavar="KEY=VALUE",
     help="Override a key of the mission, e.g. robots=20 or floor.zones[0].radius=0.3. May be repeated.",
 )
-SEED = click.option(
-    "--seed",
-    type=click.IntRange(0, 2**63 - 1),
-    default=1,
-    show_default=True,
-    help="Master seed of all randomness.",
+MISSION = click.option(
+    "--mission",
+    help="YAML file or name of a shipped mission.  [default: the one that FSM's header says it was designed for]",
 )
+ROBOT_MODEL = click.option(
+    "--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]"
+)
+
+
+def seed_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --seed, with what it is the seed of."""
+    return click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help=text)
+
+
+SEED = seed_of("Master seed of all randomness.")
 JOBS = click.option(
     "-j",
     "--jobs",

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from mercator_design.cli.inputs import doubt
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
@@ -266,7 +265,7 @@ def _new_folder(
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
-    doubt(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
+    warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, **how}
     return RunFolder.create(output or _free_folder(simulator.mission.name), designer, request=request)

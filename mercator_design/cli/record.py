@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import doubt, mission_of, new_simulator, read_controller
-from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN, SEED, SET
-from mercator_design.cli.terminal import naming, tell
+from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
+from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
+from mercator_design.cli.terminal import naming, tell, warn_of_doubts
 from mercator_design.errors import printable
 
 
@@ -19,11 +19,15 @@ from mercator_design.errors import printable
     "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
 )
 @click.option(
-    "--every", type=click.IntRange(1, 10**9), default=1, show_default=True, help="Record every so many-th cycle."
+    "--every",
+    type=click.IntRange(1, 10**9),
+    default=1,
+    show_default=True,
+    help="Record every so many-th cycle, and the last.",
 )
-@click.option("--mission", help="As for evaluate.")
-@SEED
-@click.option("--robot-model", help="As for evaluate.")
+@MISSION
+@seed_of("Of the experiment itself: one of the `seeds` that evaluate --json lists.")
+@ROBOT_MODEL
 @FLAVOUR
 @LENIENT
 @SET
@@ -42,7 +46,9 @@ def record(
 ) -> None:
     """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
 
-    --seed is the instance's own, as evaluate --json lists them.
+    Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
+    proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
+    quaternion. docs/simulator.md says what each measures.
     """
     from mercator_design.files import replacing
     from mercator_design.report.recording import FORMATS, check_size, write_recording
@@ -59,7 +65,7 @@ def record(
     file = read_controller(fsm, flavour, lenient=lenient)
     loaded = mission_of(fsm, file, mission, overrides)
     simulator = new_simulator(loaded, robot_model)
-    doubt(simulator, file.pfsm.flavour, file.pfsm.modules)
+    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
     check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)

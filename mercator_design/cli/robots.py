@@ -6,9 +6,15 @@ from mercator_design.cli.terminal import terminal_width
 from mercator_design.errors import MissionError
 
 
-@click.group()
-def robots() -> None:
-    """List and show the shipped robot models."""
+@click.group(invoke_without_command=True)
+@click.pass_context
+def robots(context: click.Context) -> None:
+    """List and show the shipped robot models.
+
+    Without a command it lists them.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_robots)
 
 
 @robots.command("list")

@@ -7,11 +7,15 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import click
 
 from mercator_design.errors import MercatorError, printable
+
+if TYPE_CHECKING:
+    from mercator_design.fsm.modules import Module
+    from mercator_design.sim.simulate import Simulator
 
 
 def tell(message: str) -> None:
@@ -23,6 +27,13 @@ def warn(doubts: Iterable[str]) -> None:
     """Say what may not be meant."""
     for doubt in doubts:
         tell(f"Warning: {doubt}")
+
+
+def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
+    """Say what makes no difference when a mission's robots run modules of a flavour."""
+    from mercator_design.sim.doubts import doubts
+
+    warn(doubts(simulator.mission, simulator.robot_model, flavour, modules))
 
 
 def terminal_width() -> int | None:

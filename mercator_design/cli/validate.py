@@ -42,7 +42,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
         from mercator_design.sim.robot_model import load_robot_model
 
-        if str(file) in shipped.robot_models() or _has_key(file, "body") or _has_key(file, "base"):
+        if str(file) in shipped.robot_models() or _is_robot_model(file):
             model = load_robot_model(str(file))
             warn(doubts_of_model(model))
             return f"valid robot model {model.name}"
@@ -56,15 +56,20 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 
 
-def _has_key(file: Path, key: str) -> bool:
-    """Whether a YAML file has a key at its top, and so is of that kind."""
+def _is_robot_model(file: Path) -> bool:
+    """Whether more of a YAML file's keys are of robot models only than of missions only, misspelt ones aside."""
+    from mercator_design.missions.mission import Mission
+    from mercator_design.schema import fields_of
+    from mercator_design.sim.robot_model import RobotModel
     from mercator_design.yaml_tree import Fault, compose, read_text
 
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:
         return False
-    return isinstance(content, dict) and key in content
+    keys = content.keys() if isinstance(content, dict) else set()
+    model, mission = {"base", *fields_of(RobotModel)}, set(fields_of(Mission))
+    return len(keys & (model - mission)) > len(keys & (mission - model))
 
 
 def _count(number: int, what: str) -> str:

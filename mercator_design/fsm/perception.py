@@ -109,7 +109,7 @@ def perceive(
     pull_y = 0.0
     for i in range(n_neighbours):
         gap = max(0.0, distances[i] - model.neighbour_gap)
-        weight = 1.0 / (model.neighbour_offset + model.neighbour_scale * gap)
+        weight = 1.0 / max(1e-6, model.neighbour_offset + model.neighbour_scale * gap)
         pull_x += weight * bearings_x[i]
         pull_y += weight * bearings_y[i]
         if distances[i] <= model.neighbour_obstacle_range:

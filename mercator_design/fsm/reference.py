@@ -41,8 +41,9 @@ class Wheels(NamedTuple):
 class ReferenceModel(NamedTuple):
     """The constants of perception, behaviours and conditions; a robot model may set each.
 
-    Defaults are AutoMoDe-Watermelon as its paper describes it, with the simulated original's rules where the paper
-    is silent. The differences between published variants are numbers in this table, never a second copy of a module.
+    Defaults are AutoMoDe-Watermelon as its paper describes it, with the original's rules where the paper is silent or,
+    for the reasons in docs/adr/0003, not followed. The differences between published variants are numbers in this
+    table, never a second copy of a module.
     """
 
     # Proximity: a distance d [m] in [near, range] weighs, at least 0,
@@ -58,9 +59,9 @@ class ReferenceModel(NamedTuple):
     proximity_exponential: Constant = 0.0  # multiplied by exp(-d / proximity_decay), then added to the weight
     proximity_decay: Positive = 1.0  # [m] after which what is exponential has fallen to 1/e
 
-    # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)).
+    # Neighbours: one at distance d < range weighs 1 / (offset + scale * (d - gap)), but 1e6 at most.
     neighbour_range: Positive = 0.75  # [m] within which a robot counts as a neighbour
-    neighbour_offset: Positive = 1.0  # one over the weight of a neighbour at neighbour_gap
+    neighbour_offset: NonNegative = 1.0  # one over the weight of a neighbour at neighbour_gap; 0: the paper's alpha / d
     neighbour_scale: NonNegative = 1.0  # [1/m] by which one over the weight grows with the distance; 100: cm are meant
     neighbour_gap: NonNegative = 0.0  # [m] between the middles of robots that touch, where distances count from there
     neighbour_memory: Cycles = 0.0  # [cycles] for which a robot still pulls after it was perceived

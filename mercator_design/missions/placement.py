@@ -62,6 +62,11 @@ class DiscPlacement:
         angle = 2.0 * math.pi * u[1]
         return np.column_stack([self.center[0] + radius * np.cos(angle), self.center[1] + radius * np.sin(angle)])
 
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Of points (n, 2), whatever the half plane."""
+        distances = np.linalg.norm(points - self.center, axis=1)
+        return np.asarray((self.inner_radius <= distances) & (distances <= self.radius), dtype=np.bool_)
+
     def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
         """At most n poses (poses, 3) for a robot; new ones at each call."""
         return _poses(self, rng, n)
@@ -84,6 +89,10 @@ class RectanglePlacement:
         """As in `DiscPlacement`."""
         (x, y), (width, height) = self.center, self.size
         return np.column_stack([x + width * (u[0] - 0.5), y + height * (u[1] - 0.5)])
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """As in `DiscPlacement`."""
+        return np.asarray((np.abs(points - self.center) <= 0.5 * np.array(self.size)).all(axis=1), dtype=np.bool_)
 
     def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
         """As in `DiscPlacement`."""
@@ -114,6 +123,10 @@ class DrawnPlacement:
         points = np.array([region.points(u) for region in self.regions], dtype=np.float64)
         return np.asarray(points[which, np.arange(len(which))], dtype=np.float64)
 
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """As in `DiscPlacement`."""
+        return np.asarray(np.any([region.contains(points) for region in self.regions], axis=0), dtype=np.bool_)
+
     def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
         """As in `DiscPlacement`."""
         return _poses(self, rng, n)
@@ -135,6 +148,12 @@ class FixedPlacement:
 
 Region: TypeAlias = DiscPlacement | RectanglePlacement | DrawnPlacement
 Placement: TypeAlias = Region | FixedPlacement
+
+
+def covers(placement: Region, points: Array) -> NDArray[np.bool_]:
+    """Which of some points (n, 2) a robot may start on, whatever the walls."""
+    inside = placement.contains(points)
+    return inside if placement.half_plane is None else inside & placement.half_plane.contains(points)
 
 
 def _poses(placement: Region, rng: np.random.Generator, n: int) -> Array:

@@ -148,9 +148,9 @@ def loaded_plugins() -> dict[str, str]:
     return {path.name: digest for path, digest in _loaded.items()}
 
 
-def plugin_files() -> tuple[Path, ...]:
-    """The files loaded so far."""
-    return tuple(_loaded)
+def plugin_files() -> list[Path]:
+    """The files loaded so far, in their order."""
+    return list(_loaded)
 
 
 def load_plugin(path: str | Path) -> None:

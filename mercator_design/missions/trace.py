@@ -18,8 +18,13 @@ from mercator_design.missions.plugins import When, Zones
 Flags = NDArray[np.bool_]
 
 
+def every_nth(cycles: int, n: int) -> NDArray[np.int64]:
+    """Which of some cycles, counted from 0, every n-th is: the n-th, the 2n-th and so on, and always the last."""
+    return np.append(np.arange(n - 1, cycles - 1, n), cycles - 1)
+
+
 class Measure(Protocol):
-    """What a device measured, (cycles, robots, ...), in every so many-th cycle from the first on."""
+    """What a device measured, (cycles, robots, ...), in the cycles of `every_nth`."""
 
     def __call__(self, device: str, /, every: int = 1) -> Array: ...
 

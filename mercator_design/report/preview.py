@@ -1,11 +1,12 @@
 """A mission as a picture, seen from above: floor, walls, obstacles, lights, where robots may start, and one start.
 
-Nothing here knows kinds of zones or bodies: the floor is what `colours_at` says point by point, the start area is where
-a placement's candidates fall (fixed poses have none), and robots stand where an instance puts them. The same mission,
+Nothing here knows kinds of zones or bodies: the floor is what `colours_at` says point by point, the start area what a
+placement says (fixed poses have none), and robots stand where an instance puts them. The same mission,
 seed and versions of the libraries give the same file to the last byte.
 """
 
 import io
+import json
 import math
 import textwrap
 from collections.abc import Iterator
@@ -29,17 +30,16 @@ from mercator_design.missions.arena import Array, Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.placement import FixedPlacement
-from mercator_design.seeds import generator
+from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
 _WIDTH = 4.6  # of the picture [inches]
 _DPI = 160  # of a PNG
-_PIXELS = 800  # of the floor, along its longer side
+_PIXELS = 800  # of the floor and the start area, along their longer side
+_BESIDE = 0.01  # of the arena's longer side, by which the start area's border keeps from the walls to be seen
 _FINER = 2  # points looked at along a pixel's side
-_CELLS = 200  # of the grid on which the start area is found, along the arena's longer side
-_CANDIDATES, _ROUNDS = 200_000, 30
+_CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
@@ -96,7 +96,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     _draw_arena(axes, mission)
     _draw_floor(axes, mission, instance)
-    if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission):
+    if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission, mission.placement):
         line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
         place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
         figure.legend(
@@ -134,7 +134,9 @@ def _written(value: object) -> str:
         return ", ".join(f"{key} {_written(item)}" for key, item in value.items())
     if isinstance(value, tuple):
         return ", ".join(_written(item) for item in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    return json.dumps(value) if value is None or isinstance(value, bool) else str(value)  # as in YAML
 
 
 def _round_up(step: float) -> float:
@@ -203,37 +205,19 @@ def _arena_clip(axes: Axes, mission: Mission) -> Area:
     return Area(mission.arena.corners(), transform=axes.transData)
 
 
-def _draw_start_area(axes: Axes, mission: Mission) -> bool:
-    """The border of where the placement's candidates fall, within the arena; False if that is too small to show."""
-    points = _candidates(mission)
-    grid = _within(mission, max(10, min(_CELLS, math.isqrt(len(points) // 5))))
-    left, right, bottom, top = _bounds(grid)
-    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=grid.shape[:2], range=((bottom, top), (left, right)))
-    covered = ndimage.binary_closing(np.pad(counts > 0, 2))  # no holes by luck
-    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])[::-1]
-    covered &= ndimage.binary_erosion(np.pad(inside, 2), iterations=2)  # seen beside the walls
-    smooth = ndimage.gaussian_filter(covered.astype(float), 1.5)
+def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
+    """The border of where the robots may start, within the arena; False if that is too small to show."""
+    grid = _within(mission, _PIXELS)
+    covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    inside = np.array([mission.arena.contains(row) for row in grid])  # many walls: all rows at once fill the memory
+    depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+    smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * _PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
-    rows, columns = smooth.shape
-    cell = (right - left) / grid.shape[1]
-    x, y = left + cell * (np.arange(columns) - 1.5), bottom + cell * (np.arange(rows) - 1.5)
+    x, y = grid[0, :, 0], grid[:, 0, 1]
     for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
         axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
     return True
-
-
-def _candidates(mission: Mission) -> Array:
-    """Places (n, 2) within the arena that the placement proposes; the more are tried, the fewer lie there."""
-    random = generator(0, "preview")
-    each = max(1, _CANDIDATES // mission.robots)
-    found: list[Array] = []
-    for _ in range(_ROUNDS):
-        poses = np.vstack([mission.placement.candidates(random, robot, each) for robot in range(mission.robots)])
-        found.append(poses[mission.arena.contains(poses[:, :2]), :2])
-        if sum(map(len, found)) >= _CANDIDATES // 2:
-            break
-    return np.vstack(found)
 
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:

@@ -6,6 +6,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.missions.trace import every_nth
 from mercator_design.sim import devices as sim_devices
 from mercator_design.sim.devices import Recording
 
@@ -36,16 +37,16 @@ def write_recording(file: BinaryIO, recording: Recording, devices: Sequence[str]
         file: To write to.
         recording: Of an experiment run with `record=True`.
         devices: Names of sim.devices.DEVICES.
-        every: Which cycles: every so many-th, from the first on.
+        every: Which cycles: every so many-th, and the last.
         suffix: Of FORMATS.
 
     Raises:
-        SimulationError: as `check_size`.
+        SimulationError: as `Recording.measure`.
     """
-    check_size(recording, devices, cycles=len(recording.history.states), every=every)
+    cycles = every_nth(len(recording.history.states), every)
     arrays: dict[str, NDArray[np.generic]] = {
-        "pose": recording.history.poses[1::every],
-        "state": recording.history.states[::every],
+        "pose": recording.history.poses[1:][cycles],
+        "state": recording.history.states[cycles],
     }
     arrays |= {name: recording.measure(name, every) for name in devices}
     if suffix == ".npz":

@@ -10,6 +10,7 @@ from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.plugins import plugin_files
 from mercator_design.race import IterationSummary
 from mercator_design.sim.simulate import Simulator
 
@@ -29,6 +30,7 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
     objective, scores = mission.objective, design.scores
     all_equal = len({one.score for one in design.finished}) == 1
     failed = sum(one.score is None for one in design.finished)
+    plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
@@ -48,7 +50,7 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
         f"Winner     configuration {design.configuration}, score {scores.mean:.4g} ± "
         f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances; "
         "measure it on fresh ones:",
-        f"           mdesign evaluate {shlex.quote(str(folder / 'fsm.txt'))}",
+        f"           {shlex.join(['mdesign', 'evaluate', str(folder / 'fsm.txt'), *plugins])}",
         *(f"           {line}" for line in describe(design.winner)),
         "",
         to_text(design.winner),

@@ -1,8 +1,8 @@
 """What the robot's devices measured and did in an experiment, computed afterwards from where the robots were.
 
-No module reads these as they are, so an experiment does not compute them: whoever asks for one pays for it. (A lidar by
-which robots perceive each other is computed in the experiment too, and reads the same there.) Noise is a
-function of device, cycle and value (noise.py), so that what is computed later is what would have been measured.
+No module reads these as they are, so an experiment does not keep them: whoever asks for one pays for it. Noise is a
+function of device, cycle and value (noise.py), so that what is computed later is what would have been measured; or what
+was, where modules read something made of it, which comes from the same kernels.
 Sources: the Mercator paper, sections 4.2 and 4.3; where it is silent or differs, the plugin argos3-rvr.
 """
 
@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import SimulationError
-from mercator_design.fsm.reference import Readings
-from mercator_design.jit import compiled
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.jit import compiled, jittable
+from mercator_design.missions.dynamics import change_floor
+from mercator_design.missions.trace import every_nth
 from mercator_design.sim.lidar import scan
 from mercator_design.sim.noise import (
     ACCELEROMETER_DRAWS,
@@ -31,11 +34,26 @@ from mercator_design.sim.noise import (
     VELOCITY_DRAWS,
     noise,
 )
-from mercator_design.sim.robot_model import AmbientLight, Device, Ground, Leds, Lidar, Proximity, RobotModel
+from mercator_design.sim.robot_model import (
+    AmbientLight,
+    Device,
+    DeviceWithAxes,
+    Drive,
+    Ground,
+    Leds,
+    Lidar,
+    LidarNeighbours,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Proximity,
+    RobotModel,
+)
 from mercator_design.sim.scene import Scene
+from mercator_design.sim.sensing import ground_under, sense_light, sense_obstacles, sense_robots
 from mercator_design.sim.sight import cast, is_lit
 from mercator_design.sim.staging import noise_row
-from mercator_design.sim.swarm import History
+from mercator_design.sim.swarm import History, Swarm, new_swarm
 
 Floats = NDArray[np.float64]
 Cycles = NDArray[np.int64]
@@ -53,13 +71,13 @@ class Recording:
     """One experiment, of which devices can be read: `recording.measure("imu")`."""
 
     robot_model: RobotModel
-    scene: Scene
+    scene: Scene  # with the floor of the start
     history: History
     noise_keys: NDArray[np.uint64]  # (robots,)
     control_period: float  # [s]
 
     def measure(self, name: str, every: int = 1) -> Floats:
-        """What a device measured or did at the end of every so many-th cycle, from the first on.
+        """What a device measured or did at the end of every so many-th cycle, and of the last.
 
         Args:
             name: Of DEVICES.
@@ -83,8 +101,8 @@ class Recording:
     def _measured(self, name: str, cycles: Cycles) -> Floats:
         if name not in DEVICES:
             raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
-        sensor = getattr(self.robot_model, name.removesuffix("_points"), None)
-        if sensor is None and name != "wheels":
+        sensor = getattr(self.robot_model, PARTS.get(name, name))
+        if sensor is None or (name == "light_sensors" and isinstance(sensor, LightCamera)):
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
         with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
             return DEVICES[name](self, sensor, cycles)
@@ -97,7 +115,7 @@ class Recording:
     def _cycles(self, every: int) -> Cycles:
         if every < 1:
             raise SimulationError(f"every: expected a whole number >= 1, found {every}")
-        return np.arange(0, len(self.history.states), every)
+        return every_nth(len(self.history.states), every)
 
     @property
     def headings(self) -> Floats:
@@ -126,7 +144,7 @@ def check_size(what: str, values: int) -> None:
         )
 
 
-def wheels(recording: Recording, _none: None, cycles: Cycles) -> Floats:
+def wheels(recording: Recording, _drive: Drive, cycles: Cycles) -> Floats:
     """Speed of the left and right tread [m/s], with the drive's noise, as set at the end of each cycle."""
     return recording.recorded("commands")[cycles]
 
@@ -136,9 +154,37 @@ def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
     return recording.recorded("readings")[cycles][..., _columns("ground_red", "ground_green", "ground_blue")]
 
 
+def ground_sensors(recording: Recording, sensors: Ground, cycles: Cycles) -> Floats:
+    """Red, green, blue that each sensor measured (cycles, robots, sensors, 3), 0 to 255; equal if it is `gray`."""
+    found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.positions), 3))
+    scene = recording.scene._replace(floor=recording.scene.floor.copy())
+    poses = _placed(recording, np.arange(cycles.max(initial=-1) + 1))  # all, for the floor may change in each
+    compiled(_fill_ground)(scene, _scratch(recording), poses, cycles, found)
+    return found
+
+
 def neighbours(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     """How many neighbours counted, and the vector to them, forwards and to the left: what controllers read."""
     return recording.recorded("readings")[cycles][..., _columns("neighbours", "neighbours_x", "neighbours_y")]
+
+
+def neighbour_places(recording: Recording, sensor: Neighbours | LidarNeighbours, cycles: Cycles) -> Floats:
+    """Distance [m] and bearing [rad] of each neighbour perceived in a cycle; NaN where there is none.
+
+    By a camera (cycles, robots, robots, 2): of robot j in row j. By the lidar (cycles, robots, most clusters, 2): of
+    the clusters, in the order of their beams, which end where a row is NaN.
+    """
+    scene, model, robots = recording.scene, recording.robot_model.reference_model, len(recording.noise_keys)
+    if isinstance(sensor, LidarNeighbours):
+        scans = lidar(recording, None, cycles)
+        found = np.full((len(cycles), robots, int(scans.shape[2] / max(1.0, model.cluster_points)), 2), np.nan)
+        compiled(_fill_clusters)(scene, model, _scratch(recording), scans, found)
+        return found
+    found = np.full((len(cycles), robots, robots, 2), np.nan)
+    # A memory of one cycle, which says where each robot is.
+    scratch = _scratch(recording)._replace(heard=np.zeros((robots, robots, 1, 3)))
+    compiled(_fill_places)(scene, model, scratch, _placed(recording, cycles), cycles, found)
+    return found
 
 
 def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
@@ -146,14 +192,22 @@ def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     return recording.recorded("readings")[cycles][..., _columns("light_x", "light_y")]
 
 
-def velocity(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
-    """Commanded velocity in the start's frame (eqs. 1-5) [m/s]; forwards is y, as for the RVR."""
-    return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording)[cycles])
+def light_sensors(recording: Recording, ring: LightRing, cycles: Cycles) -> Floats:
+    """What each sensor of the ring read (cycles, robots, sensors), 0 to 1."""
+    found = np.zeros((len(cycles), len(recording.noise_keys), len(ring.angles)))
+    model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
+    compiled(_fill_light_sensors)(recording.scene, model, _scratch(recording), poses, cycles, found)
+    return found
 
 
-def accelerometer(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def velocity(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
+    """Commanded velocity in the start's frame (eqs. 3-5) [m/s], of which one axis points forwards."""
+    return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording, sensor)[cycles])
+
+
+def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
     """Change of that velocity over a cycle along x and y, and gravity along z (eqs. 6-9) [g]."""
-    moved = _velocities(recording)
+    moved = _velocities(recording, sensor)
     changes = np.diff(moved, axis=0, prepend=0.0) / (recording.control_period * _GRAVITY)
     upright = np.concatenate([changes, np.ones((*changes.shape[:2], 1))], axis=2)
     return _finished(recording, sensor, ACCELEROMETER_DRAWS, cycles, upright[cycles])
@@ -204,7 +258,15 @@ def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Float
     return np.where(hit, np.clip(disturbed, 0.0, None), np.where(found < nearest, -np.inf, np.inf))
 
 
-def lidar(recording: Recording, _sensor: Lidar, cycles: Cycles) -> Floats:
+def proximity_weights(recording: Recording, sensors: Proximity, cycles: Cycles) -> Floats:
+    """How much what each sensor saw counted (cycles, robots, sensors): what an infra-red sensor reads."""
+    found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
+    model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
+    compiled(_fill_weights)(recording.scene, model, _scratch(recording), poses, cycles, found)
+    return found
+
+
+def lidar(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     """Distances (cycles, robots, beams) [m]; 0 where nothing is in range (4.2.10)."""
     beams = len(recording.scene.lidar.beams_x)
     found = np.zeros((len(cycles), len(recording.noise_keys), beams))
@@ -237,9 +299,13 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
             wheels,
             leds,
             ground,
+            ground_sensors,
             neighbours,
+            neighbour_places,
             light,
+            light_sensors,
             proximity,
+            proximity_weights,
             lidar,
             lidar_points,
             ambient_light,
@@ -252,19 +318,32 @@ DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxy
         )
     }
 )
-"""What can be read, by name: the keys of a robot model, the wheels, and the lidar's readings as points."""
+"""What can be read, by name."""
+
+PARTS: Mapping[str, str] = MappingProxyType(
+    {
+        "wheels": "drive",
+        "ground_sensors": "ground",
+        "neighbour_places": "neighbours",
+        "light_sensors": "light",
+        "proximity_weights": "proximity",
+        "lidar_points": "lidar",
+    }
+)
+"""Key of a robot model that a device belongs to, where it is not the device's name."""
 
 
 def _columns(*names: str) -> list[int]:
     return [Readings._fields.index(name) for name in names]
 
 
-def _velocities(recording: Recording) -> Floats:
-    """Commanded velocities (cycles, robots, 2), turned by a quarter: forwards is y [m/s]."""
+def _velocities(recording: Recording, sensor: DeviceWithAxes) -> Floats:
+    """Commanded velocities (cycles, robots, 2) along the sensor's axes [m/s]."""
     executed = np.zeros_like(recording.recorded("commands"))
     executed[1:] = recording.recorded("commands")[:-1]  # a command moves the treads one cycle later
     speeds = executed.mean(axis=2)
-    angles = recording.headings[1:] - recording.headings[0] + 0.5 * math.pi
+    quarter = 0.5 * math.pi if sensor.forward == "y" else 0.0
+    angles = recording.headings[1:] - recording.headings[0] + quarter
     return np.stack([speeds * np.cos(angles), speeds * np.sin(angles)], axis=2)
 
 
@@ -276,11 +355,31 @@ def _about_z(values: Floats) -> Floats:
 def _placed(recording: Recording, cycles: Cycles) -> Floats:
     """Poses (cycles, robots, 5) as the kernels want them: with cosine and sine of the heading."""
     poses = recording.history.poses[1:][cycles]
-    return np.concatenate([poses, np.cos(poses[..., 2:]), np.sin(poses[..., 2:])], axis=2)
+    placed = np.concatenate([poses, np.zeros((*poses.shape[:2], 2))], axis=2)
+    compiled(_fill_directions)(placed)
+    return placed
+
+
+def _scratch(recording: Recording) -> Swarm:
+    """A swarm for kernels that sense, to be put where the robots were."""
+    keys, scene = recording.noise_keys, recording.scene
+    return new_swarm(
+        np.zeros((len(keys), 3)),
+        control_keys=keys,
+        noise_keys=keys,
+        model=recording.robot_model.reference_model,
+        sensors=len(scene.proximity.directions_x),
+        light_sensors=len(scene.light.directions_x),
+        beams=len(scene.lidar.beams_x),
+    )
 
 
 def _finished(
-    recording: Recording, sensor: Device | AmbientLight, number: int, cycles: Cycles, values: Floats
+    recording: Recording,
+    sensor: Device | DeviceWithAxes | AmbientLight,
+    number: int,
+    cycles: Cycles,
+    values: Floats,
 ) -> Floats:
     """Values with the device's noise, within its range."""
     return np.clip(_disturbed(recording, noise_row(sensor.noise), number, cycles, values), *sensor.range)
@@ -301,6 +400,87 @@ def _add_noise(row: Floats, keys: NDArray[np.uint64], number: int, cycles: Cycle
         for i in range(values.shape[1]):
             for k in range(per_cycle):
                 values[n, i, k] += noise(row, keys[i], number, cycles[n] * per_cycle + k)
+
+
+def _fill_directions(poses: Floats) -> None:
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            poses[n, i, 3] = math.cos(poses[n, i, 2])  # numpy's differs in the last bit
+            poses[n, i, 4] = math.sin(poses[n, i, 2])
+
+
+@jittable
+def _put(swarm: Swarm, poses: Floats, n: int) -> None:
+    """Put the swarm where the robots were at the end of cycle n of the poses."""
+    for i in range(poses.shape[1]):
+        for k in range(poses.shape[2]):
+            swarm.poses[i, k] = poses[n, i, k]
+
+
+def _fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats) -> None:
+    n = 0
+    for cycle in range(len(poses)):
+        change_floor(scene.floor, poses[cycle], (cycle + 1) * scene.control_period)
+        if cycle != cycles[n]:
+            continue
+        _put(swarm, poses, cycle)
+        for i in range(poses.shape[1]):
+            for k in range(found.shape[2]):
+                red, green, blue = ground_under(scene, swarm, cycle, i, k)
+                found[n, i, k, 0] = red
+                found[n, i, k, 1] = green
+                found[n, i, k, 2] = blue
+        n += 1
+
+
+def _fill_places(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_robots(scene, model, swarm, cycles[n], i)
+            for j in range(poses.shape[1]):
+                ahead, aside = swarm.heard[i, j, 0, 1], swarm.heard[i, j, 0, 2]
+                if swarm.heard[i, j, 0, 0] != 0.0:
+                    found[n, i, j, 0] = math.sqrt(ahead * ahead + aside * aside)
+                    found[n, i, j, 1] = math.atan2(aside, ahead)
+
+
+def _fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floats, found: Floats) -> None:
+    first, step = scene.lidar.first_angle, scene.lidar.angle_step
+    for n in range(len(scans)):
+        for i in range(scans.shape[1]):
+            for k in range(scans.shape[2]):
+                swarm.scan[k] = scans[n, i, k]
+            clusters = lidar_neighbours(
+                model, swarm.scan, first, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+            )
+            for k in range(clusters):
+                found[n, i, k, 0] = swarm.distances[k]
+                found[n, i, k, 1] = math.atan2(swarm.bearings_y[k], swarm.bearings_x[k])
+
+
+def _fill_weights(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_obstacles(scene, model, swarm, cycles[n], i)
+            for k in range(found.shape[2]):
+                found[n, i, k] = swarm.proximity[k]
+
+
+def _fill_light_sensors(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_light(scene, model, swarm, cycles[n], i)
+            for k in range(found.shape[2]):
+                found[n, i, k] = swarm.light[k]
 
 
 def _fill_lux(

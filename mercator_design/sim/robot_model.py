@@ -174,7 +174,7 @@ class Ground:
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 16)]  # [m] forwards, leftwards of the centre
     gray: bool = False  # whether they see no colours, only how bright the floor is
-    noise: Noise = None  # on each channel, 0 to 255, or on the brightness, 0 to 255
+    noise: Noise = None  # on each channel, 0 to 255, which is then rounded; if gray, on the brightness, not rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,6 +183,7 @@ class Neighbours:
 
     device: Literal["camera"] = "camera"
     range: Distance | None = None  # [m] that the device reaches; null: as far as robots count
+    height: Distance = 0.0  # [m] of the camera, and of what it sees of a robot; what is lower hides nothing
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
@@ -263,6 +264,15 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceWithAxes:
+    """A sensor of the robot's own motion along the axes that it had at the start."""
+
+    range: Bounds  # between which readings are kept, in the device's unit
+    noise: Noise = None  # on readings, in the device's unit
+    forward: Literal["x", "y"] = "y"  # axis that points forwards: the RVR's is y, the Mercator paper's x
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Leds:
     """Lamps that show the state."""
 
@@ -303,8 +313,8 @@ class RobotModel:
     light: LightRing | LightCamera | None = None  # how robots perceive the direction of lights
     lidar: Lidar | None = None
     ambient_light: AmbientLight | None = None
-    velocity: Device | None = None  # [m/s] along the start's axes
-    accelerometer: Device | None = None  # [g] along x, y and z
+    velocity: DeviceWithAxes | None = None  # [m/s] along the start's axes
+    accelerometer: DeviceWithAxes | None = None  # [g] along x, y and z
     gyroscope: Device | None = None  # [rad/s] about x, y and z
     imu: Device | None = None  # [rad] of pitch, roll and yaw
     locator: Device | None = None  # [m] from the start, along the world's axes

@@ -37,7 +37,8 @@ class Neighbours(NamedTuple):
 
     by_lidar: bool
     range: float  # [m]
-    occlusion: bool
+    height: float  # [m] of the camera and of what it sees
+    occlusion: bool  # whether something there is high enough to hide a robot
     loss: float
     noise: Floats
 

@@ -41,7 +41,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     count = 0.0
     light_x, light_y = 0.0, 0.0
     if senses & PROXIMITY:
-        _sense_obstacles(scene, model, swarm, cycle, i)
+        sense_obstacles(scene, model, swarm, cycle, i)
     else:
         for k in range(len(swarm.proximity)):
             swarm.proximity[k] = 0.0
@@ -60,14 +60,14 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
             )
             count = float(n)
         else:
-            n, count = _sense_robots(scene, model, swarm, cycle, i)
+            n, count = sense_robots(scene, model, swarm, cycle, i)
     if senses & GROUND:
         _sense_ground(scene, model, swarm, cycle, i)
     else:
         for k in range(3):
             swarm.ground[k] = 255.0
     if senses & LIGHT:
-        light_x, light_y = _sense_light(scene, model, swarm, cycle, i)
+        light_x, light_y = sense_light(scene, model, swarm, cycle, i)
     return perceive(
         model,
         swarm.proximity,
@@ -84,7 +84,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
 
 
 @jittable
-def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
+def sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
     """Fill in how much what the proximity sensors of robot i see counts. A distance has noise where there is one."""
     seen = swarm.proximity
     sensors, key = len(seen), swarm.noise_keys[i]
@@ -107,7 +107,7 @@ def _sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: i
 
 
 @jittable
-def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
+def sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
     """Fill in where the robots are that robot i perceives with its camera: how many rows that is, how many count."""
     poses, camera = swarm.poses, scene.neighbours
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
@@ -133,7 +133,7 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         perceived = (
             perceived
             and (camera.loss == 0.0 or draw(swarm.noise_keys[i], NEIGHBOURS_LOSS_DRAWS, number) >= camera.loss)
-            and not (camera.occlusion and is_hidden(scene, poses, i, j, x, y, 0.0, poses[j, 0], poses[j, 1], 0.0))
+            and not (camera.occlusion and _is_robot_hidden(scene, poses, i, j))
         )
         ahead = c * to_x + s * to_y
         aside = c * to_y - s * to_x
@@ -156,6 +156,12 @@ def _sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
             n += 1
             count += 1.0
     return n, count
+
+
+@jittable
+def _is_robot_hidden(scene: Scene, poses: Floats, i: int, j: int) -> bool:
+    height = scene.neighbours.height
+    return is_hidden(scene, poses, i, j, poses[i, 0], poses[i, 1], height, poses[j, 0], poses[j, 1], height)
 
 
 @jittable
@@ -188,9 +194,7 @@ def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
 @jittable
 def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
     """Fill in the colour of the ground under robot i: the mean of its sensors, or what they vote for."""
-    places, row, ground = scene.ground.places, scene.ground.noise, swarm.ground
-    x, y, c, s = swarm.poses[i, 0], swarm.poses[i, 1], swarm.poses[i, 3], swarm.poses[i, 4]
-    sensors = len(places)
+    sensors, ground = len(scene.ground.places), swarm.ground
     if sensors == 0:
         for channel in range(3):
             ground[channel] = 255.0
@@ -199,17 +203,7 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ground[channel] = 0.0
     blacks, whites = 0.0, 0.0
     for k in range(sensors):
-        ahead, aside = places[k, 0], places[k, 1]
-        colour = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
-        red, green, blue = colour[0], colour[1], colour[2]
-        number = 3 * (cycle * sensors + k)
-        if scene.ground.gray:
-            level = gray_level(red, green, blue) + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number)
-            red = green = blue = max(0.0, min(255.0, level))
-        elif row[0] != NO_NOISE:
-            red = _channel(red + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number))
-            green = _channel(green + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number + 1))
-            blue = _channel(blue + noise(row, swarm.noise_keys[i], GROUND_DRAWS, number + 2))
+        red, green, blue = ground_under(scene, swarm, cycle, i, k)
         level = gray_level(red, green, blue)
         blacks += 1.0 if level < model.ground_vote_black else 0.0
         whites += 1.0 if level > model.ground_vote_white else 0.0
@@ -229,7 +223,27 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
 
 
 @jittable
-def _sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
+def ground_under(scene: Scene, swarm: Swarm, cycle: int, i: int, k: int) -> tuple[float, float, float]:
+    """Red, green, blue that ground sensor k of robot i measures; three times the brightness if it sees only that."""
+    row, key = scene.ground.noise, swarm.noise_keys[i]
+    x, y, c, s = swarm.poses[i, 0], swarm.poses[i, 1], swarm.poses[i, 3], swarm.poses[i, 4]
+    ahead, aside = scene.ground.places[k, 0], scene.ground.places[k, 1]
+    red, green, blue = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
+    number = 3 * (cycle * len(scene.ground.places) + k)
+    if scene.ground.gray:
+        level = max(0.0, min(255.0, gray_level(red, green, blue) + noise(row, key, GROUND_DRAWS, number)))
+        return level, level, level
+    if row[0] == NO_NOISE:
+        return red, green, blue
+    return (
+        _channel(red + noise(row, key, GROUND_DRAWS, number)),
+        _channel(green + noise(row, key, GROUND_DRAWS, number + 1)),
+        _channel(blue + noise(row, key, GROUND_DRAWS, number + 2)),
+    )
+
+
+@jittable
+def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
     """Unit vector towards the lights that robot i perceives, forwards and to the left, or no vector."""
     poses, light, readings = swarm.poses, scene.light, swarm.light
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]

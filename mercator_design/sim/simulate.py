@@ -117,8 +117,9 @@ class Simulator:
         floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
         run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+        start = instance.scene._replace(floor=floor)
         recording = Recording(
-            instance.robot_model, instance.scene, history, instance.swarm.noise_keys, self.mission.control_period
+            instance.robot_model, start, history, instance.swarm.noise_keys, self.mission.control_period
         )
         trace = Trace(
             poses=history.poses,

@@ -50,7 +50,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         wheel_noise=noise_row(model.drive.noise),
         proximity=_proximity(model),
         ground=_ground(model),
-        neighbours=_neighbours(model),
+        neighbours=_neighbours(mission, model),
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         control_period=mission.control_period,
@@ -110,15 +110,17 @@ def _ground(model: RobotModel) -> scene.Ground:
     return scene.Ground(np.array(device.positions), gray=device.gray, noise=noise_row(device.noise))
 
 
-def _neighbours(model: RobotModel) -> scene.Neighbours:
-    device = model.neighbours
+def _neighbours(mission: Mission, model: RobotModel) -> scene.Neighbours:
+    device, arena = model.neighbours, mission.arena
     if not isinstance(device, Neighbours):
         by_lidar = device is not None
-        return scene.Neighbours(by_lidar=by_lidar, range=0.0, occlusion=False, loss=0.0, noise=_QUIET)
+        return scene.Neighbours(by_lidar=by_lidar, range=0.0, height=0.0, occlusion=False, loss=0.0, noise=_QUIET)
+    highest = max(model.body.height, arena.wall_height, *(box.height for box in arena.obstacles))
     return scene.Neighbours(
         by_lidar=False,
         range=math.inf if device.range is None else device.range,
-        occlusion=device.occlusion,
+        height=device.height,
+        occlusion=device.occlusion and highest > device.height,
         loss=device.loss,
         noise=noise_row(device.noise),
     )

@@ -57,7 +57,15 @@ ORIGINAL = ReferenceModel(
 ZEROS = ReferenceModel(  # every constant that may be zero
     **{name: 0.0 for name, kind in ReferenceModel.__annotations__.items() if kind == NonNegative}
 )
-MODELS = st.sampled_from([ReferenceModel(), ORIGINAL, ZEROS, ReferenceModel(neighbour_obstacle_range=0.55)])
+MODELS = st.sampled_from(
+    [
+        ReferenceModel(),
+        ORIGINAL,
+        ZEROS,
+        ReferenceModel(neighbour_obstacle_range=0.55),
+        ReferenceModel(neighbour_offset=0.0),
+    ]
+)
 
 
 def behaving(position, model, readings, parameters, memory, u):
@@ -104,7 +112,7 @@ def test_perception(data):
     model = data.draw(MODELS)
     proximity = data.draw(st.lists(st.floats(0, 20), min_size=8, max_size=8))
     angles = np.linspace(-3, 3, 8)
-    row = st.tuples(st.floats(0.001, 0.75), st.floats(-1, 1), st.floats(-1, 1))
+    row = st.tuples(st.floats(0.0, 0.75), st.floats(-1, 1), st.floats(-1, 1))
     neighbours = data.draw(st.lists(row, min_size=1, max_size=5))
     n = data.draw(st.integers(0, len(neighbours)))
     rows = [
@@ -120,6 +128,7 @@ def test_perception(data):
     assert plain.neighbours == count
     assert tuple(fast) == tuple(plain)
     assert math.hypot(plain.proximity_x, plain.proximity_y) <= 1.0 + 1e-12
+    assert math.hypot(plain.neighbours_x, plain.neighbours_y) <= n * 1e6 * math.sqrt(2.0) * (1.0 + 1e-12)
 
 
 @settings(max_examples=100)
@@ -191,6 +200,21 @@ def test_proximity_laws():
     assert proximity_weight(paper, 0.401) == proximity_weight(paper, math.inf) == 0.0
     assert proximity_weight(ORIGINAL, 0.04) == 0.0  # vanishes
     assert proximity_weight(ORIGINAL, 0.4) == 2.5
+
+
+@pytest.mark.parametrize(
+    ("law", "distance", "weight"),
+    [
+        ({}, 0.5, 1 / 1.5),
+        ({"neighbour_offset": 0.0}, 0.5, 2.0),
+        ({"neighbour_offset": 0.0}, 0.0, 1e6),
+        ({"neighbour_offset": 0.0, "neighbour_gap": 0.6}, 0.5, 1e6),
+    ],
+    ids=["default", "paper", "in one place", "touching"],
+)
+def test_how_much_a_neighbour_weighs(law, distance, weight):
+    found = perceive(ReferenceModel(**law), (), (), (), (distance,), (1.0,), (0.0,), 1, 1.0, (0, 0, 0), (0, 0))
+    assert found.neighbours_x == pytest.approx(weight)
 
 
 KERNELS = [

@@ -38,7 +38,7 @@ from mercator_design.missions.placement import (
     HalfPlaneLimit,
     RectanglePlacement,
 )
-from mercator_design.missions.trace import Trace
+from mercator_design.missions.trace import Trace, every_nth
 
 SHIPPED = shipped.missions()
 TEXT = SHIPPED["aggregation"].read_text()
@@ -55,7 +55,7 @@ def instance(mission, seed=1, robots=None):
         floor=mission.floor.realise(rng),
         zone_rows=mission.floor.zone_rows(),
         control_period=mission.control_period,
-        measure=lambda _, every=1: poses[1::every, :, np.newaxis, :2] + 0.5,  # a beam each
+        measure=lambda _, every=1: poses[1:][every_nth(mission.cycles, every), :, np.newaxis, :2] + 0.5,  # a beam each
     )
 
 

@@ -32,7 +32,7 @@ from mercator_design.missions.objectives.in_zones import (
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
 from mercator_design.missions.objectives.mapping import seen_area
 from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
-from mercator_design.missions.trace import Trace, not_measured
+from mercator_design.missions.trace import Trace, every_nth, not_measured
 
 FLOOR = Floor(
     zones=(
@@ -85,7 +85,7 @@ def trace(positions, floor=FLOOR, beams=((1.0, 0.0), (0.0, 0.5))):
 
     def measure(device, /, every=1):
         assert device == "lidar_points"
-        return positions[1::every, :, np.newaxis] + np.array(beams)
+        return positions[1:][every_nth(len(positions) - 1, every), :, np.newaxis] + np.array(beams)
 
     return Trace(
         poses=np.concatenate([positions, np.zeros((*positions.shape[:2], 1))], axis=2),
@@ -391,6 +391,7 @@ class TestSeenArea:
         robot = trace([[place] for place in places], beams=[(1.0, 0.0)])
         assert seen_area(robot, side=10.0, cells=10, every=1) == 2.0 + 1.0 + 2.0
         assert seen_area(robot, side=10.0, cells=10, every=2) == 2.0 + 2.0
+        assert seen_area(robot, side=10.0, cells=10, every=4) == 2.0
 
 
 class TestSignals:

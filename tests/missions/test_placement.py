@@ -1,6 +1,7 @@
 """Where robots start. The statistical tests use a fixed seed; the chance of failing by luck is stated."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mercator_design.missions.placement import (
     FixedPlacement,
     HalfPlaneLimit,
     RectanglePlacement,
+    covers,
     outside,
 )
 from mercator_design.sim.robot_model import load_robot_model
@@ -75,6 +77,25 @@ def test_a_half_plane_lets_only_its_side_through_and_moves_nobody():
     assert np.array_equal(drawn(limited), all_poses[all_poses[:, 1] >= 0.15])
     with pytest.raises(FieldError, match="normal: expected a direction"):
         HalfPlaneLimit(point=(0.0, 0.0), normal=(0.0, 0.0))
+
+
+RING = DiscPlacement(center=(1.0, 0.0), radius=0.5, inner_radius=0.2)
+BAR = RectanglePlacement(center=(-1.0, 0.5), size=(0.2, 1.0))
+UPPER = HalfPlaneLimit(point=(0.0, 0.1), normal=(0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("placement", "points"),
+    [
+        (RING, {(1.3, 0.0): True, (1.0, -0.45): True, (1.1, 0.0): False, (1.4, 0.4): False, (0.0, 0.0): False}),
+        (BAR, {(-1.05, 0.95): True, (-0.95, 0.05): True, (-0.85, 0.5): False, (-1.0, 1.05): False}),
+        (DrawnPlacement(regions=(RING, BAR)), {(1.3, 0.0): True, (-1.05, 0.95): True, (0.0, 0.0): False}),
+        (replace(RING, half_plane=UPPER), {(1.0, 0.3): True, (1.0, -0.3): False, (1.0, 0.15): False}),
+    ],
+)
+def test_what_a_placement_covers(placement, points):
+    assert covers(placement, np.array(list(points))).tolist() == list(points.values())
+    assert covers(placement, drawn(placement)[:, :2]).all()
 
 
 def test_a_rectangle_is_filled_evenly():

@@ -2,13 +2,16 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
+import yaml
 
-from mercator_design import jit
+from mercator_design import jit, shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.loading import dump
@@ -306,10 +309,11 @@ class TestOnTheCommandLine:
         quick = ["--set", "robots=2", "--set", "duration=1", "--set", NORTH, "--set", shrink]
         code, _, error = mdesign(tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out")
         assert (code, "known" in error or "expected one of" in error) == (3, True)
-        code, _, error = mdesign(
+        code, summary, error = mdesign(
             tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
         )
         assert code == 0, error
+        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in summary
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
         code, _, error = mdesign(tmp_path, *measure)
         assert (code, error) == (
@@ -346,3 +350,13 @@ class TestOnTheCommandLine:
     def test_a_file_that_is_not_there(self, tmp_path):
         code, _, error = mdesign(tmp_path, "validate", "aggregation", "--plugin", "nowhere.py")
         assert (code, error) == (3, "Error: nowhere.py: no such file\n")
+
+    def test_the_example_of_the_document(self, tmp_path):
+        text = (Path(__file__).parents[2] / "docs" / "missions.md").read_text().partition("### Your own objectives")[2]
+        plugin, lines = re.findall(r"```(?:python)?\n(.+?)```", text, re.DOTALL)[:2]
+        (tmp_path / "my.py").write_text(plugin)
+        mission = yaml.safe_load(shipped.missions()["aggregation"].read_text()) | yaml.safe_load(lines)
+        (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
+        assert mdesign(tmp_path, "validate", "--plugin", "my.py", "mission.yaml") == (
+            0, "mission.yaml: valid mission, 3 robots, 120 s\n", ""
+        )  # fmt: skip

@@ -9,10 +9,20 @@ import pytest
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
+from mercator_design.fsm.perception import ground_by_vote, light_direction, perceive
 from mercator_design.sim import devices
-from mercator_design.sim.devices import DEVICES, Recording
+from mercator_design.sim.devices import DEVICES, PARTS, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
-from mercator_design.sim.robot_model import AmbientLight, Device, Gaussian, LightCamera, Uniform, load_robot_model
+from mercator_design.sim.robot_model import (
+    AmbientLight,
+    Gaussian,
+    LidarNeighbours,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Uniform,
+    load_robot_model,
+)
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
@@ -25,6 +35,16 @@ TWO_STATES = parse(
 MOTION = ("velocity", "accelerometer", "gyroscope", "imu", "locator", "quaternion")
 PERIOD = 0.1
 WIDE = (-1e9, 1e9)
+
+
+def device(name, **changes):
+    """A device of Mercator's own motion, changed."""
+    return dataclasses.replace(getattr(MERCATOR, name), **changes)
+
+
+def with_device(name, **changes):
+    """Mercator with one of them changed."""
+    return dataclasses.replace(MERCATOR, **{name: device(name, **changes)})
 
 
 def moved(poses, commands, robot_model=MERCATOR):
@@ -73,19 +93,22 @@ def angle_about_z(q):
 
 @pytest.mark.parametrize("name", MOTIONS)
 class TestMotion:
-    def test_velocity(self, name):
-        """Equations 3 to 5, of the treads' commanded speeds; the y axis of the RVR points forwards."""
+    @pytest.mark.parametrize(("forward", "quarter"), [("x", 0.0), ("y", math.pi / 2)])
+    def test_velocity(self, name, forward, quarter):
+        """Equations 3 to 5, of the treads' commanded speeds; or the y axis points forwards."""
         poses, commands = MOTIONS[name]
-        found = moved(poses, commands).measure("velocity")[:, 0]
+        found = moved(poses, commands, with_device("velocity", forward=forward)).measure("velocity")[:, 0]
         first = quaternion_about_z(poses[0, 2])
         for cycle, pose in enumerate(poses[1:]):
             speed = commands[cycle - 1].mean() if cycle else 0.0  # treads carry out the command before
-            angle = angle_about_z(product(inverse(first), quaternion_about_z(pose[2]))) + math.pi / 2
+            angle = angle_about_z(product(inverse(first), quaternion_about_z(pose[2]))) + quarter
             assert found[cycle] == pytest.approx([speed * math.cos(angle), speed * math.sin(angle)], abs=1e-12)
 
-    def test_accelerometer(self, name):
+    @pytest.mark.parametrize("forward", ["x", "y"])
+    def test_accelerometer(self, name, forward):
         """Equations 6 to 9: the change of that vector in a cycle, in g; gravity along z."""
-        recording = moved(*MOTIONS[name])
+        axes = {key: device(key, forward=forward) for key in ("velocity", "accelerometer")}
+        recording = moved(*MOTIONS[name], dataclasses.replace(MERCATOR, **axes))
         found, before = recording.measure("accelerometer")[:, 0], np.zeros(2)
         for cycle, velocity in enumerate(recording.measure("velocity")[:, 0]):
             change = (velocity - before) / (9.81 * PERIOD)
@@ -137,18 +160,18 @@ def test_time_stamps():
     """Readings are those at the end of each cycle."""
     recording = look(duration=2.0).recording
     assert recording.times() == pytest.approx(np.arange(1, 21) / 10)
-    assert recording.times(5) == pytest.approx([0.1, 0.6, 1.1, 1.6])
+    assert recording.times(5) == pytest.approx([0.5, 1.0, 1.5, 2.0])
     assert len(recording.measure("imu", 5)) == 4
 
 
 @pytest.mark.parametrize("name", MOTION)
 def test_ranges(name):
     bounds = (-0.25, 0.125)
-    recording = moved(*MOTIONS["arc"], dataclasses.replace(MERCATOR, **{name: Device(range=bounds)}))
+    recording = moved(*MOTIONS["arc"], with_device(name, range=bounds))
     clipped, free = recording.measure(name), moved(*MOTIONS["arc"]).measure(name)
     assert np.array_equal(clipped, free.clip(*bounds))
     assert not np.array_equal(clipped, free)
-    noisy = dataclasses.replace(MERCATOR, **{name: Device(range=bounds, noise=Gaussian(sd=9.0))})
+    noisy = with_device(name, range=bounds, noise=Gaussian(sd=9.0))
     found = moved(*MOTIONS["arc"], noisy).measure(name)
     assert (found.min(), found.max()) == bounds
 
@@ -300,12 +323,13 @@ def test_the_ground_is_what_was_read():
 
 NOISY = dataclasses.replace(
     MERCATOR,
-    **{name: Device(range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)) for name in MOTION},
+    **{name: device(name, range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)) for name in MOTION},
     ambient_light=AmbientLight(height=0.05, range=WIDE, noise=Gaussian(mean=0.25, sd=0.5)),
-    proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02)),
+    proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.02), weight_noise=Gaussian(sd=0.02)),
     lidar=dataclasses.replace(MERCATOR.lidar, noise=Uniform(half_width=0.005)),
     drive=dataclasses.replace(MERCATOR.drive, noise=Gaussian(sd=0.05)),
-    light=LightCamera(height=0.154, range=10.0),
+    light=LightRing(angles=(0.1, 1.5, 3.0, 4.5), height=0.05, noise=Gaussian(sd=0.02)),
+    neighbours=Neighbours(loss=0.2, noise=Gaussian(sd=0.1)),
 )
 
 
@@ -320,8 +344,9 @@ class TestEveryDevice:
     @pytest.mark.parametrize("every", [7, 10, 1000])
     def test_every_tenth_cycle_is_measured_as_among_all(self, noisy, name, every):
         found = noisy.measure(name, every)
-        assert np.array_equal(found, noisy.measure(name)[::every], equal_nan=True)
-        assert len(found) == len(noisy.times(every)) == math.ceil(300 / every)
+        cycles = sorted({*range(every, 301, every), 300})
+        assert np.array_equal(found, noisy.measure(name)[np.array(cycles) - 1], equal_nan=True)
+        assert noisy.times(every) == pytest.approx(0.1 * np.array(cycles))
 
     def test_measuring_changes_nothing(self, noisy, name):
         before = [part.copy() for part in noisy.history]
@@ -338,9 +363,7 @@ class TestEveryDevice:
     def test_a_robot_without_it(self, noisy, name):
         if name == "wheels":
             return
-        without = dataclasses.replace(
-            noisy, robot_model=dataclasses.replace(NOISY, **{name.removesuffix("_points"): None})
-        )
+        without = dataclasses.replace(noisy, robot_model=dataclasses.replace(NOISY, **{PARTS.get(name, name): None}))
         with pytest.raises(SimulationError, match=f"robot mercator has no {name.replace('_', ' ')}"):
             without.measure(name)
 
@@ -353,13 +376,97 @@ class TestEveryDevice:
             assert len(recording.measure(name)) == 5
 
 
+def made(recording):
+    """Readings (cycles, robots, fields), made by the robot's own functions of what its sensors measured."""
+    model, scene = recording.robot_model.reference_model, recording.scene
+    weights, places, lights = map(recording.measure, ("proximity_weights", "neighbour_places", "light_sensors"))
+    levels = recording.measure("ground_sensors")
+    found = np.empty((*recording.history.states.shape, 10))
+    for cycle, i in np.ndindex(recording.history.states.shape):
+        near = places[cycle, i][~np.isnan(places[cycle, i, :, 0])]
+        ground = levels[cycle, i].mean(axis=0)
+        if model.ground_vote_cycles:
+            latest = levels[max(0, cycle - int(model.ground_vote_cycles) + 1) : cycle + 1, i, :, 0]
+            blacks, whites = (latest < model.ground_vote_black).sum(), (latest > model.ground_vote_white).sum()
+            ground = np.full(3, ground_by_vote(model, blacks, whites))
+        found[cycle, i] = perceive(
+            model,
+            weights[cycle, i],
+            scene.proximity.counts_x,
+            scene.proximity.counts_y,
+            near[:, 0],
+            np.cos(near[:, 1]),
+            np.sin(near[:, 1]),
+            len(near),
+            len(near),
+            ground,
+            light_direction(model, lights[cycle, i], scene.light.directions_x, scene.light.directions_y),
+        )
+    return found
+
+
+EPUCK = load_robot_model("epuck")
+FORGETFUL = dataclasses.replace(EPUCK, reference_model=EPUCK.reference_model._replace(neighbour_memory=0.0))
+LIDAR = dataclasses.replace(NOISY, neighbours=LidarNeighbours())
+
+
+@pytest.mark.parametrize("model", [NOISY, LIDAR, FORGETFUL], ids=["camera", "lidar", "e-puck"])
+def test_controllers_read_what_devices_measured(model):
+    """Noise and losses included, on a floor that changes."""
+    scale = 0.25 if model is FORGETFUL else 1.0
+    spot = f"{{shape: disc, center: [0, 0], radius: {0.6 * scale}, color: black, name: spot}}"
+    visited = "{name: visited, zones: [spot], color: gray, lasts: 3}"
+    world = simulator(
+        robots=4,
+        duration=20,
+        apothem=1.226 * scale,
+        robot_model=model,
+        placement=f"{{shape: disc, radius: {scale}}}",
+        floor=f"{{background: white, zones: [{spot}], dynamics: [{visited}]}}",
+        overrides=[lights((0.5, 0.2, 0.5, 2.0))],
+    )
+    outcome = world.run(EXPLORE, 3, record=True)
+    read = outcome.history.readings
+    assert made(outcome.recording) == pytest.approx(read, abs=1e-9)
+    assert np.ptp(read[:, :, [0, 2, 3, 5, 8]], axis=(0, 1)).min() > 0.1  # each sense had something to read
+
+
+def test_places_of_neighbours_are_by_robot():
+    places = look(robots=3, placement=at((0, 0, 1.0), (0.5, 0, 0), (0, -1.0, 0))).recording.measure("neighbour_places")
+    assert places.shape == (1, 3, 3, 2)
+    assert places[0, 0, 1] == pytest.approx([0.5, -1.0])
+    assert places[0, 1, 0] == pytest.approx([0.5, math.pi])
+    seen = ~np.isnan(places[0, :, :, 0])
+    assert seen.tolist() == [[False, True, False], [True, False, False], [False, False, False]]
+
+
+def test_places_are_those_of_the_cycle_not_what_is_remembered():
+    model = dataclasses.replace(EPUCK, neighbours=Neighbours(loss=0.5))
+    recording = (
+        simulator(robots=2, duration=20, apothem=0.5, robot_model=model, placement=at((0, 0, 0), (0.2, 0, 0)))
+        .run(STOP, 1, record=True)
+        .recording
+    )
+    counted = recording.measure("neighbours")[..., 0]  # the e-puck's count has no memory
+    assert np.array_equal(counted, (~np.isnan(recording.measure("neighbour_places")[..., 0])).sum(axis=2))
+    assert set(counted.ravel()) == {0.0, 1.0}
+
+
+def test_a_camera_has_no_light_sensors():
+    model = dataclasses.replace(MERCATOR, light=LightCamera(height=0.154, range=10.0))
+    with pytest.raises(SimulationError, match="robot mercator has no light sensors"):
+        look(model).recording.measure("light_sensors")
+
+
 @pytest.mark.parametrize(
     ("shape", "names"),
     [
         ((2,), ("wheels", "velocity", "locator")),
         ((3,), ("ground", "accelerometer", "gyroscope", "imu")),
-        ((4,), ("quaternion",)),
-        ((8,), ("proximity",)),
+        ((4,), ("quaternion", "light_sensors")),
+        ((8,), ("proximity", "proximity_weights")),
+        ((1, 3), ("ground_sensors",)),
+        ((3, 2), ("neighbour_places",)),
         ((719,), ("lidar",)),
         ((1,), ("ambient_light",)),
         ((5, 3), ("leds",)),
@@ -398,9 +505,9 @@ def test_moments_of_noise_and_independence(kind):
     cycle before: chance below 1e-6 for all together.
     """
     given, sd, kurtosis = NOISES[kind]
-    devices = {name: Device(range=WIDE, noise=given) for name in MOTION}
+    devices = {name: device(name, range=WIDE, noise=given) for name in MOTION}
     model = dataclasses.replace(MERCATOR, ambient_light=AmbientLight(height=0.05, range=WIDE, noise=given), **devices)
-    still = dataclasses.replace(MERCATOR, **{name: Device(range=WIDE) for name in MOTION})
+    still = dataclasses.replace(MERCATOR, **{name: device(name, range=WIDE) for name in MOTION})
     world = {"robots": 2, "duration": 300, "placement": at((0, 0, 0.2), (0.6, 0, 1))}
     errors = []
     for name in (*MOTION, "ambient_light"):

@@ -51,6 +51,30 @@ class TestCamera:
         found = counts(seeing(occlusion=occlusion), robots=2, placement=placement, obstacles=box)[0]
         assert found.tolist() == ([0, 0] if occlusion else [1, 1])
 
+    @pytest.mark.parametrize(("height", "hides"), [(0.08, False), (0.154, False), (0.155, True), (0.2, True)])
+    @pytest.mark.parametrize("name", ["mercator-argos", "mercator-chocolate"])
+    def test_a_camera_looks_over_what_is_lower(self, name, height, hides):
+        """The original's, at 0.154 m: over a box of 8 cm and the robot behind it (11 cm), not over one of 20 cm."""
+        box = f"[{{center: [0.25, 0], size: [0.02, 0.4], height: {height}}}]"
+        world = {"robots": 3, "placement": at((0, 0, 0), (0.42, 0, 0), (0.73, 0, 0)), "obstacles": box}
+        model = load_robot_model(name)
+        assert counts(model, **world)[0].tolist() == ([0, 1, 1] if hides else [2, 2, 2])
+        # The ray is not even cast where nothing is that high.
+        assert simulator(robot_model=model, **world).instance(1).scene.neighbours.occlusion == hides
+        floor = dataclasses.replace(model, neighbours=dataclasses.replace(model.neighbours, height=0.0))
+        assert counts(floor, **world)[0].tolist() == [0, 1, 1]
+
+    @pytest.mark.parametrize(("height", "hides"), [(0.08, False), (0.2, True)])
+    def test_a_camera_looks_over_outer_walls_and_bodies_that_are_lower(self, height, hides):
+        walls = "arena.walls={shape: polygon, vertices: [[-1, -1], [1, -1], [1, 1], [0, 0], [-1, 1]]}"
+        placement = at((-0.3, 0.06, 0.78), (0.3, 0.06, -0.78), (0, -0.45, 0))
+        model = seeing(occlusion=True, height=0.154)
+        found = counts(model, robots=3, placement=placement, overrides=[walls, f"arena.wall_height={height}"])[0]
+        assert found.tolist() == ([1, 1, 2] if hides else [2, 2, 2])
+        tall = dataclasses.replace(model, body=dataclasses.replace(model.body, height=height))
+        found = counts(tall, robots=3, placement=at((0, 0, 0), (0.35, 0, 0), (0.7, 0, 0)))[0]
+        assert found.tolist() == ([1, 2, 1] if hides else [2, 2, 2])
+
     @pytest.mark.parametrize("occlusion", [False, True])
     def test_walls_of_an_arena_with_a_corner_inwards_hide_robots(self, occlusion):
         walls = "arena.walls={shape: polygon, vertices: [[-1, -1], [1, -1], [1, 1], [0, 0], [-1, 1]]}"

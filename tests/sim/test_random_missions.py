@@ -428,7 +428,11 @@ def neighbours_by_lidar(draw, _model):
 
 def camera(draw, _model):
     device = Neighbours(
-        range=draw.uniform(0, 3), occlusion=bool(draw.integers(2)), loss=draw.random(), noise=noise(draw, 1)
+        range=draw.uniform(0, 3),
+        height=one_of(draw, (0.0, height(draw))),
+        occlusion=bool(draw.integers(2)),
+        loss=draw.random(),
+        noise=noise(draw, 1),
     )
     return {"neighbours": device, "vary": None}
 

@@ -7,6 +7,7 @@ from mercator_design import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm import ReferenceModel
 from mercator_design.loading import dump, parse
+from mercator_design.sim.devices import DEVICES, PARTS
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 MERCATOR = shipped.robot_models()["mercator"].read_text()
@@ -17,6 +18,14 @@ def test_shipped_models_are_valid_and_survive_a_round_trip(name):
     model = load_robot_model(name)
     assert model.name == name
     assert parse(dump(model), RobotModel, error=MissionError) == model
+
+
+@pytest.mark.parametrize("name", ["mercator", "mercator-argos", "mercator-chocolate"])
+def test_mercators_have_all_of_its_devices(name):
+    """Of the paper; lights that robots see the direction of are Chocolate's."""
+    model = load_robot_model(name)
+    lacking = {device for device in DEVICES if getattr(model, PARTS.get(device, device)) is None}
+    assert lacking == (set() if name == "mercator-chocolate" else {"light", "light_sensors"})
 
 
 def test_geometry_of_mercator():
@@ -58,10 +67,10 @@ def test_messages_of_the_epuck_reach_half_a_metre_in_both_its_models():
 def test_constants_of_the_reference_model_are_data(tmp_path):
     file = tmp_path / "other.yaml"
     text = MERCATOR.replace("name: mercator\n", "")
-    file.write_text(text + "\nreference_model: {neighbour_range: 0.5, strength_step: 1}\n")
+    file.write_text(text + "\nreference_model: {neighbour_range: 0.5, neighbour_offset: 0, strength_step: 1}\n")
     model = load_robot_model(str(file))
     assert model.name == "other"
-    assert model.reference_model == ReferenceModel(neighbour_range=0.5, strength_step=1.0)
+    assert model.reference_model == ReferenceModel(neighbour_range=0.5, neighbour_offset=0.0, strength_step=1.0)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from mercator_design.jit import compiled
 from mercator_design.loading import Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.plugins import objective
-from mercator_design.missions.trace import Trace
+from mercator_design.missions.trace import Trace, every_nth
 
 _FINEST = 0.001
 """[m] of a cell's side: finer ones take minutes to count."""
@@ -32,13 +32,14 @@ def seen_area(
     """The area [m2] that some beam of a lidar has crossed by the end, no farther than `reach` from its robot.
 
     It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, in every so many-th
-    cycle from the first on. A beam that meets nothing says nothing of what lies before it, as for the real device.
+    cycle and the last. A beam that meets nothing says nothing of what lies before it, as for the real device.
     """
     if side / cells < _FINEST:
         raise MissionError(f"objective seen_area: expected cells of at least {_FINEST:g} m, found {side / cells:g} m")
     seen = np.zeros((cells, cells), dtype=np.bool_)
+    positions = trace.positions[every_nth(trace.cycles, every)]
     points = trace.measure("lidar_points", every)
-    compiled(_mark_seen)(np.ascontiguousarray(trace.positions[::every]), points, side, reach, seen)
+    compiled(_mark_seen)(np.ascontiguousarray(positions), points, side, reach, seen)
     return float(np.count_nonzero(seen)) * (side / cells) ** 2
 
 

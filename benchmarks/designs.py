@@ -12,12 +12,12 @@ import sys
 import numpy as np
 
 from mercator_design import shipped
-from mercator_design.design import Designer, evaluate
+from mercator_design.design import Designer, evaluate, fresh_instances
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
-from mercator_design.race.executors import available_jobs
+from mercator_design.race.executors import ThreadExecutor, available_jobs
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 
@@ -43,17 +43,18 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=200)
     parser.add_argument("--instances", type=int, default=100)
     given = parser.parse_args()
-    jobs = available_jobs()
+    jobs, seeds = available_jobs(), fresh_instances(given.seed, given.instances)
     columns = ("mission", "winner: mean ± standard error", "better than random PFSMs", "best random", "median random")
     print(f"| {' | '.join((*columns, *HAND_MADE))} |")
     print("|---|---|---|---|---|---|---|")
     for name in given.missions:
         mission = load_mission(name)
         simulator = Simulator(mission)
-        result = Designer(simulator, budget=given.budget, seed=given.seed).run(jobs=jobs)
+        with ThreadExecutor(jobs) as executor:
+            result = Designer(simulator, budget=given.budget, seed=given.seed).run(executor)
 
         def scores(pfsm: Pfsm, simulator: Simulator = simulator) -> np.ndarray:
-            return np.array(evaluate(simulator, pfsm, runs=given.instances, seed=given.seed, jobs=jobs).scores.values)
+            return np.array(evaluate(simulator, pfsm, seeds=seeds, jobs=jobs).scores.values)
 
         winner = scores(result.winner)
         others = np.array([scores(pfsm).mean() for pfsm in random_pfsms(given.random, given.seed)])

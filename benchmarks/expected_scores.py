@@ -39,7 +39,7 @@ from scipy.optimize import brentq, minimize_scalar
 from mercator_design import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.race.executors import ThreadExecutor, available_jobs
+from mercator_design.race.executors import ThreadExecutor, available_jobs, in_order
 from mercator_design.sim.simulate import Simulator
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "expected_scores.json"
@@ -130,11 +130,8 @@ def experiments(simulator: Simulator, text: str, seeds: range) -> list[tuple[flo
         outcome = simulator.run(pfsm, seed)
         return outcome.score, outcome.trace.positions
 
-    found: list[tuple[float, NDArray[np.float64]]] = []
     with ThreadExecutor(available_jobs()) as executor:
-        for some in executor.run(one, seeds):
-            found += some
-    return found
+        return in_order(executor, one, seeds)
 
 
 def nudged(simulator: Simulator) -> Simulator:

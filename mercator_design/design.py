@@ -1,24 +1,37 @@
 """The pieces put together: design control software for a mission, and measure it.
 
-A `Designer` lets a race propose configurations and simulates them; `evaluate` runs one PFSM on fresh instances. Both
-take their randomness from one master seed: the same mission, budget and seed give the same result, whatever the number
-of jobs.
+A `Designer` lets a race propose configurations and simulates them; `evaluate` runs one PFSM on given
+instances. All randomness is from one master seed: the same mission, budget and seed give the same result, whatever runs
+the experiments.
 """
 
+import dataclasses
+import hashlib
 import math
+import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from mercator_design import __version__
+from mercator_design.errors import SimulationError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.race import Experiment, IteratedRace, Space
-from mercator_design.race.executors import ThreadExecutor
+from mercator_design.jit import kernels_digest
+from mercator_design.loading import dump
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
+from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race.executors import Executor, ThreadExecutor, in_order
+from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.seeds import instance_seed
+from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
 CONFIDENCE = 0.95
@@ -60,25 +73,43 @@ class Scores:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
-    """An experiment of a race that has run."""
-
-    experiment: int  # its number, from 0
-    iteration: int
-    configuration: int
-    instance: int
-    seed: int
-    score: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
     """What a race came to."""
 
     winner: Pfsm
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
-    finished: tuple[Finished, ...]
+    finished: tuple[Finished, ...]  # all experiments, in order of their numbers
+
+
+class Experimenter:
+    """Runs one experiment, here or in another process: the simulator is built anew there."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+
+    def __call__(self, item: tuple[Pfsm, int]) -> Measured:
+        """Score, and digest of where all robots are and in what state at the end."""
+        pfsm, seed = item
+        outcome = self.simulator.run(pfsm, seed)
+        trace = outcome.trace
+        digest = hashlib.blake2b(trace.poses[-1].tobytes(), digest_size=8)
+        digest.update(trace.states[-1].tobytes())
+        digest.update(outcome.score.hex().encode())
+        return Measured(outcome.score, digest.hexdigest())
+
+    def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
+        files = tuple(map(str, plugin_files()))
+        return _elsewhere, (files, kernels_digest(), self.simulator.mission, self.simulator.robot_model)
+
+
+def _elsewhere(plugins: tuple[str, ...], kernels: str, mission: Mission, robot_model: RobotModel) -> Experimenter:
+    """An experimenter that came to this process."""
+    for file in plugins:
+        load_plugin(file)
+    if kernels_digest() != kernels:
+        raise SimulationError(f"worker on {socket.gethostname()}: its simulator is not that of the race")
+    return Experimenter(Simulator(mission, robot_model))
 
 
 class Designer:
@@ -95,108 +126,123 @@ class Designer:
                 simulator.check_module(module, flavour)
         self.simulator = simulator
         self.flavour = flavour
-        self.race = IteratedRace(Space.from_text(parameters_text(flavour), "grammar"), budget=budget, seed=seed)
+        space = Space.from_text(parameters_text(flavour), "grammar")
+        # On missions, the library's own options have shown no gain over irace's (docs/benchmarks.md), and cost time.
+        self.race = IteratedRace(space, budget=budget, seed=seed, options=RaceOptions.irace())
         self._pfsms: dict[int, Pfsm] = {}
         self._seeds: dict[int, int] = {}
 
+    def start(self) -> dict[str, Any]:
+        """What makes this race, and nothing else: races of equal starts are equal."""
+        robot_model = dump(self.simulator.robot_model)
+        return {
+            "mercator_design": __version__,
+            "kernels": kernels_digest(),
+            "plugins": loaded_plugins(),
+            "mission": self.simulator.mission.name,
+            "mission_digest": self.simulator.mission.digest,
+            "robot_model": self.simulator.robot_model.name,
+            "robot_model_digest": hashlib.sha256(robot_model.encode()).hexdigest()[:16],
+            "flavour": self.flavour,
+            "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
+            "budget": self.race.budget,
+            "seed": self.race.seed,
+            "options": dataclasses.asdict(self.race.options),
+        }
+
     def run(
         self,
+        executor: Executor,
+        record: Record | None = None,
         *,
-        jobs: int,
+        on_failure: OnFailure = "stop",
         watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        stopped: Callable[[], bool] = lambda: False,
     ) -> Design:
         """Run the race to its end.
 
         Args:
-            jobs: Experiments run at once.
-            watch: Called with the experiments that have finished since, several times a batch.
+            executor: Runs its experiments; what comes of them does not depend on it.
+            record: Of this race so far; what happens is noted in it.
+            on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
+            watch: Called with the experiments that have finished since.
+            stopped: Asked before each experiment whether to stop.
+
+        Raises:
+            ExperimentFailed: see `on_failure`.
+            Stopped: see `stopped`; what was under way has been waited for and noted.
+            RaceError: if the record is of another race.
         """
-        finished: list[Finished] = []
-        with ThreadExecutor(jobs) as executor:
-            while batch := self.race.ask():
-                for experiment in batch:
-                    self._prepare(experiment)
-                iteration = self.race.iteration
-                told = len(finished)
-                for scores in executor.run(self._score, batch):
-                    new = [
-                        Finished(
-                            experiment=k,
-                            iteration=iteration,
-                            configuration=batch[k - told].configuration,
-                            instance=batch[k - told].instance,
-                            seed=self._seeds[batch[k - told].instance],
-                            score=score,
-                        )
-                        for k, score in enumerate(scores, start=len(finished))
-                    ]
-                    finished += new
-                    watch(new)
-                self.race.tell([self.simulator.mission.cost(one.score) for one in finished[told:]])
+        if record is None:
+            record = Record()
+            record.begin(self.start())
+        Runner(
+            race=self.race,
+            record=record,
+            executor=executor,
+            function=Experimenter(self.simulator),
+            item=lambda experiment: (self.pfsm(experiment.configuration), self._seed(experiment.instance)),
+            seed=self._seed,
+            cost=self.simulator.mission.cost,
+            on_failure=on_failure,
+            watch=watch,
+            stopped=stopped,
+        ).run()
         best = self.race.best.configuration
-        return Design(
-            winner=self.pfsm(best),
-            configuration=best,
-            scores=Scores(tuple(f.score for f in finished if f.configuration == best)),
-            finished=tuple(finished),
-        )
+        finished = tuple(record.experiments[number] for number in range(len(record.experiments)))
+        scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
+        return Design(winner=self.pfsm(best), configuration=best, scores=Scores(scores), finished=finished)
 
     def pfsm(self, configuration: int) -> Pfsm:
-        """The PFSM of a configuration that was raced."""
-        return self._pfsms[configuration]
-
-    def _prepare(self, experiment: Experiment) -> None:
-        configuration, instance = experiment
+        """The PFSM of a configuration that is raced."""
         if configuration not in self._pfsms:
             self._pfsms[configuration] = to_pfsm(self.race.configurations[configuration], self.flavour)
+        return self._pfsms[configuration]
+
+    def _seed(self, instance: int) -> int:
         if instance not in self._seeds:
             self._seeds[instance] = instance_seed(self.race.seed, "race", instance)
-
-    def _score(self, experiment: Experiment) -> float:
-        pfsm, seed = self._pfsms[experiment.configuration], self._seeds[experiment.instance]
-        return self.simulator.run(pfsm, seed).score
+        return self._seeds[instance]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
-    """Scores of a PFSM on fresh instances, and the instances' seeds."""
+    """Scores of a PFSM, and the seeds of the instances."""
 
     scores: Scores
     seeds: tuple[int, ...]
+
+
+def fresh_instances(seed: int, runs: int) -> list[int]:
+    """Seeds of instances that have nothing to do with those of a race; a longer series begins alike."""
+    return [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
 
 
 def evaluate(
     simulator: Simulator,
     pfsm: Pfsm,
     *,
-    runs: int,
-    seed: int,
+    seeds: Sequence[int],
     jobs: int,
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
 ) -> Evaluation:
-    """Run a PFSM on fresh instances, which have nothing to do with those of a race.
+    """Run a PFSM on some instances.
 
     Args:
         simulator: Of the mission.
         pfsm: What to measure.
-        runs: How many experiments.
-        seed: Master seed of the instances.
+        seeds: Of the instances, such as `fresh_instances`.
         jobs: Experiments run at once.
-        watch: Called now and then with the number of experiments done.
+        watch: Called with the number of experiments done.
 
     Raises:
         FsmError: if the PFSM needs a sensor that the robot lacks.
     """
     simulator.check(pfsm)
 
-    def measured(instance: int) -> tuple[float, int]:
-        own_seed = instance_seed(seed, "evaluation", instance)
-        return simulator.run(pfsm, own_seed).score, own_seed
+    def measured(seed: int) -> float:
+        return simulator.run(pfsm, seed).score
 
-    found: list[tuple[float, int]] = []
     with ThreadExecutor(jobs) as executor:
-        for some in executor.run(measured, range(runs)):
-            found += some
-            watch(len(found))
-    scores, seeds = zip(*found, strict=True)
-    return Evaluation(scores=Scores(scores), seeds=seeds)
+        scores = in_order(executor, measured, seeds, watch)
+    return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))

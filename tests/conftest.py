@@ -1,6 +1,9 @@
+import sys
+
 import pytest
 from hypothesis import settings
 
+from mercator_design.cli import main
 from mercator_design.missions import plugins
 
 # A first example may compile a kernel, so its time says nothing.
@@ -14,3 +17,17 @@ def registries():
     restore = plugins.snapshot()
     yield
     restore()
+
+
+@pytest.fixture
+def mdesign(monkeypatch, capsys):
+    """Run a command line; gives exit code, stdout, stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["mdesign", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return stop.value.code or 0, out, err
+
+    return run

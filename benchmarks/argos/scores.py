@@ -30,7 +30,7 @@ from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejec
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
 from mercator_design.missions.floor import ColourName, rgb
-from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.executors import ThreadExecutor, in_order
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.swarm import History
@@ -272,7 +272,7 @@ def _repeated(original: Original, pfsm: Pfsm, seed: int) -> dict[str, float]:
 
 def _columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], jobs: int) -> Columns:
     with ThreadExecutor(jobs) as executor:
-        rows = [row for some in executor.run(measure, seeds) for row in some]
+        rows = in_order(executor, measure, seeds)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

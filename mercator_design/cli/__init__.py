@@ -1,8 +1,8 @@
 """The command `mdesign`; each verb has its file.
 
 Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
-0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 130 interrupted. Heavy modules are imported by the verb
-that needs them, so that `--help` is quick.
+0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted. Heavy
+modules are imported by the verb that needs them, so that `--help` is quick.
 """
 
 import os
@@ -11,8 +11,8 @@ import sys
 import click
 
 from mercator_design import __version__
-from mercator_design.cli import draw, evaluate, missions, race, record, robots, schema, validate
-from mercator_design.cli.terminal import tell
+from mercator_design.cli import draw, evaluate, missions, race, record, robots, runs, schema, validate
+from mercator_design.cli.terminal import Terminated, tell
 from mercator_design.errors import MercatorError, printable
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
@@ -35,6 +35,9 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         tell("Interrupted.")
         sys.exit(130)
+    except Terminated:
+        tell("Terminated.")
+        sys.exit(75)  # EX_TEMPFAIL: try again later
     except OSError as error:
         if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
             tell(f"Error: {error}")
@@ -53,12 +56,13 @@ def cli() -> None:
 
     \b
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
-    130 interrupted.
+    75 terminated (resume the race), 130 interrupted.
     """  # noqa: D301 - click reads the control character
 
 
 for _verb in (
     race.race,
+    runs.runs,
     evaluate.evaluate,
     record.record,
     validate.validate,

@@ -14,6 +14,14 @@ from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 @MISSION
 @click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
 @SEED
+@click.option(
+    "--instance",
+    "instances",
+    type=click.IntRange(0, 2**63 - 1),
+    multiple=True,
+    metavar="SEED",
+    help="Run on the instance of this seed, instead of on fresh ones. May be repeated.",
+)
 @JOBS
 @ROBOT_MODEL
 @FLAVOUR
@@ -26,6 +34,7 @@ def evaluate(
     mission: str | None,
     runs: int,
     seed: int,
+    instances: tuple[int, ...],
     jobs: int | None,
     robot_model: str | None,
     flavour: str | None,
@@ -33,16 +42,17 @@ def evaluate(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Measure the controller of an fsm.txt on fresh instances of its mission.
+    """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
 
     \b
     With --json: mission, direction, robots, duration, robot_model,
-    runs, seed, scores, seeds, mean,
+    runs, seed (null with --instance), scores, seeds, mean,
     standard_deviation (n - 1), quartiles [lower, median, upper],
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.
     """  # noqa: D301 - click reads the control character
     from mercator_design.design import evaluate as measure
+    from mercator_design.design import fresh_instances
     from mercator_design.race.executors import available_jobs
     from mercator_design.report.progress import EvaluationDisplay
     from mercator_design.report.summary import evaluation_json, evaluation_summary
@@ -52,12 +62,13 @@ def evaluate(
     simulator = new_simulator(loaded, robot_model)
     warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
     simulator.rehearse(announce=tell)
-    with Interrupt() as interrupt, EvaluationDisplay(loaded, runs) as display:
+    seeds = instances or fresh_instances(seed, runs)
+    with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
 
         def watch(done: int) -> None:
             display.show(done)
-            interrupt.check(f"{done} of {runs} experiments were done")
+            interrupt.check(f"{done} of {len(seeds)} experiments were done")
 
-        result = measure(simulator, file.pfsm, runs=runs, seed=seed, jobs=jobs or available_jobs(), watch=watch)
+        result = measure(simulator, file.pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
     report = evaluation_json if as_json else evaluation_summary
-    click.echo(report(result, simulator, seed=seed))
+    click.echo(report(result, simulator, seed=None if instances else seed))

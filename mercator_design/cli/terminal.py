@@ -41,33 +41,46 @@ def terminal_width() -> int | None:
     return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
 
 
+class Terminated(BaseException):
+    """SIGTERM came, as a scheduler sends it some time before it kills; what is done can be resumed."""
+
+
 class Interrupt:
-    """Ctrl-C while experiments run: noted at once, acted on between batches; the second time acted on at once.
+    """Ctrl-C while experiments run: noted at once, acted on between them; the second time acted on at once.
 
     An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback.
+
+    Args:
+        terminable: Whether SIGTERM is noted too, and acted on by `Terminated`.
     """
 
-    def __init__(self) -> None:
-        self._came = False
+    def __init__(self, *, terminable: bool = False) -> None:
+        self._came: int | None = None
+        self._numbers = [signal.SIGINT, *([signal.SIGTERM] if terminable else [])]
 
     def __enter__(self) -> Self:
-        self._usual = signal.signal(signal.SIGINT, self._note)
+        self._usual = {number: signal.signal(number, self._note) for number in self._numbers}
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        signal.signal(signal.SIGINT, self._usual)
+        for number, handler in self._usual.items():
+            signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
-        self._came = True
-        signal.signal(signal.SIGINT, self._usual)
+        self._came = number
+        signal.signal(number, self._usual[signal.Signals(number)])
+
+    def came(self) -> bool:
+        """Whether to stop."""
+        return self._came is not None
 
     def check(self, what: str) -> None:
-        """Stop, and say what there is, if Ctrl-C came."""
-        if self._came:
+        """Stop, and say what there is, if a signal came."""
+        if self._came is not None:
             tell(what)
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt if self._came == signal.SIGINT else Terminated
 
 
 @contextlib.contextmanager

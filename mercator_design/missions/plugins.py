@@ -154,7 +154,7 @@ def plugin_files() -> list[Path]:
 
 
 def load_plugin(path: str | Path) -> None:
-    """Run a Python file that defines objectives or floor dynamics; a second time does nothing.
+    """Run a Python file that defines objectives or floor dynamics; a second time, or a copy of it, does nothing.
 
     Raises:
         MissionError: if it cannot be read or run, defines nothing or a name that is taken, or brings kernels after
@@ -170,7 +170,10 @@ def load_plugin(path: str | Path) -> None:
     digest = hashlib.sha256(source).hexdigest()[:16]
     for shipped in ("objectives", "dynamics"):  # whose names are taken
         importlib.import_module(f"mercator_design.missions.{shipped}")
-    if any(file.name == other.name for other in _loaded):
+    namesakes = [loaded for other, loaded in _loaded.items() if other.name == file.name]
+    if digest in namesakes:
+        return
+    if namesakes:
         raise MissionError(f"{path}: a plugin of that name is loaded already; give it another")
     before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
     name = f"mercator_design_plugin_{file.stem}_{digest}"

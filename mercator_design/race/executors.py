@@ -1,13 +1,77 @@
-"""What runs experiments: a batch in, its results out, in the same order whatever runs when."""
+"""What runs experiments: items in, what came of each out as soon as it is there.
 
-from collections.abc import Callable, Iterator, Sequence
+One interface, `Executor`, and three of them: threads of this process, worker processes, and the workers of a Dask
+cluster. What comes of an experiment is the same wherever it runs. None ever raises for an experiment that fails: it
+gives a `Failed`, and whoever asked decides.
+"""
+
+import collections
+import contextlib
+import os
+import pickle
+import queue
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from functools import lru_cache
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
-from joblib import Parallel, cpu_count, delayed
+from joblib import cpu_count
+from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from mercator_design.errors import RaceError
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+MOST_DEATHS = 3
+"""Workers that an experiment may cost before it is given up."""
+MOST_TIMEOUTS = 2
+"""Times that an experiment may take too long: the second is no accident."""
+START = 60.0
+"""Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """What came of an experiment that has no result."""
+
+    reason: str
+    error: Exception | None = None  # that it raised, if it did and if it could be carried here
+
+
+class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
+    """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
+
+
+class Executor(Protocol):
+    """Runs a function on items; a context manager, which lets go of its workers at the end."""
+
+    @property
+    def jobs(self) -> int:
+        """How many run at once."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None: ...
+
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        """Each item's place and what the function gave for it, in the order in which they finish.
+
+        Items are drawn one by one when there is room for them; when there are no more, what is under way still comes.
+        None is no item: there may be one when something has finished.
+
+        Raises:
+            WorkerUnfit: A worker has no such function, or another version of it.
+        """
 
 
 def available_jobs() -> int:
@@ -15,24 +79,228 @@ def available_jobs() -> int:
     return int(cpu_count())
 
 
+def attempt(function: Callable[[T], R], item: T) -> R | Failed:
+    """What a function gives for an item, or that it failed."""
+    try:
+        return function(item)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is about this experiment
+        return Failed(f"{type(error).__name__}: {error!s:.500}", error)
+
+
+def in_order(
+    executor: Executor,
+    function: Callable[[T], R],
+    items: Iterable[T],
+    watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
+) -> list[R]:
+    """What a function gives for each item, in the order of the items.
+
+    Args:
+        executor: Runs it.
+        function: What to run.
+        items: What to run it on.
+        watch: Called with the number of items done.
+
+    Raises:
+        RaceError: One of them failed; or whatever it raised.
+    """
+    found: dict[int, R] = {}
+    for place, result in executor.run(function, items):
+        if isinstance(result, Failed):
+            raise result.error or RaceError(result.reason)
+        found[place] = result
+        watch(len(found))
+    return [found[place] for place in range(len(found))]
+
+
 class ThreadExecutor:
-    """Runs experiments in threads of this process, for functions that do not hold the GIL."""
+    """Threads of this process, for functions that do not hold the GIL; with one job, this thread itself."""
 
     def __init__(self, jobs: int) -> None:
-        self._portion = 10 * jobs  # small enough to see progress, large enough to keep all jobs busy
-        self._parallel = Parallel(n_jobs=jobs, backend="threading", batch_size=1)
+        self.jobs = jobs
+        self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Self:
-        self._parallel.__enter__()
+        if self.jobs > 1:
+            # They end with this process even if an experiment does not.
+            self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
+            for thread in self._threads:
+                thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._parallel.__exit__(kind, error, traceback)
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._todo.get_nowait()
+        for _ in self._threads:
+            self._todo.put(None)
+        if kind is None or issubclass(kind, Exception):  # not after Ctrl-C, when nobody wants to wait
+            for thread in self._threads:
+                thread.join()
 
-    def run(self, function: Callable[[T], R], items: Sequence[T]) -> Iterator[list[R]]:
-        """The function's results in the order of the items, some at a time, so that a caller can show and keep them."""
-        for start in range(0, len(items), self._portion):
-            portion = items[start : start + self._portion]
-            yield list(self._parallel(delayed(function)(item) for item in portion))
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        """As `Executor.run`."""
+        numbered = enumerate(items)
+        if not self._threads:
+            for index, item in numbered:
+                if item is None:
+                    return  # nothing is under way that could finish
+                yield index, attempt(function, item)
+            return
+        done: queue.SimpleQueue[tuple[int, R | Failed]] = queue.SimpleQueue()
+
+        def job(index: int, item: T) -> Callable[[], None]:
+            return lambda: done.put((index, attempt(function, item)))
+
+        under_way = 0
+        while True:
+            while under_way <= self.jobs:  # one that runs for each thread, and one that waits
+                index, item = next(numbered, (0, None))
+                if item is None:
+                    break
+                self._todo.put(job(index, item))
+                under_way += 1
+            if not under_way:
+                return
+            yield done.get()
+            under_way -= 1
+
+    def _serve(self) -> None:
+        while (job := self._todo.get()) is not None:
+            job()
+
+
+@dataclass(slots=True, eq=False)
+class _Errand(Generic[T]):
+    """An item on its way through workers that may die."""
+
+    index: int
+    item: T
+    deaths: int = 0
+    timeouts: int = 0
+    deadline: float = float("inf")
+
+
+class ProcessExecutor:
+    """Worker processes (joblib's loky), one experiment at a time each, so that it is known which one a worker died of.
+
+    An experiment whose worker dies is run again, and given up after `MOST_DEATHS`. One that takes longer than `timeout`
+    seconds has its worker killed, is run again, and given up after `MOST_TIMEOUTS`. Either costs nothing else.
+    """
+
+    def __init__(self, jobs: int, *, timeout: float | None = None) -> None:
+        self.jobs = jobs
+        self._timeout = timeout
+        self._workers: list[ProcessPoolExecutor] = []  # of one process each
+        self._new: set[int] = set()  # places of workers that have not done anything yet
+
+    def __enter__(self) -> Self:
+        self._workers = [_worker() for _ in range(self.jobs)]
+        self._new = set(range(self.jobs))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for worker in self._workers:
+            worker.shutdown(wait=True, kill_workers=kind is not None)
+
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        """As `Executor.run`."""
+        packed = pickle.dumps(function)
+        errands = (None if item is None else _Errand(index, item) for index, item in enumerate(items))
+        again: collections.deque[_Errand[T]] = collections.deque()
+        idle = list(range(self.jobs))
+        running: dict[Future[R | Failed], tuple[int, _Errand[T]]] = {}
+        while True:
+            while idle and (errand := again.popleft() if again else next(errands, None)) is not None:
+                place = idle.pop()
+                if self._timeout is not None:
+                    errand.deadline = time.monotonic() + self._timeout + START * (place in self._new)
+                running[self._workers[place].submit(call_packed, packed, errand.item)] = place, errand
+            if not running:
+                return
+            soonest = min(errand.deadline for _, errand in running.values())
+            left = None if soonest == float("inf") else max(soonest - time.monotonic(), 0.0)
+            done, _ = wait(running, timeout=left, return_when=FIRST_COMPLETED)
+            now = time.monotonic()
+            late = [future for future, (_, errand) in running.items() if errand.deadline <= now and future not in done]
+            for future in [*done, *late]:
+                place, errand = running.pop(future)
+                result = self._timed_out(errand) if future in late else _outcome(future, errand)
+                if future in late or isinstance(future.exception(), BrokenProcessPool):
+                    self._workers[place].shutdown(wait=True, kill_workers=True)
+                    self._workers[place] = _worker()
+                    self._new.add(place)
+                else:
+                    self._new.discard(place)
+                idle.append(place)
+                if result is None:
+                    again.append(errand)
+                else:
+                    yield errand.index, result
+
+    def _timed_out(self, errand: _Errand[T]) -> Failed | None:
+        errand.timeouts += 1
+        if errand.timeouts < MOST_TIMEOUTS:
+            return None
+        return Failed(f"took longer than {self._timeout:g} s, {errand.timeouts} times")
+
+
+def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed | None:
+    """What came of an errand; None if it is to be run again."""
+    try:
+        return future.result()
+    except BrokenProcessPool as error:
+        errand.deaths += 1
+        if errand.deaths < MOST_DEATHS:
+            return None
+        return Failed(f"its worker process died, {errand.deaths} times: {_sentence(error)}")
+    except WorkerUnfit:
+        raise
+    except Exception as error:  # noqa: BLE001 - such as what cannot be carried between processes
+        return Failed(f"{type(error).__name__}: {error!s:.500}", error)
+
+
+def _sentence(error: Exception) -> str:
+    return str(error).partition("\n")[0][:200]
+
+
+def _worker() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(max_workers=1, initializer=_begin)
+
+
+def _begin() -> None:
+    """Leave signals to the main process: Ctrl-C and schedulers send them to all."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Callable[[Any], Any]:
+    """A function that came to this process; the same for all its items, so what it holds is built once."""
+    function: Callable[[Any], Any] = pickle.loads(packed)  # noqa: S301 - of our own main process
+    return function
+
+
+def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
+    """In a worker: call a function, and make sure that what comes of it can be carried back.
+
+    Raises:
+        WorkerUnfit: The function cannot be had here.
+    """
+    try:
+        function = _unpacked(packed)
+    except Exception as error:  # noqa: BLE001 - such as what is not installed
+        where = f"process {os.getpid()} on {socket.gethostname()}"
+        raise WorkerUnfit(f"a worker ({where}) cannot run this race: {type(error).__name__}: {error!s:.300}") from None
+    result = attempt(function, item)
+    if isinstance(result, Failed):
+        try:
+            pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
+        except Exception:  # noqa: BLE001 - exceptions fail in many ways here
+            result = Failed(result.reason)
+    return result

@@ -67,16 +67,7 @@ class IteratedRace:
         self.options = options or RaceOptions()
         if space.n_variable == 0:
             raise RaceError("space: expected at least one parameter with more than one value, found none")
-        plan = arithmetic.plan(
-            self.budget,
-            n_variable=space.n_variable,
-            mu=self.options.planned_mu,
-            each_test=self.options.instances_each_test,
-            n_new=self.options.new_instances,
-            elitist=self.options.elitist,
-            iterations=self.options.iterations,
-            survivors=self.options.survivors,
-        )
+        plan = self._plan(self.budget)
         self.configurations: list[Configuration] = []
         self.parents: list[int | None] = []
         self.elites: list[Elite] = []
@@ -182,6 +173,48 @@ class IteratedRace:
             self._batch = self._batches.send([float(cost) for cost in costs])
         except StopIteration:
             return
+
+    def foresee(self, n: int) -> list[Experiment]:
+        """At most n experiments that `ask` will probably give next, after those it has given."""
+        return [] if self._race is None else self._race.foresee(n)
+
+    def extend(self, budget: int) -> None:
+        """Go on with a larger budget after the end.
+
+        What is added is planned as the budget of a race of its own is: as many iterations, or fewer until it suffices.
+        They begin with the elites that the race has ended with, their distributions as wide as after the first
+        iteration.
+
+        Raises:
+            RaceError: The race has not ended yet, or the budget is no larger.
+        """
+        if self.ask():
+            raise RaceError("extend: expected the race to have ended, found experiments that are asked for")
+        self.budget = _whole("budget", budget, self.budget + 1)
+        try:
+            plan = self._plan(self.budget - self._used)
+        except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
+            self._n_iterations = self._iteration + 1
+        else:
+            self._n_iterations = self._iteration + plan.iterations
+            self._most_configurations = None if self.options.n_configurations else plan.configurations
+        self._n_new_instances = self.options.new_instances
+        self._model.initialise(self._elite_configurations())
+        self.stop_reason = None
+        self._batches = self._run()
+        self._batch = None
+
+    def _plan(self, budget: int) -> arithmetic.Plan:
+        return arithmetic.plan(
+            budget,
+            n_variable=self.space.n_variable,
+            mu=self.options.planned_mu,
+            each_test=self.options.instances_each_test,
+            n_new=self.options.new_instances,
+            elitist=self.options.elitist,
+            iterations=self.options.iterations,
+            survivors=self.options.survivors,
+        )
 
     def _run(self) -> Batches:
         """The whole algorithm; each batch it yields is sent its costs."""

@@ -26,7 +26,9 @@ COMPARISONS = {
 
 def is_true(value: Any) -> bool:  # noqa: ANN401 - whatever an expression may give
     """Whether a condition holds: NA does not."""
-    return value is not None and bool(logical(value))
+    if value is True or value is False or value is None:  # nearly always
+        return value is True
+    return logical(value)
 
 
 def number_text(value: float) -> str:

@@ -164,6 +164,21 @@ class Race:
         self._advance()
         self._test()
 
+    def foresee(self, n: int) -> list[Experiment]:
+        """At most n experiments that follow on those asked for, if nothing is eliminated and the race goes on."""
+        found: list[Experiment] = []
+        row = self._row + 1
+        asked = 0 if self._columns is None else len(self._columns)
+        most = max(min(n, self._budget - self.used - asked), 0)
+        while len(found) < most:
+            known = row < len(self._known)
+            if not known and self._alive.sum() <= self._survivors:
+                break
+            new = self._alive & np.isnan(self._costs[row]) if known else self._alive
+            found += [Experiment(self.configurations[column], self._instance(row)) for column in np.flatnonzero(new)]
+            row += 1
+        return found[:most]
+
     def ranked(self) -> list[int]:
         """The alive configurations, best first: more results before fewer, then as the test ranks them."""
         columns = np.flatnonzero(self._alive)

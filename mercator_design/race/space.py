@@ -12,6 +12,9 @@ from mercator_design.race.expressions import Expression
 from mercator_design.race.operations import is_true, number_text
 from mercator_design.race.parameter import Bounds, Configuration, Parameter, Value
 
+_FEW = 1000
+"""Values of a parameter that are worth remembering."""
+
 
 class Space:
     """Parameters in file order, which is also their order on a command line, and what may not be combined.
@@ -38,7 +41,7 @@ class Space:
             self._find_level(parameter, ())
         self.variable = tuple(p for p in self.parameters if not p.is_fixed)
         self.n_variable = len(self.variable)
-        self._by_level = sorted(self.parameters, key=lambda p: self.levels[p.name])
+        self._steps = [self._step(p) for p in sorted(self.parameters, key=lambda p: self.levels[p.name])]
 
     @classmethod
     def from_text(cls, text: str, source: str = "parameters.txt") -> "Space":
@@ -61,13 +64,33 @@ class Space:
             choose: called by level, with the bounds that hold for what was chosen before.
         """
         chosen: Configuration = {}
-        for parameter in self._by_level:
-            if parameter.condition is not None and not is_true(parameter.condition(chosen)):
+        for parameter, name, remembered, fixed in self._steps:
+            if remembered is not None:
+                value = chosen.get(name)
+                active = remembered.get(value)
+                if active is None:
+                    active = remembered[value] = self._is_active(parameter, chosen)
+                if not active:
+                    continue
+            elif not self._is_active(parameter, chosen):
                 continue
-            bounds = parameter.bounds(chosen)
+            bounds = fixed or parameter.bounds(chosen)
             if bounds is not None:
                 chosen[parameter.name] = parameter.values[0] if parameter.is_fixed else choose(parameter, bounds)
         return {name: chosen[name] for name in self._by_name if name in chosen}
+
+    def _step(self, parameter: Parameter) -> tuple[Parameter, str, dict[Value | None, bool] | None, Bounds | None]:
+        """A parameter; if its condition is on one other that has few values, that one and what is known of it; and
+        bounds that do not depend on anything. Most conditions are of that kind, and most of the time is theirs.
+        """
+        names = () if parameter.condition is None else parameter.condition.names
+        few = len(names) == 1 and _has_few_values(self._by_name[names[0]])
+        bounds = None if parameter.is_dependent else parameter.bounds({})
+        return parameter, names[0] if few else "", {} if few else None, bounds
+
+    @staticmethod
+    def _is_active(parameter: Parameter, chosen: Configuration) -> bool:
+        return parameter.condition is None or is_true(parameter.condition(chosen))
 
     def check(self, configuration: Mapping[str, Value]) -> None:
         """Raise a RaceError unless exactly the active parameters have values, each within its domain."""
@@ -138,6 +161,13 @@ class Space:
             below = [self._find_level(self._by_name[name], path) for name in _depends_on(parameter)]
             self.levels[parameter.name] = 1 + max(below, default=0)
         return self.levels[parameter.name]
+
+
+def _has_few_values(parameter: Parameter) -> bool:
+    if parameter.kind == "real" or parameter.is_dependent:
+        return False
+    low, high = parameter.bounds({}) or (0, 0)
+    return high - low < _FEW
 
 
 def _depends_on(parameter: Parameter) -> tuple[str, ...]:

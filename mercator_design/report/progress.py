@@ -10,6 +10,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from mercator_design.design import Designer
 from mercator_design.missions.mission import Mission
 
+_REFRESH = 0.1
+"""Seconds from one look at a race to the next."""
+
 
 class _Display:
     """A bar that counts experiments, with their rate and the time left."""
@@ -17,6 +20,7 @@ class _Display:
     def __init__(self, what: str, total: int) -> None:
         console = Console(stderr=True)
         self._started = time.monotonic()
+        self._shown = 0.0
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
@@ -38,6 +42,14 @@ class _Display:
     ) -> None:
         self._progress.stop()
 
+    def _is_silent(self) -> bool:
+        """Whether nobody sees what would be shown, or has just seen something."""
+        now = time.monotonic()
+        if self._progress.disable or now - self._shown < _REFRESH:
+            return True
+        self._shown = now
+        return False
+
     @property
     def seconds(self) -> float:
         """Time since the start."""
@@ -52,13 +64,15 @@ class _Display:
 class RaceDisplay(_Display):
     """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
 
-    def __init__(self, designer: Designer) -> None:
+    def __init__(self, designer: Designer, budget: int) -> None:
         self._mission = designer.simulator.mission
         self._race = designer.race
-        super().__init__(self._mission.name, designer.race.budget)
+        super().__init__(self._mission.name, budget)
 
     def update(self, done: int) -> None:
         """Show where the race is, when a number of experiments is done."""
+        if self._is_silent():
+            return
         now = self._race.progress
         best = ""
         if now.best is not None:

@@ -15,11 +15,21 @@ from mercator_design.race import IterationSummary
 from mercator_design.sim.simulate import Simulator
 
 
-def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: int, folder: Path) -> str:
-    """What was asked, what happened in each iteration, what won, and where it lies."""
+def race_summary(design: Design, designer: Designer, *, new: int, seconds: float, jobs: int, folder: Path) -> str:
+    """What was asked, what happened in each iteration, what won, and where it lies.
+
+    Args:
+        design: What the race came to.
+        designer: Of it.
+        new: Experiments that were run by this process, not before the race was resumed.
+        seconds: That this took.
+        jobs: Experiments run at once.
+        folder: Of the race.
+    """
     race, mission = designer.race, designer.simulator.mission
     objective, scores = mission.objective, design.scores
     all_equal = len({one.score for one in design.finished}) == 1
+    failed = sum(one.score is None for one in design.finished)
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
@@ -27,12 +37,14 @@ def race_summary(design: Design, designer: Designer, *, seconds: float, jobs: in
         f"{objective.direction} {objective.name}",
         f"Designed   with {designer.flavour}, for robot {designer.simulator.robot_model.name}",
         f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
-        f"seed {race.seed}; {seconds:.1f} s with {jobs} jobs, {race.used / max(seconds, 1e-3):.0f} experiments/s",
+        f"seed {race.seed}; {'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
+        f"{new / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
         "iteration  raced  survivors  experiments  mean of the best",
         *(_iteration_line(iteration, mission) for iteration in race.iterations),
         f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
         f"Winner     configuration {design.configuration}, score {scores.mean:.4g} ± "
@@ -65,14 +77,14 @@ def describe(pfsm: Pfsm) -> list[str]:
     return lines
 
 
-def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int) -> str:
-    """The figures of an evaluation, a line each."""
+def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:
+    """The figures of an evaluation, a line each; instances that were given have no master seed."""
     scores, mission, robot_model = result.scores, simulator.mission, simulator.robot_model
     low, middle, high = scores.quartiles
     lines = [
         f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
         f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
-        f"runs                 {len(scores.values)}, seed {seed}",
+        f"runs                 {len(scores.values)}, {'on given instances' if seed is None else f'seed {seed}'}",
         f"mean                 {scores.mean:.6g}",
     ]
     if scores.confidence_interval is not None:
@@ -84,8 +96,8 @@ def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int) -
     return "\n".join([*lines, f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"])
 
 
-def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int) -> str:
-    """The figures of an evaluation as JSON; what is not defined for one run is null."""
+def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:
+    """The figures of an evaluation as JSON; what is not defined, as for one run, is null."""
     scores, mission = result.scores, simulator.mission
     return json.dumps(
         {

@@ -1,0 +1,172 @@
+"""What the race itself costs, beside the experiments: time, memory, resuming, idle workers.
+
+Each figure is of a process of its own; times of the race are CPU times, which depend little on what else runs.
+
+    overhead     of one experiment, with an evaluator that costs nearly nothing: sampling, asking, testing, telling, and
+                 the journal on disk; of the journal and the executors alone
+    memory       at the end of a race of --large experiments
+    resume       the journal of that race read, checked and told anew
+    utilisation  part of the time that --jobs threads are in experiments, in a race on a mission with 20 robots
+
+Run: python benchmarks/race_overhead.py [--budget 10000] [--large 200000] [--race 400] [--jobs 2]
+"""
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from mercator_design.fsm.grammar import parameters_text
+from mercator_design.missions.mission import load_mission
+from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
+from mercator_design.race.journal import Journal, Measured, Record
+from mercator_design.race.runner import Runner
+
+T = TypeVar("T")
+R = TypeVar("R")
+MIB = 1024  # KiB, in which Linux counts
+
+
+def free(item: tuple[int, int]) -> Measured:
+    """A score that depends on configuration and instance, in under a microsecond."""
+    configuration, instance = item
+    noise = (configuration * 2654435761 + instance * 40503 * 65537) % 1009 / 1009
+    return Measured((configuration * 7919 % 997) / 997 + 2 * noise, "0123456789abcdef")
+
+
+def run(record: Record, executor: Executor, budget: int) -> int:
+    """A race with the free evaluator; gives how many experiments it had."""
+    race = IteratedRace(
+        Space.from_text(parameters_text("watermelon")), budget=budget, seed=1, options=RaceOptions.irace()
+    )
+    if not record.start:
+        record.begin({"budget": budget})
+    Runner(
+        race=race,
+        record=record,
+        executor=executor,
+        function=free,
+        item=lambda experiment: (experiment.configuration, experiment.instance),
+        seed=lambda instance: instance,
+        cost=lambda score: score,
+    ).run()
+    return race.used
+
+
+def overhead(budget: int) -> None:
+    """Prints the cost of a race without and with a journal."""
+    spent: list[float] = []
+    run(Record(), ThreadExecutor(1), 300)  # imports what is imported when it is needed
+    with tempfile.TemporaryDirectory() as folder, ThreadExecutor(1) as executor:
+        for record in (Record(), Journal(Path(folder) / "journal.jsonl", new=True)):
+            start = time.process_time()
+            n = run(record, executor, budget)
+            spent.append(1e6 * (time.process_time() - start) / n)
+    print(f"overhead, budget {budget}: {spent[0]:.1f} us an experiment, with a journal {spent[1]:.1f} us")
+
+
+def executors(budget: int) -> None:
+    """Prints what each executor adds to an experiment."""
+    for name, executor in (
+        ("this thread", ThreadExecutor(1)),
+        ("2 threads", ThreadExecutor(2)),
+        ("2 processes", ProcessExecutor(2)),
+    ):
+        with executor as running:
+            list(running.run(free, ((0, k) for k in range(100))))
+            start = time.perf_counter()
+            list(running.run(free, ((0, k) for k in range(budget))))
+            print(f"{name}: {1e6 * (time.perf_counter() - start) / budget:.1f} us an experiment")
+
+
+def memory(large: int, folder: str) -> None:
+    """Prints the peak memory of a large race, whose journal stays."""
+    with Journal(Path(folder) / "journal.jsonl", new=True) as journal, ThreadExecutor(1) as executor:
+        n = run(journal, executor, large)
+    print(f"memory, {n} experiments: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MIB:.0f} MiB")
+
+
+def resuming(large: int, folder: str) -> None:
+    """Prints how long it takes to be where that race was."""
+    path = Path(folder) / "journal.jsonl"
+    wall, start = time.perf_counter(), time.process_time()
+    with Journal(path, new=False) as journal, ThreadExecutor(1) as executor:
+        read = time.process_time() - start
+        n = run(journal, executor, large)
+    spent, waited = time.process_time() - start, time.perf_counter() - wall
+    lines = path.read_bytes().count(b"\n")
+    print(
+        f"resume, {lines} events: {spent:.2f} s of CPU ({read:.2f} s to read it, then {n} told), {waited:.2f} s in all"
+    )
+    print(f"memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MIB:.0f} MiB")
+
+
+def utilisation(budget: int, jobs: int) -> None:
+    """Prints how busy some threads are in a race of 20 robots."""
+    from mercator_design.design import Designer
+    from mercator_design.sim.simulate import Simulator
+
+    simulator = Simulator(load_mission("aggregation_20"))
+    simulator.rehearse(announce=lambda _: None)
+    designer = Designer(simulator, budget=budget, seed=1)
+    with _Timed(jobs) as executor:
+        executor.busy = []
+        wall = time.perf_counter()
+        used = len(designer.run(executor).finished)
+        wall = time.perf_counter() - wall
+    busy = sum(executor.busy)
+    unasked = len(executor.busy) - used
+    print(
+        f"utilisation, {used} experiments of aggregation_20, {jobs} threads: {busy / (jobs * wall):.1%} in experiments "
+        f"({wall:.1f} s, {1e3 * busy / len(executor.busy):.1f} ms an experiment; "
+        f"{unasked} more were run that nobody asked for)"
+    )
+
+
+class _Timed(ThreadExecutor):
+    """Notes how long each experiment took."""
+
+    busy: list[float]
+
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        def timed(item: T) -> R:
+            start = time.perf_counter()
+            result = function(item)
+            self.busy.append(time.perf_counter() - start)
+            return result
+
+        return super().run(timed, items)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--budget", type=int, default=10_000)
+    parser.add_argument("--large", type=int, default=200_000)
+    parser.add_argument("--race", type=int, default=400)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", nargs="+", help=argparse.SUPPRESS)  # what a process of its own is to do
+    given = parser.parse_args()
+    if given.only:
+        name, *arguments = given.only
+        what: dict[str, Callable[..., None]] = {f.__name__: f for f in (overhead, executors, memory, resuming)}
+        what[name](int(arguments[0]), *arguments[1:])
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        for arguments in (
+            ["overhead", str(given.budget)],
+            ["executors", str(given.budget)],
+            ["memory", str(given.large), folder],
+            ["resuming", str(given.large), folder],
+        ):
+            subprocess.run([sys.executable, __file__, "--only", *arguments], check=True)
+    utilisation(given.race, given.jobs)
+
+
+if __name__ == "__main__":
+    main()

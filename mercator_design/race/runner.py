@@ -1,0 +1,236 @@
+"""A race run to its end: what it asks for is looked up in a record of it, or run, noted there, and told.
+
+A race asks for some experiments at a time, and decides when it has them all. Workers who would have to wait for the
+last of them run what it will ask for next if nothing is eliminated: an experiment is a pure function of configuration
+and seed, so it may run before anyone asks. What the race then does not ask for is lost time and nothing else; it does
+not count as part of the budget, and the race never sees it.
+
+So a race that was stopped is resumed by running it again with its record: it takes the same way, as it depends on the
+costs alone, and only what had not finished is run.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Generic, Literal, Protocol, TypeVar
+
+from mercator_design.errors import MercatorError, RaceError
+from mercator_design.race.executors import Executor, Failed
+from mercator_design.race.journal import End, Finished, Measured, Record
+from mercator_design.race.parameter import Configuration
+from mercator_design.race.race import Experiment
+from mercator_design.race.summary import Elite
+
+T = TypeVar("T")
+OnFailure = Literal["stop", "reject"]
+
+
+class Asking(Protocol):
+    """What is run here, such as an `IteratedRace`."""
+
+    configurations: list[Configuration]
+    parents: list[int | None]
+    budget: int
+
+    @property
+    def iteration(self) -> int: ...
+    @property
+    def best(self) -> Elite: ...
+    def ask(self) -> list[Experiment]: ...
+    def tell(self, costs: Sequence[float]) -> None: ...
+    def extend(self, budget: int) -> None: ...
+    def foresee(self, n: int) -> list[Experiment]: ...
+
+
+class Stopped(Exception):  # noqa: N818 - nothing is wrong
+    """A race was stopped, as it was asked to; what had finished is noted."""
+
+
+class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
+    """An experiment failed, and no failure is accepted."""
+
+    def __init__(self, finished: Finished, error: Exception | None) -> None:
+        super().__init__(
+            f"experiment {finished.experiment} (configuration {finished.configuration}, instance of seed "
+            f"{finished.seed}) failed: {finished.failure}"
+        )
+        self.finished = finished
+        if isinstance(error, MercatorError):
+            self.exit_code = error.exit_code
+
+
+@dataclass(kw_only=True)
+class Runner(Generic[T]):
+    """How the experiments of a race are run.
+
+    function: gives what came of an item.
+    item: what to give the function for an experiment of a configuration on an instance.
+    seed: of an instance.
+    cost: of a score.
+    on_failure: whether an experiment that fails stops the race, or rejects its configuration.
+    watch: called with experiments that have just been run or looked up.
+    stopped: whether to stop; asked before each experiment.
+    """
+
+    race: Asking
+    record: Record
+    executor: Executor
+    function: Callable[[T], Measured]
+    item: Callable[[Experiment], T]
+    seed: Callable[[int], int]
+    cost: Callable[[float], float]
+    on_failure: OnFailure = "stop"
+    watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False
+
+    def __post_init__(self) -> None:
+        self._batch: list[Experiment] = []  # that the race has asked for
+        self._missing: dict[Experiment, int] = {}  # those of it that have not finished, with their numbers
+        self._todo: deque[Experiment] = deque()  # those of these that have not begun
+        self._under_way: dict[int, Experiment] = {}  # by the place of its item
+        self._likely: Iterator[Experiment] | None = None  # what the race will ask for next; None if not yet found out
+        self._failures: list[ExperimentFailed] = []
+        self._told = 0
+        self._n_ends = 0
+        self._ended = False
+
+    def run(self) -> None:
+        """Run the race to its end under each of the record's budgets.
+
+        Raises:
+            RaceError: The record is of another race or cannot be written, or all configurations were rejected.
+            ExperimentFailed: see `on_failure`.
+            Stopped: see `stopped`.
+        """
+        self._advance()
+        for place, result in self.executor.run(self.function, self._items()):
+            experiment = self._under_way.pop(place)
+            if experiment in self._missing:
+                self._finish(experiment, result)
+            else:
+                self._keep(experiment, result)
+            self._advance()
+        if self._failures:
+            raise min(self._failures, key=lambda error: error.finished.experiment)
+        if not self._ended:
+            raise Stopped
+        if self._told != len(self.record.experiments):
+            raise _another(f"{self._told} experiments in all", f"{len(self.record.experiments)}")
+
+    def _items(self) -> Iterator[T | None]:
+        """What to run next: what the race asks for, and before a worker is idle what it will probably ask for."""
+        for place in count():
+            if self._ended or self._failures or self.stopped():
+                return
+            experiment = self._todo.popleft() if self._todo else self._foreseen()
+            if experiment is None:
+                yield None
+            else:
+                self._under_way[place] = experiment
+                yield self.item(experiment)
+
+    def _foreseen(self) -> Experiment | None:
+        if self._likely is None:
+            self._likely = iter(self.race.foresee(2 * self.executor.jobs))
+        under_way = set(self._under_way.values())
+        return next((e for e in self._likely if e not in under_way and e not in self.record.ahead), None)
+
+    def _advance(self) -> None:
+        """Tell what has finished and ask on, until something has to be run or the race has ended."""
+        while not (self._missing or self._failures or self._ended or self.stopped()):
+            if self._batch:
+                finished = [self.record.experiments[self._told + k] for k in range(len(self._batch))]
+                self._told += len(self._batch)
+                self.race.tell([float("inf") if one.score is None else self.cost(one.score) for one in finished])
+            self._batch = self.race.ask()
+            self._likely = None
+            if self._batch:
+                self._look_up()
+                continue
+            self._note_end()
+            if not self._ended:
+                self.race.extend(self.record.budgets[self._n_ends])
+
+    def _look_up(self) -> None:
+        """Find what is known of a batch; the others are missing."""
+        self._note_configurations()
+        known, replayed = self.record.experiments, []
+        for number, experiment in enumerate(self._batch, start=self._told):
+            one = known.get(number)
+            if one is None:
+                self._missing[experiment] = number
+                continue
+            expected, found = (*experiment, self.seed(experiment.instance)), (one.configuration, one.instance, one.seed)
+            if expected != found:
+                what = "configuration {} on instance {} with seed {}"
+                raise _another(f"experiment {number}: {what.format(*expected)}", what.format(*found))
+            replayed.append(one)
+        if replayed:
+            self.watch(replayed)
+        under_way = set(self._under_way.values())
+        for experiment in list(self._missing):
+            if experiment in self.record.ahead:
+                self._finish(experiment, self.record.ahead[experiment])
+            elif experiment not in under_way:
+                self._todo.append(experiment)
+
+    def _finish(self, experiment: Experiment, result: Measured | Failed) -> None:
+        """Note an experiment that the race has asked for."""
+        score, outcome, failure = _read(result)
+        one = Finished(
+            experiment=self._missing.pop(experiment),
+            iteration=self.race.iteration,
+            configuration=experiment.configuration,
+            instance=experiment.instance,
+            seed=self.seed(experiment.instance),
+            score=score,
+            outcome=outcome,
+            failure=failure,
+        )
+        if failure and self.on_failure == "stop":  # not noted: when the race is resumed it is tried again
+            self._failures.append(ExperimentFailed(one, result.error if isinstance(result, Failed) else None))
+            return
+        self.record.note_experiments([one])
+        self.watch([one])
+
+    def _keep(self, experiment: Experiment, result: Measured | Failed) -> None:
+        """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
+        if not _read(result)[2] and isinstance(result, Measured):
+            self.record.note_ahead(experiment, result)
+
+    def _note_configurations(self) -> None:
+        for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
+            values, parent = self.race.configurations[number], self.race.parents[number]
+            if number not in self.record.configurations:
+                event = {"event": "configuration", "configuration": number, "parent": parent, "values": values}
+                self.record.note([event])
+            elif self.record.configurations[number] != values:
+                raise _another(f"configuration {number}: {values}", f"{self.record.configurations[number]}")
+            self.record.configurations[number] = values  # once in memory is enough
+
+    def _note_end(self) -> None:
+        budget = self.record.budgets[self._n_ends]
+        end = End(budget=budget, experiments=self._told, winner=self.race.best.configuration)
+        if self._n_ends == len(self.record.ends):
+            self.record.note_end(end)
+        noted = self.record.ends[self._n_ends]
+        if (noted.budget, noted.experiments, noted.winner) != (end.budget, end.experiments, end.winner):
+            raise _another(f"the end {end}", f"{noted}")
+        self._n_ends += 1
+        self._ended = self._n_ends == len(self.record.budgets)
+
+
+def _read(result: Measured | Failed) -> tuple[float | None, str, str]:
+    """Score, digest and failure; what is no finite number is a failure."""
+    if isinstance(result, Failed):
+        return None, "", result.reason
+    if not abs(result.score) < float("inf"):
+        return None, "", f"expected a finite score, found {result.score}"
+    return result.score, result.outcome, ""
+
+
+def _another(expected: str, found: str) -> RaceError:
+    return RaceError(
+        f"journal: expected {expected}, found {found}: it is of another race, or of another version of this program"
+    )

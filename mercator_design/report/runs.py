@@ -1,0 +1,126 @@
+"""What journals say of races: a line for each, or a page on one."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.fsm.grammar import to_pfsm
+from mercator_design.fsm.text import to_text
+from mercator_design.race.journal import Reading, is_locked, read
+
+_JOURNAL = "journal.jsonl"
+
+
+def runs_table(folder: Path) -> str:
+    """The races in the folders within one, a line each.
+
+    Raises:
+        RaceError: if there is no such folder.
+    """
+    rows: list[tuple[object, ...]] = [("run", "mission", "seed", "experiments", "budget", "state", "winner")]
+    rows += [
+        (run["run"], run["mission"], run["seed"], run["experiments"], run["budget"], run["state"], _score(run))
+        for run in _runs(folder)
+    ]
+    texts = [["" if cell is None else excerpt(str(cell)) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in texts
+    )
+
+
+def runs_json(folder: Path) -> str:
+    """The same as JSON.
+
+    Raises:
+        RaceError: if there is no such folder.
+    """
+    return json.dumps(_runs(folder), indent=2)
+
+
+def run_summary(path: Path) -> str:
+    """A page on the race of a folder.
+
+    Raises:
+        RaceError: if there is none, or its journal is corrupt.
+    """
+    reading = read(path / _JOURNAL)
+    record, run = reading.record, _run(path, reading)
+    if not record.start:
+        return f"{path}: no race has begun here yet"
+    start = record.start
+    asked = {(one.configuration, one.instance) for one in record.experiments.values()}
+    unasked = sum(place not in asked for place in record.ahead)
+    failed = sum(one.score is None for one in record.experiments.values())
+    lines = [
+        f"Mission    {start['mission']}, for robot {start['robot_model']}",
+        f"Designed   with {start['flavour']}, seed {start['seed']}",
+        f"Race       {run['experiments']} of {run['budget']} experiments, {len(record.configurations)} configurations",
+        *(
+            [f"Extended   from a budget of {', '.join(map(str, record.budgets[:-1]))}"]
+            if len(record.budgets) > 1
+            else []
+        ),
+        *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
+        *([f"Ahead      {unasked} more experiments were run that the race did not ask for"] if unasked else []),
+        f"State      {run['state']}",
+        *(f"           {_session(session)}" for session in record.sessions),
+        *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
+        f"Digest     {record.digest()}",
+    ]
+    if run["winner"] is not None:
+        fsm = to_text(to_pfsm(record.configurations[run["winner"]], start["flavour"]))
+        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}", "", fsm]
+    return "\n".join(lines)
+
+
+def _runs(folder: Path) -> list[dict[str, Any]]:
+    try:
+        journals = sorted(folder.glob(f"*/{_JOURNAL}"), key=lambda journal: journal.stat().st_mtime)
+        found = folder.is_dir()
+    except OSError as error:
+        raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise RaceError(f"{folder}: no such folder")
+    runs = []
+    for journal in journals:
+        try:
+            runs.append(_run(journal.parent, read(journal)))
+        except RaceError:
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": "damaged"})
+    return runs
+
+
+_KEYS = ("run", "mission", "seed", "experiments", "budget", "state", "winner", "score")
+
+
+def _run(path: Path, reading: Reading) -> dict[str, Any]:
+    record = reading.record
+    run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
+    if is_locked(path / _JOURNAL):
+        run["state"] = "running"
+    elif record.start and record.is_complete:
+        run["state"] = "finished"
+    else:
+        run["state"] = "stopped"
+    if record.start:
+        run |= {"mission": record.start["mission"], "seed": record.start["seed"], "budget": record.budget}
+    if record.ends:
+        winner = record.ends[-1].winner
+        scores = [
+            one.score for one in record.experiments.values() if one.configuration == winner and one.score is not None
+        ]
+        run |= {"winner": winner, "score": sum(scores) / len(scores)}
+    return run
+
+
+def _score(run: dict[str, Any]) -> str | None:
+    return None if run["score"] is None else f"{run['score']:.4g}"
+
+
+def _session(session: dict[str, Any]) -> str:
+    if session["event"] == "stop":
+        return f"{session['time']}  stopped: {session['why']}"
+    how = f"{session['executor']}, {session['jobs']} jobs" if "executor" in session else ""
+    return f"{session['time']}  process {session['process']} on {session['host']}: {how}"

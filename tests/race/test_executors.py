@@ -1,0 +1,312 @@
+"""What holds of everything that runs experiments: one class of tests for all, and what some of them can besides."""
+
+import contextlib
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design.errors import MissionError, RaceError
+from mercator_design.race import executors
+from mercator_design.race.dask_executor import DaskExecutor
+from mercator_design.race.executors import Failed, ProcessExecutor, ThreadExecutor, WorkerUnfit, in_order
+from mercator_design.race.journal import Record
+from mercator_design.race.runner import Stopped
+from tests.race.racing import measure, runner, undisturbed
+
+
+def square(x):
+    time.sleep(0.01 * (x % 3 == 0))
+    return x * x
+
+
+def fails(x):
+    if x == 3:
+        raise MissionError("three is not allowed")
+    if x == 4:
+        return 1 / 0
+    if x == 5:
+        raise Stubborn(lambda: None)
+    return x
+
+
+class Stubborn(Exception):  # noqa: N818
+    """Cannot be carried to another process."""
+
+
+class Dies:
+    """Kills its process at some items: always, or as long as a file is not there."""
+
+    def __init__(self, folder, *, always):
+        self.folder = folder
+        self.always = always
+
+    def __call__(self, x):
+        if x in self.always:
+            os.kill(os.getpid(), signal.SIGKILL)
+        mark = self.folder / str(x)
+        if x == 2 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return x
+
+
+class Hangs(Dies):
+    """The same, but it never ends."""
+
+    def __call__(self, x):
+        mark = self.folder / str(x)
+        if x in self.always or (x == 2 and not mark.exists()):
+            mark.touch()
+            time.sleep(600)
+        return x
+
+
+@pytest.fixture
+def make(request):
+    return request.getfixturevalue("dask") if request.param == "dask" else request.param
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+    ) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def dask(cluster):
+    return lambda: DaskExecutor(cluster.scheduler_address)
+
+
+THREADS = [pytest.param(lambda n=n: ThreadExecutor(n), id=f"{n} threads") for n in (1, 2, 5)]
+PROCESSES = [pytest.param(lambda n=n: ProcessExecutor(n), id=f"{n} processes") for n in (1, 2)]
+
+
+@pytest.mark.parametrize("make", [*THREADS, *PROCESSES, "dask"], indirect=True)
+class TestConformance:
+    def test_every_item_has_its_result(self, make):
+        with make() as executor:
+            for _ in range(2):  # and the executor can be used again
+                assert dict(executor.run(square, range(50))) == {k: k * k for k in range(50)}
+            assert list(executor.run(square, [])) == []
+            assert in_order(executor, square, range(7)) == [0, 1, 4, 9, 16, 25, 36]
+
+    def test_what_fails_is_told_and_hurts_nothing_else(self, make):
+        with make() as executor:
+            results = dict(executor.run(fails, range(8)))
+            failed = {k: result for k, result in results.items() if isinstance(result, Failed)}
+            assert {k: failure.reason.partition(":")[0] for k, failure in failed.items()} == {
+                3: "MissionError", 4: "ZeroDivisionError", 5: "Stubborn",
+            }  # fmt: skip
+            assert isinstance(failed[3].error, MissionError)
+            assert str(failed[3].error) == "three is not allowed"
+            assert {k: result for k, result in results.items() if k not in failed} == {k: k for k in (0, 1, 2, 6, 7)}
+            with pytest.raises(MissionError, match="three is not allowed"):
+                in_order(executor, fails, range(4))
+
+    def test_items_are_drawn_when_there_is_room(self, make):
+        drawn = []
+
+        def items():
+            for k in range(100):
+                drawn.append(k)
+                yield k
+
+        with make() as executor:
+            for done, _ in enumerate(executor.run(square, items()), start=1):
+                assert len(drawn) - done <= 2 * executor.jobs
+
+    def test_there_may_be_nothing_to_run_until_something_has_finished(self, make):
+        todo, found = [0], []
+
+        def items():
+            while len(found) < 20:
+                yield todo.pop() if todo else None
+
+        with make() as executor:
+            for _, result in executor.run(square, items()):
+                found.append(result)
+                todo.append(len(found))
+        assert found[:20] == [k * k for k in range(20)]
+
+    def test_items_that_end_early(self, make):
+        """What is under way is still given."""
+        stopped = False
+
+        def items():
+            for k in range(100):
+                if stopped:
+                    return
+                drawn.add(k)
+                yield k
+
+        drawn, found = set(), set()
+        with make() as executor:
+            for k, _ in executor.run(square, items()):
+                found.add(k)
+                stopped = len(found) > 10
+        assert found == drawn
+        assert len(found) < 40
+
+    def test_a_caller_that_goes_away(self, make):
+        with contextlib.suppress(RaceError), make() as executor:
+            next(executor.run(square, range(1000)))
+            raise RaceError("enough")
+        with make() as executor:
+            results = executor.run(square, range(1000))
+            next(results)
+            results.close()
+            assert dict(executor.run(fails, range(3))) == {0: 0, 1: 1, 2: 2}  # not what was under way before
+
+    def test_a_race_is_the_same(self, make):
+        expected = undisturbed()
+        record = Record()
+        with make() as executor:
+            runner(record, executor).run()
+        assert record.digest() == expected.digest()
+        assert record.ends == expected.ends
+
+    def test_a_race_that_is_stopped_keeps_what_was_under_way(self, make):
+        record = Record()
+        with make() as executor, pytest.raises(Stopped):
+            runner(record, executor, stopped=lambda: len(record.experiments) > 50).run()
+        assert 50 < len(record.experiments) < 70
+        with make() as executor:
+            runner(record, executor).run()
+        assert record.digest() == undisturbed().digest()
+
+
+def refuse():
+    raise ValueError("another version")
+
+
+class Refused:
+    def __call__(self, x):
+        return x
+
+    def __reduce__(self):
+        return refuse, ()
+
+
+@pytest.mark.parametrize("make", [*PROCESSES, "dask"], indirect=True)
+def test_a_worker_that_cannot_run_it_is_no_failure_of_an_experiment(make):
+    with make() as executor:
+        with pytest.raises(
+            WorkerUnfit, match=r"a worker \(process .* cannot run this race: ValueError: another version"
+        ):
+            list(executor.run(Refused(), range(5)))
+        assert in_order(executor, square, range(3)) == [0, 1, 4]
+
+
+class TestProcesses:
+    def test_a_worker_that_dies_costs_a_repetition(self, tmp_path):
+        with ProcessExecutor(2) as executor:
+            assert dict(executor.run(Dies(tmp_path, always=()), range(6))) == {k: k for k in range(6)}
+        assert (tmp_path / "2").exists()
+
+    def test_what_kills_all_its_workers_is_given_up(self, tmp_path):
+        with ProcessExecutor(2) as executor:
+            results = dict(executor.run(Dies(tmp_path, always=(1, 4)), range(6)))
+        assert {k for k, result in results.items() if isinstance(result, Failed)} == {1, 4}
+        assert results[1].reason.startswith("its worker process died, 3 times: ")
+        assert {results[k] for k in (0, 2, 3, 5)} == {0, 2, 3, 5}
+
+    def test_what_takes_too_long(self, tmp_path, monkeypatch):
+        """Once, which may be an accident; and again."""
+        monkeypatch.setattr(executors, "START", 20.0)
+        with ProcessExecutor(2, timeout=0.5) as executor:
+            assert in_order(executor, square, range(4)) == [0, 1, 4, 9]  # no worker is new now
+            monkeypatch.setattr(executors, "START", 5.0)
+            start = time.monotonic()
+            results = dict(executor.run(Hangs(tmp_path, always=(4,)), range(6)))
+        assert {k for k, result in results.items() if isinstance(result, Failed)} == {4}
+        assert results[4].reason == "took longer than 0.5 s, 2 times"
+        assert time.monotonic() - start < 60
+
+    def test_no_worker_is_left(self):
+        with ProcessExecutor(2) as executor:
+            workers = set(in_order(executor, process_of, range(10)))
+        deadline = time.monotonic() + 10
+        while any(map(is_running, workers)):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+    def test_signals_are_for_the_main_process(self):
+        with ProcessExecutor(1) as executor:
+            assert in_order(executor, survives, [signal.SIGINT, signal.SIGTERM]) == [True, True]
+
+
+class TestDask:
+    def test_a_worker_that_dies_costs_a_repetition(self, dask, tmp_path):
+        with dask() as executor:
+            assert dict(executor.run(Dies(tmp_path, always=()), range(6))) == {k: k for k in range(6)}
+
+    def test_what_kills_all_its_workers_is_given_up(self, dask, tmp_path):
+        with dask() as executor:
+            results = dict(executor.run(Dies(tmp_path, always=(4,)), range(6)))
+        assert {k for k, result in results.items() if isinstance(result, Failed)} == {4}
+        assert re.match(r"its worker died, 4 times, the last time \S+$", results[4].reason)
+
+    def test_a_worker_is_killed_in_the_middle_of_a_race(self, dask):
+        record = Record()
+        with dask() as executor:
+
+            def watch(_):
+                if len(record.experiments) == 50:
+                    os.kill(min(executor.run(process_of, [0]))[1], signal.SIGKILL)
+
+            runner(record, executor, watch=watch).run()
+        assert record.digest() == undisturbed().digest()
+
+    def test_nobody_there(self):
+        pytest.importorskip("distributed")
+        with pytest.raises(RaceError, match=r"tcp://127.0.0.1:9: expected a Dask scheduler there"):
+            DaskExecutor("tcp://127.0.0.1:9", timeout=0.5)
+
+    def test_slurm_s_script(self, tmp_path):
+        pytest.importorskip("dask_jobqueue")
+        command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--dry-run"]
+        done = subprocess.run(
+            [*command, "--cores", "8", "--partition", "short"], capture_output=True, text=True, check=True, cwd=tmp_path
+        )
+        lines = done.stdout.splitlines()
+        assert {"#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --requeue"} <= set(lines)
+        assert re.search(r"dask_worker tcp://\S+ .*--nthreads 1 .*--nworkers 8 --nanny", lines[-1])
+
+
+def process_of(_):
+    return os.getpid()
+
+
+def survives(number):
+    os.kill(os.getpid(), number)
+    return True
+
+
+def is_running(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_threads_run_at_once():
+    barrier = threading.Barrier(3, timeout=30)
+    with ThreadExecutor(3) as executor:
+        assert len(in_order(executor, lambda _: barrier.wait(), range(3))) == 3
+
+
+def test_measuring_in_a_race_is_a_pure_function():
+    item = ((1.0, 2.0, "fast"), 5)
+    assert measure(item) == measure(item)

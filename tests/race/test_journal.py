@@ -1,0 +1,454 @@
+"""Whatever stops a race, and wherever: resumed, it comes to the same end, and nothing that finished is run again."""
+
+import fcntl
+import itertools
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+import zlib
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race import IteratedRace, journal
+from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.journal import End, Finished, Journal, Measured, Record, from_line, is_locked, read, to_line
+from mercator_design.race.runner import ExperimentFailed, Stopped
+from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
+
+WHOLE = undisturbed()
+EXPECTED = WHOLE.ends[-1].winner, WHOLE.digest()
+RAN = len(WHOLE.experiments)
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """A journal's bytes."""
+    path = tmp_path_factory.mktemp("complete") / "journal.jsonl"
+    assert resumed(path) == (*EXPECTED, RAN)
+    return path.read_bytes()
+
+
+def whole_experiments(data):
+    return sum(b'"event":"experiment"' in line for line in data.splitlines(keepends=True) if line.endswith(b"\n"))
+
+
+EVENT = {"event": "experiment", "experiment": 3, "score": 0.1 + 0.2, "failure": 'a "quoted" thing, "crc":"x"}'}
+
+
+class TestLines:
+    def test_there_and_back(self):
+        assert from_line(to_line(EVENT).encode()) == EVENT
+
+    def test_the_checksum_is_that_of_the_line_without_it(self):
+        line, crc = to_line({"event": "end"}), zlib.crc32(b'{"event":"end"}')
+        assert line == f'{{"event":"end","crc":"{crc:08x}"}}\n'
+        assert json.loads(line)["event"] == "end"  # any JSON reader takes it
+
+    def test_any_byte_that_differs_is_noticed(self):
+        line = to_line(EVENT).encode()
+        for place in range(len(line)):
+            for other in (line[place] ^ 1, line[place] ^ 128):
+                with pytest.raises(ValueError, match="expected"):
+                    from_line(line[:place] + bytes([other]) + line[place + 1 :])
+
+    def test_any_byte_that_is_missing_is_noticed(self):
+        line = to_line(EVENT).encode()
+        for place in range(len(line)):
+            with pytest.raises(ValueError, match="expected"):
+                from_line(line[:place])
+
+    def test_what_is_no_number_is_never_written(self):
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            to_line({"score": float("nan")})
+
+
+class TestResume:
+    def test_a_finished_race_runs_nothing(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        assert resumed(path) == (*EXPECTED, 0)
+        assert path.read_bytes() == complete
+
+    def test_cut_at_every_byte_of_its_last_lines(self, tmp_path, monkeypatch):
+        """Each byte of the end and the last experiment, of a small race."""
+        path = tmp_path / "journal.jsonl"
+        monkeypatch.setattr(os, "fsync", lambda file: None)  # which takes most of the time
+        expected = resumed(path, budget=50)
+        data = path.read_bytes()
+        lines = data.splitlines(keepends=True)
+        for length in range(len(data) - len(lines[-1]) - len(lines[-2]), len(data)):
+            path.write_bytes(data[:length])
+            assert resumed(path, budget=50) == (*expected[:2], expected[2] - whole_experiments(data[:length]))
+            assert path.read_bytes() == data
+
+    def test_cut_at_random_bytes(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        draws = random.Random(1)
+        for length in [0, 1, *(draws.randrange(len(complete)) for _ in range(20))]:
+            path.write_bytes(complete[:length])
+            assert resumed(path) == (*EXPECTED, RAN - whole_experiments(complete[:length]))
+
+    @pytest.mark.parametrize("rubbish", [b"\0" * 4096, b"{", b"\xff\xfe\n", b'{"event":"end"}\n', b"\n\n\n"])
+    def test_rubbish_at_the_end_is_cut_off_and_told(self, tmp_path, complete, rubbish):
+        path = tmp_path / "journal.jsonl"
+        lines = complete.splitlines(keepends=True)
+        path.write_bytes(b"".join(lines[:50]) + rubbish)
+        with Journal(path, new=False) as one:
+            assert one.notes == [n for n in one.notes if "line 51: expected" in n and "cut off" in n]
+            assert len(one.notes) == 1
+        assert resumed(path)[:2] == EXPECTED
+
+    def test_damage_before_the_end_names_the_line_and_changes_nothing(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        lines = complete.splitlines(keepends=True)
+        damaged = b"".join([*lines[:40], lines[40].replace(b'"instance":', b'"instance":1', 1), *lines[41:]])
+        damaged = damaged if damaged != complete else b"".join([*lines[:40], b"x" + lines[40], *lines[41:]])
+        path.write_bytes(damaged)
+        with pytest.raises(
+            RaceError, match=r"line 41: expected the checksum [0-9a-f]{8}, found.*Lines 1 to 40 are whole"
+        ):
+            Journal(path, new=False)
+        assert path.read_bytes() == damaged
+        path.write_bytes(b"".join(lines[:40]))  # as it says
+        assert resumed(path)[:2] == EXPECTED
+
+    def test_experiments_may_finish_in_any_order(self, tmp_path, complete):
+        """As parallel workers finish them, and stopped in the middle of that."""
+        path = tmp_path / "journal.jsonl"
+        lines = complete.splitlines(keepends=True)
+        start, others = lines[0], lines[1:-1]
+        experiments = [line for line in others if b'"event":"experiment"' in line]
+        configurations = [line for line in others if b'"event":"experiment"' not in line]
+        random.Random(1).shuffle(experiments)
+        path.write_bytes(start + b"".join(configurations + experiments[:200]))
+        assert resumed(path) == (*EXPECTED, RAN - 200)
+
+    def test_that_of_another_race_is_refused(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        with pytest.raises(RaceError, match="another race, or of another version"):
+            resumed(path, seed=2)
+
+    def test_an_experiment_too_many(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        with Journal(path, new=False) as one:
+            one.note_experiments(
+                [Finished(experiment=9999, iteration=1, configuration=1, instance=0, seed=1, score=1.0)]
+            )
+        with pytest.raises(RaceError, match=f"expected {RAN} experiments in all, found {RAN + 1}"):
+            resumed(path)
+
+    def test_two_results_of_one_experiment(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        line = next(line for line in complete.splitlines() if b'"experiment":7,' in line)
+        event = {**from_line(line + b"\n")}
+        path.write_bytes(complete + line + b"\n")  # the same again does no harm
+        assert resumed(path)[:2] == EXPECTED
+        event["score"] += 1
+        path.write_bytes(complete + to_line(event).encode())
+        with pytest.raises(RaceError, match="experiment 7 finished twice"):
+            resumed(path)
+
+    @pytest.mark.parametrize(
+        ("event", "words"),
+        [
+            ({"event": "start", "format": 1, "budget": 3}, "second start"),
+            ({"event": "dance"}, "expected an event, found dance"),
+            ({"event": "extend", "budget": BUDGET}, f"larger than {BUDGET}"),
+            ({"event": "configuration", "configuration": 1}, "configuration without 'values'"),
+            ({"event": "experiment", "experiment": 1}, "missing"),
+        ],
+    )
+    def test_an_event_that_cannot_be(self, tmp_path, complete, event, words):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete + to_line(event).encode())
+        with pytest.raises(RaceError, match=f"line {complete.count(10) + 1}: .*{words}"):
+            read(path)
+
+    @pytest.mark.parametrize(
+        ("line", "words"), [({"event": "end"}, "start of a race first"), ({"event": "start", "format": 7}, "format 7")]
+    )
+    def test_a_file_that_is_no_journal(self, tmp_path, line, words):
+        path = tmp_path / "journal.jsonl"
+        path.write_text(to_line(line))
+        with pytest.raises(RaceError, match=words):
+            read(path)
+
+
+@pytest.mark.parametrize(("seeds", "points"), [((1,), 10), pytest.param((1, 2, 3), 50, marks=pytest.mark.slow)])
+def test_killed_at_random_bytes(tmp_path, seeds, points):
+    for seed in seeds:
+        (tmp_path / str(seed)).mkdir()
+        command = [sys.executable, "-m", "tests.race.racing", str(tmp_path / str(seed)), str(seed), str(points)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+class TestExtension:
+    def test_the_race_goes_on_from_its_end(self):
+        longer = undisturbed(budgets=(BUDGET, 500))
+        assert RAN < len(longer.experiments) <= 500
+        assert [longer.experiments[k] for k in range(RAN)] == [WHOLE.experiments[k] for k in range(RAN)]
+        assert longer.ends[0] == WHOLE.ends[0]
+        assert longer.ends[1].digest != WHOLE.ends[0].digest
+
+    def test_when_it_is_asked_for_makes_no_difference(self, tmp_path, complete):
+        longer = undisturbed(budgets=(BUDGET, 500))
+        lines = complete.splitlines(keepends=True)
+        for n in (1, 30, len(lines) - 1, len(lines)):
+            path = tmp_path / f"{n}.jsonl"
+            path.write_bytes(b"".join(lines[:n]) + to_line({"event": "extend", "budget": 500}).encode())
+            assert resumed(path)[:2] == (longer.ends[-1].winner, longer.digest())
+
+    def test_cut_at_random_bytes(self, tmp_path):
+        longer = undisturbed(budgets=(BUDGET, 400, 600))
+        path = tmp_path / "journal.jsonl"
+        with Journal(path, new=True) as one, ThreadExecutor(1) as executor:
+            running = runner(one, executor)
+            one.note([{"event": "extend", "budget": 400}, {"event": "extend", "budget": 600}])
+            running.run()
+        data = path.read_bytes()
+        draws = random.Random(1)
+        first = len(b"".join(data.splitlines(keepends=True)[:3]))  # with the budgets
+        for length in [draws.randrange(first, len(data)) for _ in range(10)]:
+            path.write_bytes(data[:length])
+            assert resumed(path)[:2] == (longer.ends[-1].winner, longer.digest())
+
+    @pytest.mark.parametrize("more", [1, 5, 60, 3000])
+    def test_by_little_or_much(self, more):
+        race = IteratedRace(SPACE, budget=100, seed=3)
+        rng = random.Random(1)
+        for budget in (None, 100 + more):
+            if budget:
+                race.extend(budget)
+            while batch := race.ask():
+                race.tell([race.configurations[e.configuration]["x"] + rng.random() for e in batch])
+        assert race.used <= 100 + more
+        assert race.used > 100 + 0.9 * more - 3  # a single experiment may be too few for anything
+
+    def test_more_budget_is_no_worse(self):
+        """Most of 20 races, of fixed seeds, end at least as near the optimum with four times the budget."""
+        better = 0
+        for seed in range(20):
+            longer = undisturbed(seed=seed, budgets=(100, 400))
+            distance = []
+            for end in longer.ends:
+                x, y, rule = longer.configurations[end.winner].values()
+                distance.append((x - 1.5) ** 2 + (y + 1) ** 2 + (rule != "fast"))
+            better += distance[1] <= distance[0]
+        assert better >= 14
+
+    def test_before_its_end_or_by_nothing(self):
+        race = IteratedRace(SPACE, budget=100, seed=3)
+        with pytest.raises(RaceError, match="expected the race to have ended"):
+            race.extend(200)
+        while batch := race.ask():
+            race.tell([race.configurations[e.configuration]["x"] for e in batch])
+        with pytest.raises(RaceError, match="budget: expected a whole number, 101 or more, found 100"):
+            race.extend(100)
+
+
+class TestLock:
+    def test_one_process_at_a_time(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        with Journal(path, new=False) as one:
+            one.open_session(jobs=1)
+            assert is_locked(path)
+            with pytest.raises(RaceError, match=f"process {os.getpid()} on .* is running this race"):
+                Journal(path, new=False)
+        assert not is_locked(path)
+        Journal(path, new=False).__exit__(None, None, None)
+
+    def test_the_lock_goes_with_its_process(self, tmp_path, complete):
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(complete)
+        script = (
+            "import sys, time; from pathlib import Path; from mercator_design.race.journal import Journal;"
+            "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(60)"
+        )
+        with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout.readline() == "has it\n"
+            with pytest.raises(RaceError, match="running this race"):
+                Journal(path, new=False)
+            process.kill()
+        assert resumed(path)[:2] == EXPECTED
+
+    def test_a_file_system_without_locks(self, tmp_path, monkeypatch):
+        def flock(*_):
+            raise OSError(38, "Function not implemented")
+
+        monkeypatch.setattr(fcntl, "flock", flock)
+        with Journal(tmp_path / "journal.jsonl", new=True) as one:
+            assert "has no locks" in one.notes[0]
+
+
+class TestFullDisk:
+    @pytest.mark.parametrize("written", [0, 1, 50])
+    def test_the_journal_stays_whole(self, tmp_path, monkeypatch, written):
+        """The disk takes so many bytes of a line, and then no more."""
+        path = tmp_path / "journal.jsonl"
+        write, count = os.write, 0
+
+        def full(file, data):
+            nonlocal count
+            count += 1
+            if count < 100:
+                return write(file, data)
+            if written == 0:
+                raise OSError(28, "No space left on device")
+            return write(file, data[:written])
+
+        monkeypatch.setattr(os, "write", full)
+        with pytest.raises(RaceError, match=r"cannot write results there: No space left on device; .* can be resumed"):
+            resumed(path)
+        monkeypatch.undo()
+        reading = read(path)
+        assert (reading.lines, reading.torn) == (99, "")
+        assert resumed(path) == (*EXPECTED, RAN - len(reading.record.experiments))
+
+    def test_what_is_written_is_forced_to_the_disk_now_and_then(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(journal, "SYNC_EVERY", 0.01)
+        synced = []
+        fsync = os.fsync
+        monkeypatch.setattr(os, "fsync", lambda file: synced.append(time.monotonic()) or fsync(file))
+
+        def slowly(item):
+            time.sleep(0.001)
+            return measure(item)
+
+        with Journal(tmp_path / "journal.jsonl", new=True) as one, ThreadExecutor(1) as executor:
+            runner(one, executor, function=slowly).run()
+        assert len(synced) > 10
+        assert min(b - a for a, b in itertools.pairwise(synced[1:-1])) >= 0.009
+
+
+class TestFailures:
+    @staticmethod
+    def failing(item):
+        (x, y, _), _ = item
+        if x > 2:
+            raise ArithmeticError("too far")
+        return measure(item) if y < 0 else Measured(float("nan" if x < 0 else "inf"), "")
+
+    def test_they_stop_the_race_by_default_and_are_tried_again(self, tmp_path):
+        path = tmp_path / "journal.jsonl"
+        for _ in range(2):
+            with Journal(path, new=not path.exists()) as one, ThreadExecutor(2) as executor:
+                with pytest.raises(ExperimentFailed, match=r"configuration \d+, .* failed: ") as stop:
+                    runner(one, executor, function=self.failing).run()
+                assert stop.value.finished.experiment not in one.experiments
+                assert all(e.score is not None for e in one.experiments.values())
+        assert resumed(path)[:2] == EXPECTED  # when they fail no more
+
+    @pytest.mark.parametrize("jobs", [1, 3])
+    def test_they_reject_their_configuration_if_that_is_wanted(self, tmp_path, jobs):
+        path = tmp_path / "journal.jsonl"
+        with Journal(path, new=True) as one, ThreadExecutor(jobs) as executor:
+            running = runner(one, executor, function=self.failing, on_failure="reject")
+            running.run()
+            failed = [e for e in one.experiments.values() if e.score is None]
+            assert {e.failure for e in failed} == {
+                "ArithmeticError: too far", "expected a finite score, found nan", "expected a finite score, found inf",
+            }  # fmt: skip
+            winner = one.configurations[one.ends[-1].winner]
+            assert winner["x"] <= 2
+            assert winner["y"] < 0
+            per_configuration = {e.configuration for e in failed}
+            assert len(per_configuration) == len(failed)  # not run again
+            digest = one.digest()
+        with Journal(path, new=False) as again, ThreadExecutor(1) as executor:
+            runner(again, executor, function=None).run()  # nothing is left to run
+            assert again.digest() == digest
+
+    def test_all_fail(self, tmp_path):
+        def never(item):
+            raise OSError("no")
+
+        running = runner(Record(), ThreadExecutor(1), function=never, on_failure="reject")
+        with pytest.raises(RaceError, match="all were rejected"):
+            running.run()
+
+
+def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
+    """By several threads: all that was begun is in the journal."""
+    path = tmp_path / "journal.jsonl"
+    begun = []
+
+    def counted(item):
+        begun.append(item)
+        time.sleep(0.002)
+        return measure(item)
+
+    with Journal(path, new=True) as one, ThreadExecutor(3) as executor:
+        with pytest.raises(Stopped):
+            runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).run()
+        known = {*places(one)} | one.ahead.keys()
+        assert len(known) == len(begun)
+    assert resumed(path) == (*EXPECTED, len({*places(WHOLE)} - known))
+
+
+class TestAhead:
+    """Experiments that are run before the race asks for them, so that no worker is idle."""
+
+    @staticmethod
+    def raced(jobs):
+        """A race whose experiments take a moment."""
+        record, ran = Record(), []
+
+        def slowly(item):
+            ran.append(item)
+            time.sleep(0.001 * (1 + item[1] % 3))
+            return measure(item)
+
+        with ThreadExecutor(jobs) as executor:
+            runner(record, executor, function=slowly).run()
+        return record, ran
+
+    def test_one_worker_never_does(self):
+        record, ran = self.raced(1)
+        assert record.ahead == {}
+        assert len(ran) == RAN
+
+    def test_several_do_and_it_makes_no_difference(self):
+        record, ran = self.raced(6)
+        assert record.ahead
+        assert (record.ends[-1].winner, record.digest()) == EXPECTED
+        assert len(ran) == len(set(ran))  # none runs twice
+        assert len(ran) - RAN == len(record.ahead.keys() - {*places(record)}) < 0.25 * RAN
+
+    def test_what_is_foreseen_is_asked_for_if_nothing_is_eliminated(self):
+        race = IteratedRace(SPACE, budget=600, seed=1)
+        assert race.foresee(3) == []
+        foreseen = []
+        for _ in range(3):  # before the first test
+            batch = race.ask()
+            assert foreseen == batch[: len(foreseen)]
+            foreseen = race.foresee(len(batch))
+            assert race.foresee(2) == foreseen[:2]
+            assert foreseen
+            race.tell([0.0] * len(batch))
+
+    def test_no_more_is_foreseen_than_the_budget_allows(self):
+        race = IteratedRace(SPACE, budget=60, seed=1)
+        while batch := race.ask():
+            assert len(race.foresee(1000)) <= max(race.budget - race.used - len(batch), 0)
+            race.tell([race.configurations[e.configuration]["x"] for e in batch])
+
+
+def test_the_digest_is_of_what_happened():
+    other = undisturbed()
+    other.experiments[5] = Finished(
+        **{n: getattr(other.experiments[5], n) for n in Finished.__slots__} | {"score": 1e-9}
+    )
+    assert other.digest() != EXPECTED[1]
+    other = undisturbed()
+    other.ends[-1] = End(budget=BUDGET, experiments=RAN, winner=EXPECTED[0] + 1)
+    assert other.digest() != EXPECTED[1]
+    assert undisturbed(seed=2).digest() != EXPECTED[1]

@@ -1,0 +1,123 @@
+"""The copy of a race in an Optuna storage."""
+
+import time
+
+import optuna
+import pytest
+
+from mercator_design.race import IteratedRace, optuna_mirror
+from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.journal import Record
+from mercator_design.race.optuna_mirror import OptunaMirror
+from mercator_design.race.runner import Stopped
+from tests.race.racing import SPACE, runner, undisturbed
+
+pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
+
+
+@pytest.fixture
+def url(tmp_path):
+    return f"sqlite:///{tmp_path / 'race.db'}"
+
+
+def mirrored(url, record=None, *, budget=150, seed=1, **options):
+    """Race, with a mirror; gives the record and what the mirror complained of."""
+    record, complaints = record if record is not None else Record(), []
+    race = IteratedRace(SPACE, budget=budget, seed=seed)
+    mirroring = OptunaMirror(url, "study", race, maximise=False, complain=complaints.append)
+    with ThreadExecutor(2) as executor, mirroring as mirror:
+        runner(record, executor, race=race, seed=seed, watch=mirror.note, **options).run()
+        mirror.finish(race.best.configuration)
+    return record, complaints
+
+
+def trials_of(url):
+    return optuna.load_study(study_name="study", storage=url).trials
+
+
+def check(url, record):
+    """That the study says what the record says."""
+    study = optuna.load_study(study_name="study", storage=url)
+    trials = {}
+    for trial in study.trials:  # of several of one configuration the last
+        trials[trial.user_attrs["configuration"]] = trial
+    assert trials.keys() == {one.configuration for one in record.experiments.values()}
+    for number, trial in trials.items():
+        assert trial.params == record.configurations[number]
+        own = {one.instance: one.score for one in record.experiments.values() if one.configuration == number}
+        assert trial.intermediate_values == own
+    assert not any(trial.state is optuna.trial.TrialState.RUNNING for trial in study.trials)
+    winner = trials[record.ends[-1].winner]
+    assert study.best_trial == winner
+    assert winner.value == pytest.approx(sum(winner.intermediate_values.values()) / len(winner.intermediate_values))
+
+
+def test_the_study_says_what_happened(url):
+    record, complaints = mirrored(url)
+    assert complaints == []
+    assert record.digest() == undisturbed(budgets=(150,)).digest()
+    check(url, record)
+
+
+def test_a_race_that_is_resumed_goes_on_in_its_study(url):
+    record = Record()
+    race = IteratedRace(SPACE, budget=150, seed=1)
+    mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)
+    with ThreadExecutor(1) as executor, pytest.raises(Stopped), mirroring as mirror:
+        runner(record, executor, race=race, watch=mirror.note, stopped=lambda: len(record.experiments) > 60).run()
+    before = len(trials_of(url))
+    assert before > 5
+    record, complaints = mirrored(url, record)
+    assert complaints == []
+    check(url, record)
+
+
+def test_a_storage_that_fails_at_once_is_told_and_stops_nothing(tmp_path):
+    record, complaints = mirrored(f"sqlite:///{tmp_path}/nowhere/race.db")
+    assert len(complaints) == 1
+    assert "no more of the race goes into the Optuna storage" in complaints[0]
+    assert record.digest() == undisturbed(budgets=(150,)).digest()
+
+
+def test_one_that_fails_later_too(url, monkeypatch):
+    reports = []
+    report = optuna_mirror._Study.report
+
+    def fails(self, *arguments):
+        reports.append(arguments)
+        if len(reports) > 10:
+            raise OSError("disk full")
+        report(self, *arguments)
+
+    monkeypatch.setattr(optuna_mirror._Study, "report", fails)
+    record, complaints = mirrored(url)
+    assert complaints == ["no more of the race goes into the Optuna storage: OSError: disk full"]
+    assert record.digest() == undisturbed(budgets=(150,)).digest()
+
+
+def test_one_that_never_answers(url, monkeypatch):
+    monkeypatch.setattr(optuna_mirror, "PATIENCE", 0.2)
+    monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(10))
+    start = time.monotonic()
+    record, complaints = mirrored(url)
+    assert complaints == ["the Optuna storage is slow: not all of the race is in it"]
+    assert time.monotonic() - start < 8
+    assert record.digest() == undisturbed(budgets=(150,)).digest()
+
+
+def test_what_failed_is_a_failed_trial(url):
+    def failing(item):
+        (x, _, _), _ = item
+        if x > 2:
+            raise ArithmeticError("too far")
+        from tests.race.racing import measure
+
+        return measure(item)
+
+    record, complaints = mirrored(url, function=failing, on_failure="reject")
+    assert complaints == []
+    failed = [t for t in trials_of(url) if t.state is optuna.trial.TrialState.FAIL]
+    assert {t.user_attrs["configuration"] for t in failed} == {
+        one.configuration for one in record.experiments.values() if one.failure
+    }
+    assert {t.user_attrs["failure"] for t in failed} == {"ArithmeticError: too far"}

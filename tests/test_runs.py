@@ -1,0 +1,423 @@
+"""Races that were stopped, and what is said of races: mdesign race --resume, mdesign runs."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import optuna
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race.journal import Journal, read, to_line
+from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
+
+MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
+RACE = ["race", "aggregation", "--budget", "120", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
+SLOW = ["race", "aggregation", "--budget", "120", "--set", "robots=20", "--set", "duration=60", "-j", "2"]
+FAILING = """
+from mercator_design.missions.plugins import objective
+
+@objective
+def nervous(trace, *, least: float) -> float:
+    x = float(trace.poses[-1, 0, 0])
+    if x < least:
+        raise ArithmeticError("too far to the left")
+    return x
+"""
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The folder of a race that nothing stopped."""
+    folder = tmp_path_factory.mktemp("runs") / "whole"
+    subprocess.run([*MDESIGN, *RACE, "-o", str(folder)], check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture
+def folder(undisturbed, tmp_path):
+    """A copy of it."""
+    shutil.copytree(undisturbed, tmp_path / "r")
+    return tmp_path / "r"
+
+
+def digest(folder):
+    return read(folder / JOURNAL).record.digest()
+
+
+def stop(folder, number):
+    """Cut a finished race back to some experiments, as if it had been stopped there."""
+    lines = (folder / JOURNAL).read_bytes().splitlines(keepends=True)
+    places = [k for k, line in enumerate(lines) if b'"event":"experiment"' in line]
+    (folder / JOURNAL).write_bytes(b"".join(lines[: places[number] + 1]))
+    for name in ("fsm.txt", "results.csv"):
+        (folder / name).unlink()
+
+
+def interrupted(folder, number, command=SLOW):
+    """Start a race, send it a signal when it has some experiments, and see it end."""
+    with subprocess.Popen(
+        [*MDESIGN, *command, "-o", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        journal = folder / JOURNAL
+        deadline = time.monotonic() + 120
+        while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+class TestResume:
+    def test_after_whatever_stopped_it(self, mdesign, folder, undisturbed):
+        stop(folder, 50)
+        code, out, err = mdesign("race", "--resume", folder)
+        assert (code, err) == (0, "")
+        assert "120 of 120 experiments" in out
+        assert "69 of them now" in out
+        assert digest(folder) == digest(undisturbed)
+        for name in ("fsm.txt", "results.csv", "mission.yaml", "robot_model.yaml"):
+            assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()
+        assert json.loads((folder / "provenance.json").read_text())["journal"] == digest(undisturbed)
+
+    def test_what_has_finished_is_not_run_again(self, mdesign, folder, undisturbed):
+        (folder / "fsm.txt").unlink()  # as if it had been stopped before that was written
+        code, out, _ = mdesign("race", "--resume", folder)
+        assert code == 0
+        assert "0 of them now" in out
+        assert (folder / "fsm.txt").read_bytes() == (undisturbed / "fsm.txt").read_bytes()
+
+    def test_in_another_place_and_by_other_means(self, mdesign, folder, undisturbed, tmp_path, monkeypatch):
+        """The folder has moved, this is another working folder, with a mission of that name, and with other workers."""
+        stop(folder, 20)
+        elsewhere = tmp_path / "elsewhere"
+        shutil.copytree(folder, elsewhere / "moved")
+        monkeypatch.chdir(elsewhere)
+        (elsewhere / "aggregation").write_text("not a mission")
+        assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
+        assert digest(elsewhere / "moved") == digest(undisturbed)
+
+    def test_by_processes(self, mdesign, folder, undisturbed):
+        stop(folder, 70)
+        assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0
+        assert digest(folder) == digest(undisturbed)
+
+    def test_by_dask(self, mdesign, folder, undisturbed, tmp_path):
+        """By a scheduler and a worker as one starts them, found by their file."""
+        pytest.importorskip("distributed")
+        file = tmp_path / "scheduler.json"
+        stop(folder, 70)
+        dask = [sys.executable, "-m", "distributed.cli."]
+        arguments = {
+            "dask_scheduler": ["--port", "0", "--no-dashboard"],
+            "dask_worker": ["--nthreads", "1", "--no-dashboard"],
+        }
+        started = [
+            subprocess.Popen(
+                [*dask[:2], f"{dask[2]}{name}", "--scheduler-file", str(file), *options],
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )
+            for name, options in arguments.items()
+        ]  # fmt: skip
+        try:
+            while not file.exists():
+                assert started[0].poll() is None
+                time.sleep(0.05)
+            assert mdesign("race", "--resume", folder, "--executor", "dask", "--scheduler", file)[0] == 0
+        finally:
+            for process in reversed(started):
+                process.terminate()
+                process.wait()
+        assert digest(folder) == digest(undisturbed)
+
+    def test_with_a_larger_budget(self, mdesign, folder, undisturbed, tmp_path):
+        """Whether it is asked for after the end or before."""
+        early = tmp_path / "early"
+        shutil.copytree(folder, early)
+        stop(early, 30)
+        for one in (folder, early):
+            code, out, _ = mdesign("race", "--resume", one, "--budget", 200)
+            assert code == 0
+            assert "of 200 experiments" in out
+        assert digest(folder) == digest(early) != digest(undisturbed)
+        assert (folder / "fsm.txt").read_bytes() == (early / "fsm.txt").read_bytes()
+        assert "# budget: 200\n" in (folder / "fsm.txt").read_text()
+
+    def test_with_a_smaller_budget(self, mdesign, folder):
+        code, _, err = mdesign("race", "--resume", folder, "--budget", 100)
+        assert code == 1
+        assert "expected a budget of 120, as before, or more, found 100" in err
+
+    @pytest.mark.parametrize(
+        "option", [["aggregation"], ["--seed", "2"], ["--set", "robots=3"], ["-o", "x"], ["--flavour", "chocolate"]]
+    )
+    def test_what_it_began_with_cannot_change(self, mdesign, folder, option):
+        code, _, err = mdesign("race", "--resume", folder, *option)
+        assert code == 2
+        assert "cannot be given with --resume" in err
+
+    @pytest.mark.parametrize(
+        ("file", "old", "new", "words"),
+        [
+            ("mission.yaml", "robots: 2", "robots: 3", "mission_digest: raced with"),
+            ("robot_model.yaml", "mass: ", "mass: 1", "robot_model_digest: raced with"),
+            ("provenance.json", '"kernels": "', '"kernels": "0', "kernels: raced with 0"),
+            (
+                "provenance.json",
+                '"seed": 1',
+                '"seed": 2',
+                "expected journal.jsonl to be of the race in provenance.json",
+            ),
+            ("provenance.json", '"race"', '"rice"', "expected what mdesign race writes"),
+        ],
+    )
+    def test_another_race_is_refused(self, mdesign, folder, file, old, new, words):
+        text = (folder / file).read_text()
+        assert old in text
+        (folder / file).write_text(text.replace(old, new, 1))
+        code, _, err = mdesign("race", "--resume", folder)
+        assert code == 1
+        assert words in err
+        assert str(folder) in err
+
+    @pytest.mark.parametrize("missing", ["provenance.json", JOURNAL])
+    def test_no_race(self, mdesign, folder, missing):
+        (folder / missing).unlink()
+        code, _, err = mdesign("race", "--resume", folder)
+        assert code == 1
+        assert str(folder) in err
+        assert mdesign("race", "--resume", folder / "nowhere")[0] == 1
+
+    def test_a_torn_journal_is_told(self, mdesign, folder, undisturbed):
+        with (folder / JOURNAL).open("ab") as file:
+            file.write(b'{"event":"exper')
+        code, _, err = mdesign("race", "--resume", folder)
+        assert code == 0
+        assert f"Note: {folder / JOURNAL}, line" in err
+        assert "cut off there" in err
+        assert digest(folder) == digest(undisturbed)
+
+    def test_a_damaged_journal_is_refused(self, mdesign, folder):
+        data = (folder / JOURNAL).read_bytes()
+        (folder / JOURNAL).write_bytes(data.replace(b'"instance":1,', b'"instance":2,', 1))
+        code, _, err = mdesign("race", "--resume", folder)
+        assert code == 1
+        assert "expected the checksum" in err
+
+    def test_one_process_at_a_time(self, mdesign, folder):
+        with Journal(folder / JOURNAL, new=False) as journal:
+            journal.open_session()
+            code, _, err = mdesign("race", "--resume", folder)
+        assert code == 1
+        assert f"process {os.getpid()} on" in err
+        assert "is running this race" in err
+
+    @pytest.mark.usefixtures("registries")
+    def test_plugins_are_in_the_folder(self, mdesign, tmp_path):
+        plugin = tmp_path / "nervous.py"
+        plugin.write_text(FAILING)
+        options = ["--plugin", plugin, "--set", "objective={name: nervous, least: -9, direction: maximise}", *RACE[4:]]
+        assert mdesign("race", "aggregation", "--budget", 60, *options, "-o", tmp_path / "r")[0] == 0
+        plugin.unlink()
+        expected = digest(tmp_path / "r")
+        stop(tmp_path / "r", 20)
+        done = subprocess.run(
+            [*MDESIGN, "race", "--resume", str(tmp_path / "r")], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert digest(tmp_path / "r") == expected
+
+
+def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
+    stop(folder, 70)
+    url = f"sqlite:///{tmp_path / 'race.db'}"
+    code, _, err = mdesign("race", "--resume", folder, "--optuna", url)
+    assert (code, err) == (0, "")
+    [study] = optuna.get_all_study_names(url)
+    assert study.startswith("aggregation, seed 1, budget 120, ")
+    best = optuna.load_study(study_name=study, storage=url).best_trial
+    record = read(undisturbed / JOURNAL).record
+    assert best.user_attrs["configuration"] == record.ends[-1].winner
+    assert best.params == record.configurations[record.ends[-1].winner]
+    stop(folder, 70)
+    code, _, err = mdesign("race", "--resume", folder, "--optuna", "sqlite:////nowhere/race.db")
+    assert code == 0
+    assert "Warning: no more of the race goes into the Optuna storage" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--executor", "dask"], "go together"),
+        (["--scheduler", "tcp://nowhere:1"], "go together"),
+        (["--timeout", "3"], "--timeout needs --executor processes"),
+        (["--timeout", "0"], "timeout"),
+        (["--executor", "fairies"], "fairies"),
+    ],
+)
+def test_options_that_do_not_go_together(mdesign, tmp_path, options, words):
+    code, _, err = mdesign(*RACE, "-o", tmp_path / "r", *options)
+    assert code == 2
+    assert words in err
+    assert not (tmp_path / "r").exists()
+
+
+class TestSignals:
+    @pytest.mark.parametrize(
+        ("number", "code", "word"), [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated.")]
+    )
+    def test_a_signal_stops_cleanly(self, mdesign, tmp_path, number, code, word):
+        folder = tmp_path / "r"
+        found, out, err = interrupted(folder, number)
+        assert (found, out) == (code, "")
+        assert err.splitlines()[-1] == word
+        assert f"to go on: mdesign race --resume {folder}" in err
+        assert "Traceback" not in err
+        assert not (folder / "fsm.txt").exists()
+        reading = read(folder / JOURNAL)
+        assert reading.record.experiments
+        assert reading.torn == ""
+        assert reading.record.sessions[-1]["event"] == "stop"
+        assert "stopped" in mdesign("runs", "show", folder)[1]
+
+    def test_killed(self, mdesign, tmp_path, undisturbed):
+        folder = tmp_path / "r"
+        assert interrupted(folder, signal.SIGKILL, RACE)[0] in {-signal.SIGKILL, 0}
+        assert mdesign("race", "--resume", folder)[0] == 0
+        assert digest(folder) == digest(undisturbed)
+
+    @pytest.mark.slow
+    def test_killed_at_random_times(self, tmp_path):
+        """50 x 3 times, at any time from its first byte on; each race is killed ten times before it may end."""
+        draws = random.Random(1)
+        for seed in (1, 2, 3):
+            race = [*RACE[:3], "1000", *RACE[4:], "--seed", str(seed)]
+            subprocess.run([*MDESIGN, *race, "-o", str(tmp_path / f"whole-{seed}")], check=True, capture_output=True)
+            for k in range(5):
+                folder = tmp_path / f"{seed}-{k}"
+                command = [*race, "-o", str(folder)]
+                for _ in range(10):
+                    with subprocess.Popen([*MDESIGN, *command], stdout=subprocess.DEVNULL) as process:
+                        while process.poll() is None and not (folder / "provenance.json").exists():
+                            time.sleep(0.01)
+                        time.sleep(draws.uniform(0, 4))
+                        process.kill()
+                    command = ["race", "--resume", str(folder)]
+                subprocess.run([*MDESIGN, *command], check=True, capture_output=True)
+                assert digest(folder) == digest(tmp_path / f"whole-{seed}")
+                assert (folder / "fsm.txt").read_bytes() == (tmp_path / f"whole-{seed}" / "fsm.txt").read_bytes()
+
+
+@pytest.mark.usefixtures("registries")
+class TestFailures:
+    @pytest.fixture
+    def nervous(self, tmp_path):
+        (tmp_path / "nervous.py").write_text(FAILING)
+        objective = "objective={name: nervous, least: -0.9, direction: maximise}"
+        return ["race", "aggregation", "--budget", 120, "--plugin", tmp_path / "nervous.py", "--set", objective,
+                "--set", "robots=1", "--set", "duration=5", "-o", tmp_path / "r"]  # fmt: skip
+
+    def test_one_stops_the_race_with_the_command_that_shows_it(self, mdesign, nervous, tmp_path):
+        code, out, err = mdesign(*nervous)
+        assert (code, out) == (3, "")
+        assert "failed: MissionError: objective nervous: ArithmeticError: too far to the left" in err
+        command = next(line for line in err.splitlines() if line.startswith("To run what failed alone: mdesign "))
+        code, out, err = mdesign(*command.partition("mdesign ")[2].split(" "))
+        assert (code, out) == (3, "")
+        assert "too far to the left" in err
+        code, out, _ = mdesign("race", "--resume", tmp_path / "r", "--on-failure", "reject")
+        assert code == 0
+        assert "Failed     " in out
+
+    @pytest.mark.parametrize("executor", ["threads", "processes"])
+    def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path, executor):
+        code, out, err = mdesign(*nervous, "--on-failure", "reject", "--executor", executor, "-j", 2)
+        assert code == 0
+        assert "Warning: configuration " in err
+        table = experiments_table(tmp_path / "r")
+        failed = table[table.failure != ""]
+        assert len(failed)
+        assert failed.score.isna().all()
+        assert f"Failed     {len(failed)} experiments; their configurations were rejected" in out
+        assert "rejected" in mdesign("runs", "show", tmp_path / "r")[1]
+        winner = int((tmp_path / "r" / "results.csv").read_text().splitlines()[1].split(",")[0])
+        assert winner not in set(failed.configuration)
+
+
+class TestRuns:
+    def test_list(self, mdesign, folder, tmp_path):
+        stop(shutil.copytree(folder, tmp_path / "s"), 30)
+        shutil.copytree(folder, tmp_path / "t")
+        (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
+        code, out, _ = mdesign("runs", "list", tmp_path)
+        assert code == 0
+        assert {line.split()[0]: line.split()[1:6] for line in out.splitlines()[1:]} == {
+            str(folder): ["aggregation", "1", "120", "120", "finished"],
+            str(tmp_path / "s"): ["aggregation", "1", "31", "120", "stopped"],
+            str(tmp_path / "t"): ["damaged"],
+        }
+        with Journal(folder / JOURNAL, new=False):
+            states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
+            assert states[str(folder)] == "running"
+        assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
+
+    def test_show(self, mdesign, folder):
+        code, out, _ = mdesign("runs", "show", folder)
+        assert code == 0
+        assert digest(folder) in out
+        assert (folder / "fsm.txt").read_text().splitlines()[-1] in out
+        assert "State      finished" in out
+        assert mdesign("runs", "show", folder / "nowhere")[0] == 1
+
+    def test_tables(self, mdesign, folder):
+        experiments = experiments_table(folder)
+        assert list(experiments.experiment) == list(range(120))
+        assert mdesign("runs", "show", folder, "--csv", "experiments")[1] == experiments.to_csv(index=False)
+        configurations = configurations_table(folder)
+        assert configurations.experiments.sum() == 120
+        row = configurations.iloc[3]
+        own = experiments[experiments.configuration == configurations.index[3]].score
+        assert row["mean"] == pytest.approx(own.mean())
+        assert mdesign("runs", "show", folder, "--csv", "configurations")[1] == configurations.to_csv()
+
+    def test_verify(self, mdesign, folder):
+        code, out, _ = mdesign("runs", "verify", folder, "-n", 10)
+        assert code == 0
+        assert "10 of 120 experiments were run again: all as they were" in out
+        assert digest(folder)[:16] in out
+
+    @pytest.mark.parametrize("key", ["score", "outcome"])
+    def test_verify_finds_what_was_changed(self, mdesign, folder, key):
+        """By someone who knows how to make checksums."""
+        record = read(folder / JOURNAL).record
+        events = [json.loads(line) for line in (folder / JOURNAL).read_text().splitlines()]
+        for event in events:
+            event.pop("crc")
+            if event["event"] == "experiment" and event["experiment"] == 60:
+                event[key] = 7.5 if key == "score" else "0" * 16
+        (folder / JOURNAL).write_text("".join(map(to_line, events)))
+        code, out, err = mdesign("runs", "verify", folder, "-n", 120)
+        assert (code, out) == (1, "")
+        assert f"digest of the first 120 experiments: expected {record.digest()}" in err
+        changed = read(folder / JOURNAL).record.digest()
+        events[-1]["digest"] = changed
+        (folder / JOURNAL).write_text("".join(map(to_line, events)))
+        code, out, err = mdesign("runs", "verify", folder, "-n", 120)
+        assert (code, out) == (1, "")
+        assert "experiment 60: expected" in err
+
+    def test_verify_another_winner(self, mdesign, folder):
+        (folder / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 7\n")
+        code, _, err = mdesign("runs", "verify", folder)
+        assert code == 1
+        assert "fsm.txt: expected configuration" in err
+
+    def test_tables_of_nothing(self, tmp_path):
+        with pytest.raises(RaceError, match="cannot be read: No such file"):
+            experiments_table(tmp_path)

@@ -13,8 +13,10 @@ import optuna
 import pytest
 
 from mercator_design.errors import RaceError
+from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Journal, read, to_line
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
+from mercator_design.sim.simulate import Simulator
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 RACE = ["race", "aggregation", "--budget", "120", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
@@ -36,6 +38,7 @@ def undisturbed(tmp_path_factory):
     """The folder of a race that nothing stopped."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
     subprocess.run([*MDESIGN, *RACE, "-o", str(folder)], check=True, capture_output=True)
+    Simulator(load_mission("aggregation")).rehearse(lambda _: None)  # so that no test here tells of compiling
     return folder
 
 

@@ -131,7 +131,7 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
     """
     if len(vertices) < 3:
         raise FieldError("vertices", f"expected at least 3 corners, found {len(vertices)}")
-    if len({*vertices}) < len(vertices):
+    if len({(x, y) for x, y in vertices}) < len(vertices):
         index = next(k for k, vertex in enumerate(vertices) if vertex in vertices[:k])
         raise FieldError(f"vertices[{index}]", f"a corner for the second time; the last {side} closes by itself")
     corners = np.array(vertices, dtype=float)

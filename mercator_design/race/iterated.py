@@ -94,7 +94,7 @@ class IteratedRace:
         self._model = SamplingModel(
             space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
         )
-        self._proposer = Proposer(space)
+        self._proposer: Proposer | None = None
         self._keys: set[tuple[Value | None, ...]] = set()  # of all configurations
         self._is_exhausted = False
         self._race: Race | None = None
@@ -346,6 +346,8 @@ class IteratedRace:
         self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]
     ) -> list[tuple[Configuration, int]]:
         present = self._keys | {self.space.key(configuration) for configuration, _ in others}
+        if self._proposer is None:  # looking for BLAS, and the features of a space, take their time
+            self._proposer = Proposer(self.space)
         return self._proposer.propose(
             n,
             elites,

@@ -30,7 +30,7 @@ WANDER = parse(
 
 def room(vertices, model, **given):
     """A simulator in walls from corner to corner."""
-    arena = Arena(walls=Polygon(vertices=tuple((x, y) for x, y in vertices)))
+    arena = Arena(walls=Polygon(vertices=tuple(vertices)))
     return Simulator(dataclasses.replace(mission(**given), arena=arena), model)
 
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Protocol
 
+from mercator_design.race.asking import Asking
 from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.options import RaceOptions
-from mercator_design.race.runner import Asking
 from mercator_design.race.space import Space
 
 

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from mercator_design.race.asking import Asking
 from mercator_design.race.journal import Finished
 from mercator_design.race.parameter import Configuration, Parameter
-from mercator_design.race.runner import Asking
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution

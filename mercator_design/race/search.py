@@ -71,8 +71,9 @@ class Search(Asking):
     """A search with a sampler.
 
     The winner, and the order of the elites: more instances before fewer, and among equals the least mean. A pruned
-    configuration has seen fewer instances than others, so it does not win. What the generations leave of the budget goes
-    to the best few, an instance at a time. An extended search runs new configurations on all instances seen until then.
+    configuration has seen fewer instances than others, so it does not win. What the generations leave of the budget
+    goes to the best few, an instance at a time. An extended search runs new configurations on all instances seen until
+    then.
 
     Args:
         space: What to configure.

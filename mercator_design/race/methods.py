@@ -32,7 +32,7 @@ def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: A
 
 
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
-    options = SearchOptions(instances=20, generation=10)
+    options = SearchOptions(instances=20, generation=10, pruning=0.1)
     return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
 
 
@@ -44,5 +44,5 @@ METHODS: Mapping[str, Method] = {
     "cma-es": _optuna("cma-es"),
 }
 """Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all. Searches: uniform; and
-Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner.
+Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's rule.
 """

@@ -1,8 +1,7 @@
-"""Optuna's samplers and its Wilcoxon pruner as where a search's proposals come from.
+"""Optuna's samplers as where a search's proposals come from.
 
-A configuration is a trial of a study in memory: asked for, told its cost on each instance until all are seen or the
-pruner says that it is worse than the best so far, and then told its mean, which is also what Optuna's documentation
-recommends for pruned ones. One that is forbidden or rejected is a failed trial.
+A configuration is a trial of a study in memory, which is asked for, and told its mean; so are those that are pruned, as
+Optuna's documentation of its WilcoxonPruner recommends. One that is forbidden or rejected is a failed trial.
 
 Optuna knows a parameter by one distribution, so bounds that depend on other parameters, and values that are rounded,
 are suggested as places in [0, 1]; whole numbers and ordered values as integers.
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class OptunaSampler:
-    """A sampler of Optuna's with its Wilcoxon pruner.
+    """A sampler of Optuna's.
 
     Args:
         space: What to configure.
@@ -59,8 +58,7 @@ class OptunaSampler:
                     independent_sampler=sampler,
                     warn_independent_sampling=False,
                 )
-            pruner = optuna.pruners.WilcoxonPruner()
-        self._study = optuna.create_study(sampler=sampler, pruner=pruner)
+        self._study = optuna.create_study(sampler=sampler)
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
         """The next proposal, which is the given configuration if there is one."""
@@ -89,12 +87,6 @@ class _Trial(Proposal):
         super().__init__(configuration)
         self._study = study
         self._trial = trial
-
-    def prune(self, instance: int, cost: float) -> bool:
-        self._trial.report(cost, instance)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of scipy, of ties, and of few values
-            return self._trial.should_prune()
 
     def finish(self, cost: float | None) -> None:
         from optuna.trial import TrialState

@@ -1,7 +1,7 @@
 """Plain search: configurations run on the same instances in the same order, and the best mean wins.
 
-No race in the sense of irace: nothing is learnt from comparing configurations with each other but what a sampler makes
-of their means, and a configuration that is not pruned runs on as many instances as all others.
+No race in the sense of irace: configurations are compared with the best alone, and those that are not pruned run on as
+many instances as all others.
 """
 
 import math
@@ -18,7 +18,7 @@ from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.race import Experiment
 from mercator_design.race.space import Space
 from mercator_design.race.summary import IterationSummary, Progress
-from mercator_design.race.tests import concordance
+from mercator_design.race.tests import concordance, signed_rank_p_value
 
 _MOST_ELITES = 5
 _MOST_TRIES = 100
@@ -30,10 +30,6 @@ class Proposal:
 
     def __init__(self, configuration: Configuration) -> None:
         self.configuration = configuration
-
-    def prune(self, instance: int, cost: float) -> bool:  # noqa: ARG002 - samplers may look at them
-        """Take in a cost; gives whether others would be a waste. Costs come in the same order for all."""
-        return False
 
     def finish(self, cost: float | None) -> None:
         """Take in what the configuration costs in the mean, None if it is not allowed."""
@@ -61,10 +57,15 @@ class SearchOptions:
         instances: On which each configuration runs, unless it is pruned.
         generation: Configurations that are proposed together, and then run, before any other is proposed. What is
             proposed does so not depend on how many can be run at once, or on how long that takes.
+        pruning: A configuration is dropped when Wilcoxon's signed-rank test gives that it is worse than the best so far
+            with a p-value below this, and its mean is higher, too, than that of all the best's results. That is the
+            rule of Optuna's WilcoxonPruner, whose own value is 0.1; but the test is exact, with ties or not, and takes
+            50 µs where scipy's takes up to 100 ms. None prunes nothing.
     """
 
     instances: int
     generation: int
+    pruning: float | None = None
 
 
 class Search(Asking):
@@ -186,7 +187,7 @@ class Search(Asking):
             self._alive = [
                 number
                 for number, cost in zip(self._alive, costs, strict=True)
-                if not math.isinf(cost) and not proposals[number][0].prune(instance, cost)
+                if not math.isinf(cost) and not self._is_worse(number)
             ]
             if not self._alive:
                 break
@@ -197,6 +198,16 @@ class Search(Asking):
                 proposal.finish(self._means.get(number))
         self._rank(proposals)
         self._conclude(list(proposals), budget=len(proposals) * n_instances, used=self._used - before)
+
+    def _is_worse(self, number: int) -> bool:
+        """Whether to prune a configuration that has no results but on instances that the best has seen, too."""
+        if self.options.pruning is None or not self.elites:
+            return False
+        own, others = self._costs[number], self._costs[self.best.configuration]
+        if sum(own.values()) / len(own) <= self.best.mean:
+            return False
+        differences = np.array([cost - others[instance] for instance, cost in own.items()])
+        return signed_rank_p_value(differences) < self.options.pruning
 
     def _confirm(self) -> Batches:
         """Spend what is left on the best, an instance that they have not seen at a time."""

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from mercator_design.cli.race import race as command
@@ -305,6 +306,31 @@ def test_optuna_learns(method):
     from scipy.stats import mannwhitneyu
 
     assert mannwhitneyu(costs[:30], costs[-30:], alternative="greater").pvalue < 1e-7
+
+
+@pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
+def test_optuna_s_own_pruner_does_the_same():
+    """On up to 13 differences, where scipy's test is exact with ties, too."""
+    import optuna
+
+    draws = np.random.default_rng(1)
+    decisions = []
+    for _ in range(60):
+        race = search_of("random", budget=400, instances=13, generation=2, pruning=0.1)
+        study = optuna.create_study(pruner=optuna.pruners.WilcoxonPruner())
+        best = draws.integers(0, 4, 13)
+        other = best + draws.integers(-1, 3, 13)
+        for costs in (best, other):
+            trial = study.ask()
+            (number,) = race._add([({}, None)])
+            for instance, cost in enumerate(costs.tolist()):
+                trial.report(cost, instance)
+                race._costs[number][instance] = cost
+                decisions.append((race._is_worse(number), trial.should_prune()))
+            study.tell(trial, costs.mean())
+            race.elites = [race.statistics(0)]
+    assert all(ours == theirs for ours, theirs in decisions)
+    assert 100 < sum(ours for ours, _ in decisions) < 900
 
 
 def test_cma_es_needs_numbers():

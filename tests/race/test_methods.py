@@ -310,16 +310,16 @@ def test_optuna_learns(method):
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 def test_optuna_s_own_pruner_does_the_same():
-    """On up to 13 differences, where scipy's test is exact with ties, too."""
+    """On a few differences, where scipy's test is exact with ties, too."""
     import optuna
 
     draws = np.random.default_rng(1)
     decisions = []
-    for _ in range(60):
-        race = search_of("random", budget=400, instances=13, generation=2, pruning=0.1)
+    for _ in range(40):
+        race = search_of("random", budget=400, instances=8, generation=2, pruning=0.1)
         study = optuna.create_study(pruner=optuna.pruners.WilcoxonPruner())
-        best = draws.integers(0, 4, 13)
-        other = best + draws.integers(-1, 3, 13)
+        best = draws.integers(0, 4, 8)
+        other = best + draws.integers(-1, 3, 8)
         for costs in (best, other):
             trial = study.ask()
             (number,) = race._add([({}, None)])
@@ -330,7 +330,7 @@ def test_optuna_s_own_pruner_does_the_same():
             study.tell(trial, costs.mean())
             race.elites = [race.statistics(0)]
     assert all(ours == theirs for ours, theirs in decisions)
-    assert 100 < sum(ours for ours, _ in decisions) < 900
+    assert 20 < sum(ours for ours, _ in decisions) < 300
 
 
 def test_cma_es_needs_numbers():

@@ -27,9 +27,10 @@ from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
-from mercator_design.race import Configuration, Experiment, IteratedRace, RaceOptions, Space
+from mercator_design.race import Configuration, Experiment, Space
 from mercator_design.race.executors import ThreadExecutor, in_order
 from mercator_design.race.journal import Finished, Measured
+from mercator_design.race.methods import METHODS
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
@@ -70,6 +71,14 @@ def _elsewhere(plugins: tuple[str, ...], kernels: str, mission: Mission, robot_m
 class Designer(Task[tuple[Pfsm, int]]):
     """Designs control software for the mission of a simulator, by a race over all PFSMs of a flavour.
 
+    Args:
+        simulator: Of the mission.
+        budget: Experiments to run at most.
+        seed: Of all that is random.
+        flavour: What modules there are.
+        method: Name of one of `METHODS`. On missions, the library's own has shown no gain over irace
+            (docs/benchmarks.md), and costs time.
+
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
         RaceError: if the budget is too small.
@@ -78,18 +87,20 @@ class Designer(Task[tuple[Pfsm, int]]):
     WINNER = "fsm.txt"
     START: ClassVar = {"flavour": str, "robot_model": str, "plugins": dict}
 
-    def __init__(self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon") -> None:
+    def __init__(
+        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "irace"
+    ) -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():
                 simulator.check_module(module, flavour)
         self.simulator = simulator
         self.flavour = flavour
+        self.method = method
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
         space = Space.from_text(parameters_text(flavour), "grammar")
-        # On missions, the library's own options have shown no gain over irace's (docs/benchmarks.md), and cost time.
-        self.race = IteratedRace(space, budget=budget, seed=seed, options=RaceOptions.irace())
+        self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 
     @classmethod
@@ -100,7 +111,8 @@ class Designer(Task[tuple[Pfsm, int]]):
             if loaded.get(name) != digest:
                 load_plugin(folder / "plugins" / name)
         simulator = Simulator(load_mission(folder / "mission.yaml"))
-        return cls(simulator, budget=start["budget"], seed=start["seed"], flavour=start["flavour"])
+        given = {name: start[name] for name in ("budget", "seed", "flavour", "method")}
+        return cls(simulator, **given)
 
     def start(self) -> dict[str, Any]:
         """As `Task.start`."""
@@ -118,6 +130,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
             "budget": self.race.budget,
             "seed": self.race.seed,
+            "method": self.method,
             "options": dataclasses.asdict(self.race.options),
         }
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 JOURNAL = "journal.jsonl"
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
+_START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer}
 """What can be raced, by the name that a race's start has for it."""
 
@@ -279,7 +280,14 @@ def read_provenance(path: Path) -> dict[str, Any]:
     try:
         provenance = json.loads(read_small(file, _LARGEST_PROVENANCE))
         race, request = provenance["race"], provenance["request"]
-        wanted = {"mercator_design": str, "name": str, "budget": int, "seed": int, **TASKS[race["task"]].START}
+        wanted = {
+            "mercator_design": str,
+            "name": str,
+            "method": str,
+            "budget": int,
+            "seed": int,
+            **TASKS[race["task"]].START,
+        }
         valid = isinstance(request, dict) and all(isinstance(race[key], kind) for key, kind in wanted.items())
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None

@@ -11,8 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
+from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor
-from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.journal import Finished, Measured, Record
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
@@ -39,6 +39,7 @@ class Task(ABC, Generic[T]):
 
     Attributes:
         name: For people, and for the folder of its race.
+        method: What decides which configurations run on which instances.
         race: Over its configurations; has not begun.
         maximise: Whether more is better.
         function: Runs one experiment, in this process or in another.
@@ -50,7 +51,8 @@ class Task(ABC, Generic[T]):
     """What a start has of its own that `restore`, `about` and `columns` read."""
 
     name: str
-    race: IteratedRace
+    method: str
+    race: Asking
     maximise: bool = False
     function: Callable[[T], Measured]
 

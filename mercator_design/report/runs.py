@@ -49,7 +49,8 @@ def run_summary(path: Path) -> str:
     failed = sum(one.score is None for one in record.experiments.values())
     lines = [
         *task.about(record.start),
-        f"Race       {run['experiments']} of {run['budget']} experiments, {len(record.configurations)} configurations",
+        f"Race       {record.start['method']}, {run['experiments']} of {run['budget']} experiments, "
+        f"{len(record.configurations)} configurations",
         *(
             [f"Extended   from a budget of {', '.join(map(str, record.budgets[:-1]))}"]
             if len(record.budgets) > 1

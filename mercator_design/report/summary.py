@@ -37,8 +37,9 @@ def race_summary(result: Result, task: Task[Any], *, new: int, seconds: float, j
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
         *_asked(task),
-        f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
-        f"seed {race.seed}; {'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
+        f"Race       {task.method}, {race.used} of {race.budget} experiments, "
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
+        f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
         f"{new / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",

@@ -30,12 +30,15 @@ from mercator_design.race import IteratedRace, RaceOptions, Space
 from mercator_design.race.executors import Executor, ThreadExecutor, in_order
 from mercator_design.race.journal import Finished, Measured, Record
 from mercator_design.race.runner import OnFailure, Runner
+from mercator_design.race.testing import Testing, run_tests
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
 CONFIDENCE = 0.95
 """Of the intervals reported around means."""
+TEST_SEED = 1
+"""Of test instances, as `mdesign evaluate` has it unless told otherwise: so all races are tested on the same ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,7 @@ class Design:
     winner: Pfsm
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
+    tests: dict[int, Scores]  # of the configurations that were tested, the winner first
     finished: tuple[Finished, ...]  # all experiments, in order of their numbers
 
 
@@ -157,15 +161,19 @@ class Designer:
         *,
         on_failure: OnFailure = "stop",
         watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        testing: Testing | None = None,
+        watch_tests: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005
         stopped: Callable[[], bool] = lambda: False,
     ) -> Design:
-        """Run the race to its end.
+        """Run the race to its end, and then the tests.
 
         Args:
             executor: Runs its experiments; what comes of them does not depend on it.
             record: Of this race so far; what happens is noted in it.
             on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
             watch: Called with the experiments that have finished since.
+            testing: What to test when the race has ended, on the instances of `fresh_instances(TEST_SEED, ...)`.
+            watch_tests: Called with the number of tests done, and of all.
             stopped: Asked before each experiment whether to stop.
 
         Raises:
@@ -176,11 +184,12 @@ class Designer:
         if record is None:
             record = Record()
             record.begin(self.start())
+        function = Experimenter(self.simulator)
         Runner(
             race=self.race,
             record=record,
             executor=executor,
-            function=Experimenter(self.simulator),
+            function=function,
             item=lambda experiment: (self.pfsm(experiment.configuration), self._seed(experiment.instance)),
             seed=self._seed,
             cost=self.simulator.mission.cost,
@@ -188,10 +197,26 @@ class Designer:
             watch=watch,
             stopped=stopped,
         ).run()
+        tests: dict[int, Scores] = {}
+        if testing is not None:
+            instances = fresh_instances(TEST_SEED, testing.runs)
+            run_tests(
+                testing.experiments(self.race),
+                record=record,
+                executor=executor,
+                function=function,
+                item=lambda test: (self.pfsm(test.configuration), instances[test.instance]),
+                seed=instances.__getitem__,
+                on_failure=on_failure,
+                watch=watch_tests,
+                stopped=stopped,
+            )
+            known = record.test_scores()
+            tests = {c: Scores(known[c]) for c in testing.configurations(self.race) if c in known}
         best = self.race.best.configuration
         finished = tuple(record.experiments[number] for number in range(len(record.experiments)))
         scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
-        return Design(winner=self.pfsm(best), configuration=best, scores=Scores(scores), finished=finished)
+        return Design(winner=self.pfsm(best), configuration=best, scores=Scores(scores), tests=tests, finished=finished)
 
     def pfsm(self, configuration: int) -> Pfsm:
         """The PFSM of a configuration that is raced."""

@@ -2,6 +2,7 @@
 
 import shlex
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from mercator_design.race.journal import Finished
     from mercator_design.race.optuna_mirror import OptunaMirror
     from mercator_design.race.runner import OnFailure
+    from mercator_design.race.testing import Testing
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.run_folder import RunFolder
 
@@ -80,6 +82,19 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "overrides")
     help="What an experiment that fails does: stop the race, or reject its configuration.",
 )
 @click.option(
+    "--test-runs",
+    type=click.IntRange(0, 10**6),
+    metavar="N",
+    help="Measure the winner on N fresh instances when the race has ended, beyond the budget.",
+)
+@click.option(
+    "--test-elites",
+    type=click.IntRange(1, 10**6),
+    metavar="N",
+    help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
+)
+@click.option("--test-iterations", is_flag=True, help="Measure the best of each iteration there, too.")
+@click.option(
     "--optuna",
     metavar="URL",
     help="Show the race in an Optuna storage too, e.g. sqlite:///race.db, for optuna-dashboard.",
@@ -100,6 +115,9 @@ def race(
     scheduler: str | None,
     timeout: float | None,
     on_failure: "OnFailure",
+    test_runs: int | None,
+    test_elites: int | None,
+    test_iterations: bool,
     optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
@@ -118,21 +136,26 @@ def race(
 
     executor = _executor(executor_name, jobs, scheduler, timeout)
     how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
+    tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
         folder = RunFolder.reopen(resume)
     else:
         assert mission is not None  # noqa: S101 - as was checked
         assert budget is not None  # noqa: S101
-        folder = _new_folder(mission, overrides, output, how, budget=budget, seed=seed, flavour=flavour)
+        testing = _testing(None, tests)
+        folder = _new_folder(
+            mission, overrides, output, how, budget=budget, seed=seed, flavour=flavour, testing=testing
+        )
     with folder, Interrupt(terminable=True) as interrupt:
         for note in folder.journal.notes:
             tell(f"Note: {note}")
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)
+            folder.test(_testing(folder.testing, tests))
             folder.designer.simulator.rehearse(announce=tell)
         folder.journal.open_session(**how)
-        before = len(folder.journal.experiments)
+        before, tested = len(folder.journal.experiments), len(folder.journal.tests)
         with (
             executor,
             RaceDisplay(folder.designer, folder.journal.budget) as display,
@@ -143,6 +166,7 @@ def race(
             result,
             folder.designer,
             new=len(result.finished) - before,
+            tested=len(folder.journal.tests) - tested,
             seconds=display.seconds,
             jobs=how["jobs"],
             folder=folder.path,
@@ -182,11 +206,18 @@ def _run(
     resume = f"mdesign race --resume {shlex.quote(str(folder.path))}"
     try:
         result = folder.designer.run(
-            executor, folder.journal, on_failure=on_failure, watch=watch, stopped=interrupt.came
+            executor,
+            folder.journal,
+            on_failure=on_failure,
+            watch=watch,
+            testing=folder.testing,
+            watch_tests=display.update_tests,
+            stopped=interrupt.came,
         )
     except Stopped:
-        n = len(folder.journal.experiments)
-        interrupt.check(f"{folder.path}: the {n} experiments so far are in journal.jsonl; to go on: {resume}")
+        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
+        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
+        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
         raise
     except ExperimentFailed as error:
         tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
@@ -230,6 +261,19 @@ def _check_usage(context: click.Context, resume: Path | None) -> None:
             raise click.UsageError(f"Missing {hint}.")
 
 
+def _testing(before: "Testing | None", given: dict[str, Any]) -> "Testing | None":
+    """What is tested, as it was before unless something else is asked for."""
+    from mercator_design.race.testing import Testing
+
+    asked = {name: value for name, value in given.items() if value is not None}
+    if before is None and "runs" not in asked and asked:
+        raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
+    if before is None and not asked:
+        return None
+    testing = Testing(**asked) if before is None else replace(before, **asked)
+    return testing if testing.runs else None
+
+
 def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> "Executor":
     from mercator_design.race.executors import ProcessExecutor, ThreadExecutor, available_jobs
 
@@ -255,6 +299,7 @@ def _new_folder(
     budget: int,
     seed: int,
     flavour: str,
+    testing: "Testing | None",
 ) -> "RunFolder":
     from mercator_design.design import Designer
     from mercator_design.fsm.conditions import CONDITIONS
@@ -268,7 +313,7 @@ def _new_folder(
     warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, **how}
-    return RunFolder.create(output or _free_folder(simulator.mission.name), designer, request=request)
+    return RunFolder.create(output or _free_folder(simulator.mission.name), designer, request=request, testing=testing)
 
 
 def _free_folder(mission: str) -> Path:

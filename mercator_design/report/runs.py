@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+from mercator_design.design import Scores
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.race.journal import Reading, is_locked, read
+from mercator_design.report.summary import test_figures
 
 _JOURNAL = "journal.jsonl"
 
@@ -70,8 +72,11 @@ def run_summary(path: Path) -> str:
         f"Digest     {record.digest()}",
     ]
     if run["winner"] is not None:
+        tests = record.test_scores()
         fsm = to_text(to_pfsm(record.configurations[run["winner"]], start["flavour"]))
-        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}", "", fsm]
+        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
+        lines += [f"Tested     configuration {c}: {test_figures(Scores(tests[c]))}" for c in tests]
+        lines += ["", fsm]
     return "\n".join(lines)
 
 

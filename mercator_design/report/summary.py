@@ -2,9 +2,10 @@
 
 import json
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mercator_design.design import CONFIDENCE, Design, Designer, Evaluation
+from mercator_design.design import CONFIDENCE, Design, Designer, Evaluation, Scores
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
@@ -15,13 +16,16 @@ from mercator_design.race import IterationSummary
 from mercator_design.sim.simulate import Simulator
 
 
-def race_summary(design: Design, designer: Designer, *, new: int, seconds: float, jobs: int, folder: Path) -> str:
+def race_summary(
+    design: Design, designer: Designer, *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
     Args:
         design: What the race came to.
         designer: Of it.
         new: Experiments that were run by this process, not before the race was resumed.
+        tested: Tests that were.
         seconds: That this took.
         jobs: Experiments run at once.
         folder: Of the race.
@@ -31,6 +35,7 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
     all_equal = len({one.score for one in design.finished}) == 1
     failed = sum(one.score is None for one in design.finished)
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
+    evaluate = ["mdesign", "evaluate", str(folder / "fsm.txt"), *plugins]
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
@@ -38,7 +43,7 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
         f"Designed   with {designer.flavour}, for robot {designer.simulator.robot_model.name}",
         f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
         f"seed {race.seed}; {'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
-        f"{new / max(seconds, 1e-3):.0f} experiments/s",
+        f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
         "iteration  raced  survivors  experiments  mean of the best",
@@ -48,9 +53,10 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
         f"Winner     configuration {design.configuration}, score {scores.mean:.4g} ± "
-        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances; "
-        "measure it on fresh ones:",
-        f"           {shlex.join(['mdesign', 'evaluate', str(folder / 'fsm.txt'), *plugins])}",
+        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances"
+        f"{'' if design.tests else '; measure it on fresh ones:'}",
+        *([] if design.tests else [f"           {shlex.join(evaluate)}"]),
+        *_test_lines(design.tests, evaluate),
         *(f"           {line}" for line in describe(design.winner)),
         "",
         to_text(design.winner),
@@ -58,6 +64,25 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
         f"Written    {folder}: fsm.txt, mission.yaml, robot_model.yaml, results.csv, journal.jsonl, provenance.json",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _test_lines(tests: Mapping[int, Scores], evaluate: Sequence[str]) -> list[str]:
+    """What the tests came to; the winner's are the first."""
+    if not tests:
+        return []
+    rows = [(f"configuration {c}", scores) for c, scores in tests.items()]
+    n = len(rows[0][1].values)
+    return [
+        f"Tested     on fresh instances, as {shlex.join([*evaluate, '-n', str(n)])} does for the winner:",
+        *(f"           {name:<20}{test_figures(scores)}" for name, scores in rows),
+    ]
+
+
+def test_figures(scores: Scores) -> str:
+    """Mean, confidence interval and number of tests."""
+    interval = scores.confidence_interval
+    around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
+    return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
 
 
 def _iteration_line(iteration: IterationSummary, mission: Mission) -> str:

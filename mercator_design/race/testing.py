@@ -6,25 +6,16 @@ has ended can still be tested, or tested more, and a race with tests is the same
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from mercator_design.errors import RaceError
+from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor
 from mercator_design.race.journal import Measured, Record, Tested
 from mercator_design.race.race import Experiment
 from mercator_design.race.runner import ExperimentFailed, OnFailure, Stopped, error_of, read_result
-from mercator_design.race.summary import Elite, IterationSummary
 
 T = TypeVar("T")
-
-
-class Raced(Protocol):
-    """What is tested here: a race that has ended."""
-
-    @property
-    def elites(self) -> Sequence[Elite]: ...
-    @property
-    def iterations(self) -> Sequence[IterationSummary]: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +31,12 @@ class Testing:
     elites: int = 1
     iterations: bool = False
 
-    def configurations(self, race: Raced) -> list[int]:
+    def configurations(self, race: Asking) -> list[int]:
         """Those that are tested: the winner first, then the other elites, then former ones."""
         elites = [race.elites, *(i.elites for i in reversed(race.iterations) if self.iterations)]
         return list(dict.fromkeys(elite.configuration for few in elites for elite in few[: self.elites]))
 
-    def experiments(self, race: Raced) -> list[Experiment]:
+    def experiments(self, race: Asking) -> list[Experiment]:
         """All tests, in their order; test instances are counted from 0."""
         return [Experiment(c, instance) for c in self.configurations(race) for instance in range(self.runs)]
 

@@ -29,13 +29,16 @@ from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
 from mercator_design.race import Configuration, Experiment, Space
 from mercator_design.race.executors import ThreadExecutor, in_order
-from mercator_design.race.journal import Finished, Measured
+from mercator_design.race.journal import Finished, Measured, Tested
 from mercator_design.race.methods import METHODS
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
+
+TEST_SEED = 1
+"""Of test instances, as `mdesign evaluate` has it unless told otherwise: so all races are tested on the same ones."""
 
 
 class Experimenter:
@@ -159,12 +162,24 @@ class Designer(Task[tuple[Pfsm, int]]):
         """As `Task.prepare`: compile what is not yet."""
         self.simulator.rehearse(announce=announce)
 
-    def item(self, experiment: Experiment, configuration: Configuration) -> tuple[Pfsm, int]:
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Pfsm, int]:
         """As `Task.item`."""
         number, instance = experiment
         if number not in self._pfsms:
             self._pfsms[number] = to_pfsm(configuration, self.flavour)
-        return self._pfsms[number], self.seed(instance)
+        return self._pfsms[number], self.test_seed(instance) if test else self.seed(instance)
+
+    def test_seed(self, instance: int) -> int:
+        """As `Task.test_seed`: those of `fresh_instances(TEST_SEED, ...)`."""
+        return instance_seed(TEST_SEED, "evaluation", instance)
+
+    def cost(self, score: float) -> float:
+        """As `Task.cost`."""
+        return self.simulator.mission.cost(score)
+
+    def score(self, cost: float) -> float:
+        """As `Task.score`."""
+        return self.simulator.mission.score(cost)
 
     def pfsm(self, configuration: int) -> Pfsm:
         """The PFSM of a configuration that is raced."""
@@ -178,7 +193,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         """As `Task.is_winner`."""
         return read_fsm(file).pfsm == to_pfsm(configuration, self.flavour)
 
-    def command_of_failed(self, one: Finished, folder: Path, header: Mapping[str, str]) -> str:
+    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:
         """As `Task.command_of_failed`: mdesign evaluate, with an fsm.txt in the subfolder failed."""
         file = folder / "failed" / f"{one.configuration}.txt"
         file.parent.mkdir(exist_ok=True)

@@ -16,7 +16,8 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -29,8 +30,10 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small, write_bytes, write_text
 from mercator_design.race import Experiment
 from mercator_design.race.executors import Executor, in_order
-from mercator_design.race.journal import Finished, Journal, Record, read
+from mercator_design.race.journal import Finished, Journal, Record, Tested, read
+from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
+from mercator_design.race.testing import Testing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,6 +53,7 @@ class RunFolder:
         path: Of the folder.
         task: What is raced; its race has not begun.
         journal: Of the race so far, which this process has to itself.
+        testing: What is tested when the race has ended.
     """
 
     def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: dict[str, Any]) -> None:
@@ -57,9 +61,11 @@ class RunFolder:
         self.task = task
         self.journal = journal
         self._provenance = provenance
+        testing = provenance.get("testing")
+        self.testing = None if testing is None else Testing(**testing)
 
     @classmethod
-    def create(cls, path: Path, task: Task[Any], *, request: Mapping[str, Any]) -> Self:
+    def create(cls, path: Path, task: Task[Any], *, request: Mapping[str, Any], testing: Testing | None = None) -> Self:
         """A new one.
 
         Raises:
@@ -69,6 +75,7 @@ class RunFolder:
         provenance: dict[str, Any] = {
             "race": start,
             "request": dict(request),
+            "testing": None if testing is None else asdict(testing),
             "started": _now(),
             "python": sys.version.split()[0],
             "libraries": {name: version(name) for name in _LIBRARIES},
@@ -141,7 +148,18 @@ class RunFolder:
         if budget > self.journal.budget:
             self.journal.note([{"event": "extend", "budget": budget}])
 
-    def keep_failed(self, finished: Finished) -> str:
+    def test(self, testing: Testing | None) -> None:
+        """Let these be the tests, from now on.
+
+        Raises:
+            RaceError: if that cannot be written.
+        """
+        self.testing = testing
+        self._provenance["testing"] = None if testing is None else asdict(testing)
+        with _naming(self.path):
+            self._write_provenance()
+
+    def keep_failed(self, finished: Finished | Tested) -> str:
         """Write what an experiment that failed needs; gives the command that runs it alone.
 
         Raises:
@@ -157,9 +175,13 @@ class RunFolder:
             RaceError: if it cannot be written.
         """
         scores, race = result.scores, self.task.race
+        tested = result.tests.get(result.configuration)
         header = self._header() | {
             "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
             "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
+            **(
+                {"test": f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"} if tested else {}
+            ),
             "budget": str(race.budget),
             "journal": self.journal.ends[-1].digest[:16],
         }
@@ -234,18 +256,25 @@ def verify(
         if not task.is_winner(path / task.WINNER, record.configurations[winner]):
             raise RaceError(f"{path / task.WINNER}: expected configuration {winner}, found another")
         checked.append(f"{task.WINNER}: is configuration {winner}, the winner")
-    finished = [one for _, one in sorted(record.experiments.items()) if one.score is not None]
+    ran: list[Finished | Tested] = [record.experiments[number] for number in sorted(record.experiments)]
+    ran += [record.tests[where] for where in sorted(record.tests)]
+    finished = [one for one in ran if one.score is not None]
     n = min(number, len(finished))
     sample = [finished[k * len(finished) // n] for k in range(n)]
     task.prepare(announce)
     items = [
-        task.item(Experiment(one.configuration, one.instance), record.configurations[one.configuration])
+        task.item(
+            Experiment(one.configuration, one.instance),
+            record.configurations[one.configuration],
+            test=isinstance(one, Tested),
+        )
         for one in sample
     ]
     for one, (score, outcome) in zip(sample, in_order(executor, task.function, items), strict=True):
         if (score, outcome) != (one.score, one.outcome):
+            what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
             raise RaceError(
-                f"{path}: experiment {one.experiment}: expected score {one.score!r} and digest {one.outcome}, found "
+                f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
             )
     return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
@@ -310,11 +339,24 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     return _experiments(read(path / JOURNAL).record)
 
 
+def tests_table(path: Path) -> "pd.DataFrame":
+    """The tests of a run folder so far, a row each by configuration and test instance.
+
+    Columns: configuration, instance, seed, score (NaN if it failed), failure (why, or empty).
+
+    Raises:
+        RaceError: if there is no journal, or it is corrupt.
+    """
+    tests = read(path / JOURNAL).record.tests
+    return _table([tests[where] for where in sorted(tests)], ("configuration", "instance", "seed", "score", "failure"))
+
+
 def configurations_table(path: Path) -> "pd.DataFrame":
     """The configurations of a run folder that were raced so far, a row each, by number.
 
-    Columns: first_iteration, experiments, failed (how many of these), mean, standard_deviation (of the scores), parent
-    (the elite it was sampled from), and what the task has of them: the fsm of a mission.
+    Columns: first_iteration, experiments, failed (how many of these), mean, standard_deviation (of the scores); if
+    there were tests, tests (how many had a score), test_mean, test_low and test_high (the confidence interval of the
+    mean at 95 %); parent (the elite it was sampled from), and what the task has of them: the fsm of a mission.
 
     Raises:
         RaceError: if there is no journal, or it is corrupt.
@@ -323,11 +365,14 @@ def configurations_table(path: Path) -> "pd.DataFrame":
 
 
 def _experiments(record: Record) -> "pd.DataFrame":
+    finished = [record.experiments[number] for number in sorted(record.experiments)]
+    return _table(finished, ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure"))
+
+
+def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
     import pandas as pd
 
-    finished = [record.experiments[number] for number in sorted(record.experiments)]
-    names = ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure")
-    table = pd.DataFrame({name: [getattr(one, name) for one in finished] for name in names})
+    table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in names})
     return table.astype({"score": float})
 
 
@@ -342,6 +387,12 @@ def _by_configuration(record: Record) -> "pd.DataFrame":
         mean=("score", "mean"),
         standard_deviation=("score", "std"),
     )
+    tests = {configuration: Scores(scores) for configuration, scores in record.test_scores().items()}
+    if tests:
+        figures = {c: (len(t.values), t.mean, *(t.confidence_interval or (None, None))) for c, t in tests.items()}
+        names = ["tests", "test_mean", "test_low", "test_high"]
+        tested = pd.DataFrame.from_dict(figures, orient="index", columns=names)
+        results = results.join(tested).astype({"tests": "Int64"})
     results["parent"] = [record.parents[number] for number in results.index]
     results["parent"] = results["parent"].astype("Int64")
     configurations = [record.configurations[number] for number in results.index]

@@ -10,8 +10,10 @@ import sys
 import time
 
 import optuna
+import pandas as pd
 import pytest
 
+from mercator_design import run_folder
 from mercator_design.errors import RaceError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Journal, read, to_line
@@ -237,6 +239,56 @@ class TestResume:
         assert digest(tmp_path / "r") == expected
 
 
+class TestTests:
+    """Of the winner and others, on instances that the race never sees."""
+
+    def test_a_race_with_tests(self, mdesign, tmp_path, undisturbed):
+        folder = tmp_path / "r"
+        code, out, err = mdesign(*RACE, "-o", folder, "--test-runs", 12, "--test-elites", 3, "--test-iterations")
+        assert (code, err) == (0, "")
+        assert digest(folder) == digest(undisturbed)
+        evaluated = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 12, "--json")[1])
+        tests, winner = run_folder.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
+        assert list(tests[tests.configuration == winner].score) == evaluated["scores"]
+        assert f"configuration {winner}" in out.partition("Tested")[2]
+        assert f"mean {evaluated['mean']:.4g}, " in out
+        assert "-n 12 does for the winner" in out
+        results = pd.read_csv(folder / "results.csv", index_col="configuration")
+        assert len(results[results.tests == 12]) == len(set(tests.configuration)) >= 3
+        low, high = evaluated["confidence_interval"]
+        assert (results.test_low[winner], results.test_high[winner]) == pytest.approx((low, high))
+        assert f"Tested     configuration {winner}: mean {evaluated['mean']:.4g}" in mdesign("runs", "show", folder)[1]
+        assert mdesign("runs", "show", folder, "--csv", "tests")[1] == tests.to_csv(index=False)
+        n = 120 + len(tests)
+        assert f"{n} of {n} experiments were run again" in mdesign("runs", "verify", folder, "-n", 1000)[1]
+
+    def test_they_are_resumed_as_the_race_is(self, mdesign, tmp_path, undisturbed):
+        whole, folder = tmp_path / "whole", tmp_path / "r"
+        assert mdesign(*RACE, "-o", whole, "--test-runs", 9, "--test-elites", 2)[0] == 0
+        lines = (whole / JOURNAL).read_bytes().splitlines(keepends=True)
+        for n in (2, 60, len(lines) - 5):
+            shutil.copytree(whole, folder)
+            (folder / JOURNAL).write_bytes(b"".join(lines[:n]))
+            (folder / "fsm.txt").unlink()
+            assert mdesign("race", "--resume", folder)[0] == 0
+            for name in ("fsm.txt", "results.csv"):
+                assert (folder / name).read_bytes() == (whole / name).read_bytes()
+            shutil.rmtree(folder)
+
+    def test_after_the_race(self, mdesign, folder, undisturbed):
+        assert "Tested" not in mdesign("race", "--resume", folder)[1]
+        assert "(n=5)" in mdesign("race", "--resume", folder, "--test-runs", 5)[1]
+        out = mdesign("race", "--resume", folder, "--test-elites", 2)[1]
+        assert out.partition("Tested")[2].count("(n=5)") == 2
+        assert digest(folder) == digest(undisturbed)
+        assert "Tested" not in mdesign("race", "--resume", folder, "--test-runs", 0)[1]
+
+    def test_options_that_need_another(self, mdesign, folder):
+        code, _, err = mdesign("race", "--resume", folder, "--test-elites", 2)
+        assert code == 2
+        assert "need --test-runs N" in err
+
+
 def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
     stop(folder, 70)
     url = f"sqlite:///{tmp_path / 'race.db'}"
@@ -369,6 +421,12 @@ class TestRuns:
             states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
             assert states[str(folder)] == "running"
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
+
+    def test_without_a_verb_those_here_are_listed(self, mdesign, folder, tmp_path, monkeypatch):
+        shutil.copytree(folder, tmp_path / "here" / "runs" / "r")
+        monkeypatch.chdir(tmp_path / "here")
+        assert mdesign("runs") == mdesign("runs", "list")
+        assert "runs/r" in mdesign("runs")[1]
 
     def test_show(self, mdesign, folder):
         code, out, _ = mdesign("runs", "show", folder)

@@ -1,5 +1,6 @@
 """mdesign race: a mission becomes a controller."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from mercator_design.fsm.pfsm import FLAVOURS
 if TYPE_CHECKING:
     from mercator_design.race.executors import Executor
     from mercator_design.race.runner import OnFailure
+    from mercator_design.race.testing import Testing
     from mercator_design.run_folder import RunFolder
 
 _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
@@ -59,6 +61,19 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     help="An experiment that takes longer has failed (with --executor processes).",
 )
 @ON_FAILURE
+@click.option(
+    "--test-runs",
+    type=click.IntRange(0, 10**6),
+    metavar="N",
+    help="Measure the winner on N fresh instances when the race has ended, beyond the budget.",
+)
+@click.option(
+    "--test-elites",
+    type=click.IntRange(1, 10**6),
+    metavar="N",
+    help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
+)
+@click.option("--test-iterations", is_flag=True, help="Measure the best of each iteration there, too.")
 @OPTUNA
 @SET
 @PLUGIN
@@ -77,6 +92,9 @@ def race(
     scheduler: str | None,
     timeout: float | None,
     on_failure: "OnFailure",
+    test_runs: int | None,
+    test_elites: int | None,
+    test_iterations: bool,
     optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
@@ -93,18 +111,36 @@ def race(
 
     executor = _executor(executor_name, jobs, scheduler, timeout)
     how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
+    tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
         folder = RunFolder.reopen(resume)
     else:
         assert mission is not None  # noqa: S101 - as was checked
         assert budget is not None  # noqa: S101
-        folder = _new_folder(mission, overrides, output, how, budget=budget, seed=seed, flavour=flavour, method=method)
+        testing = _testing(None, tests)
+        folder = _new_folder(
+            mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
+        )
     with folder, Interrupt(terminable=True) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)
+            folder.test(_testing(folder.testing, tests))
             folder.task.prepare(tell)
         run(folder, executor, how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+
+
+def _testing(before: "Testing | None", given: dict[str, Any]) -> "Testing | None":
+    """What is tested, as it was before unless something else is asked for."""
+    from mercator_design.race.testing import Testing
+
+    asked = {name: value for name, value in given.items() if value is not None}
+    if before is None and "runs" not in asked and asked:
+        raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
+    if before is None and not asked:
+        return None
+    testing = Testing(**asked) if before is None else replace(before, **asked)
+    return testing if testing.runs else None
 
 
 def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> "Executor":
@@ -128,6 +164,7 @@ def _new_folder(
     overrides: tuple[str, ...],
     output: Path | None,
     how: dict[str, Any],
+    testing: "Testing | None",
     *,
     budget: int,
     seed: int,
@@ -146,4 +183,4 @@ def _new_folder(
     warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "method": method, **how}
-    return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request)
+    return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

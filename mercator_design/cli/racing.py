@@ -114,7 +114,7 @@ def run(
     for note in folder.journal.notes:
         tell(f"Note: {note}")
     folder.journal.open_session(**how)
-    before = len(folder.journal.experiments)
+    before, tested = len(folder.journal.experiments), len(folder.journal.tests)
     with (
         executor,
         RaceDisplay(folder.task, folder.journal.budget) as display,
@@ -125,6 +125,7 @@ def run(
         result,
         folder.task,
         new=len(result.finished) - before,
+        tested=len(folder.journal.tests) - tested,
         seconds=display.seconds,
         jobs=how["jobs"],
         folder=folder.path,
@@ -164,10 +165,19 @@ def _run(
     verb = click.get_current_context().info_name
     resume = f"mdesign {verb} --resume {shlex.quote(str(folder.path))}"
     try:
-        result = folder.task.run(executor, folder.journal, on_failure=on_failure, watch=watch, stopped=interrupt.came)
+        result = folder.task.run(
+            executor,
+            folder.journal,
+            on_failure=on_failure,
+            watch=watch,
+            testing=folder.testing,
+            watch_tests=display.update_tests,
+            stopped=interrupt.came,
+        )
     except Stopped:
-        n = len(folder.journal.experiments)
-        interrupt.check(f"{folder.path}: the {n} experiments so far are in journal.jsonl; to go on: {resume}")
+        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
+        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
+        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
         raise
     except ExperimentFailed as error:
         tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")

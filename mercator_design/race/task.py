@@ -13,11 +13,12 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor
-from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race.journal import Finished, Measured, Record, Tested
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
 from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.race.summary import Scores
+from mercator_design.race.testing import Testing, run_tests
 from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
@@ -31,6 +32,7 @@ class Result:
 
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
+    tests: dict[int, Scores]  # of the configurations that were tested, the winner first
     finished: tuple[Finished, ...]  # all experiments, in order of their numbers
 
 
@@ -74,8 +76,12 @@ class Task(ABC, Generic[T]):
         """What `restore` needs, by path in a folder."""
 
     @abstractmethod
-    def item(self, experiment: Experiment, configuration: Configuration) -> T:
-        """What `function` is given for an experiment, whose configuration this is."""
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> T:
+        """What `function` is given for an experiment, whose configuration this is; of a test, its test instance."""
+
+    @abstractmethod
+    def test_seed(self, instance: int) -> int:
+        """Of a test instance."""
 
     @abstractmethod
     def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
@@ -90,7 +96,7 @@ class Task(ABC, Generic[T]):
         """
 
     @abstractmethod
-    def command_of_failed(self, one: Finished, folder: Path, header: Mapping[str, str]) -> str:
+    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:
         """The command that runs an experiment that failed by itself; what it needs is written to a folder.
 
         Raises:
@@ -116,11 +122,11 @@ class Task(ABC, Generic[T]):
 
     def cost(self, score: float) -> float:
         """What a race minimises."""
-        return -score if self.maximise else score
+        return score
 
     def score(self, cost: float) -> float:
-        """Undoes `cost`."""
-        return self.cost(cost)
+        """The score that a cost stands for."""
+        return cost
 
     def seed(self, instance: int) -> int:
         """Of an instance of the race."""
@@ -133,15 +139,19 @@ class Task(ABC, Generic[T]):
         *,
         on_failure: OnFailure = "stop",
         watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        testing: Testing | None = None,
+        watch_tests: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005
         stopped: Callable[[], bool] = lambda: False,
     ) -> Result:
-        """Run the race to its end.
+        """Run the race to its end, and then the tests.
 
         Args:
             executor: Runs its experiments; what comes of them does not depend on it.
             record: Of this race so far; what happens is noted in it.
             on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
             watch: Called with the experiments that have finished since.
+            testing: What to test when the race has ended.
+            watch_tests: Called with the number of tests done, and of all.
             stopped: Asked before each experiment whether to stop.
 
         Raises:
@@ -165,10 +175,25 @@ class Task(ABC, Generic[T]):
             watch=watch,
             stopped=stopped,
         ).run()
+        tests: dict[int, Scores] = {}
+        if testing is not None:
+            run_tests(
+                testing.experiments(race),
+                record=record,
+                executor=executor,
+                function=self.function,
+                item=lambda test: self.item(test, race.configurations[test.configuration], test=True),
+                seed=self.test_seed,
+                on_failure=on_failure,
+                watch=watch_tests,
+                stopped=stopped,
+            )
+            known = record.test_scores()
+            tests = {number: Scores(known[number]) for number in testing.configurations(race) if number in known}
         best = race.best.configuration
         finished = tuple(record.experiments[number] for number in range(len(record.experiments)))
         scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
-        return Result(configuration=best, scores=Scores(scores), finished=finished)
+        return Result(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
 
 
 @lru_cache(maxsize=1 << 16)

@@ -55,10 +55,10 @@ class _Display:
         """Time since the start."""
         return time.monotonic() - self._started
 
-    def show(self, done: int, description: str | None = None) -> None:
-        """Set the count, and the text before the bar."""
+    def show(self, done: int, description: str | None = None, total: int | None = None) -> None:
+        """Set the count, the text before the bar, and what it counts to."""
         rate = f"{done / max(self.seconds, 1e-3):.0f}/s"
-        self._progress.update(self._task, completed=done, rate=rate, description=description)
+        self._progress.update(self._task, completed=done, total=total, rate=rate, description=description)
 
 
 class RaceDisplay(_Display):
@@ -80,6 +80,11 @@ class RaceDisplay(_Display):
         # When the iterations are over, what is left of the budget goes into a race of the best.
         stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
         self.show(done, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
+
+    def update_tests(self, done: int, total: int) -> None:
+        """Show that the race has ended and how many tests are done."""
+        if not self._is_silent():
+            self.show(done, f"{self._raced.name}: testing", total)
 
 
 class EvaluationDisplay(_Display):

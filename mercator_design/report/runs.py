@@ -6,7 +6,9 @@ from typing import Any
 
 from mercator_design.errors import RaceError
 from mercator_design.race.journal import Reading, is_locked, read
+from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
+from mercator_design.report.summary import test_figures
 from mercator_design.run_folder import JOURNAL, TASKS
 
 
@@ -65,7 +67,10 @@ def run_summary(path: Path) -> str:
     ]
     if run["winner"] is not None:
         columns = task.columns(record.start, [record.configurations[run["winner"]]])
-        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}", ""]
+        tests = record.test_scores()
+        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
+        lines += [f"Tested     configuration {c}: {test_figures(Scores(tests[c]))}" for c in tests]
+        lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(lines)
 

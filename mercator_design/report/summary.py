@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugin_files
 from mercator_design.race import IterationSummary
-from mercator_design.race.summary import CONFIDENCE
+from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.report.columns import aligned
 from mercator_design.sim.simulate import Simulator
@@ -20,13 +21,16 @@ from mercator_design.sim.simulate import Simulator
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
 
-def race_summary(result: Result, task: Task[Any], *, new: int, seconds: float, jobs: int, folder: Path) -> str:
+def race_summary(
+    result: Result, task: Task[Any], *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
     Args:
         result: What the race came to.
         task: What was raced.
         new: Experiments that were run by this process, not before the race was resumed.
+        tested: Tests that were.
         seconds: That this took.
         jobs: Experiments run at once.
         folder: Of the race.
@@ -40,7 +44,7 @@ def race_summary(result: Result, task: Task[Any], *, new: int, seconds: float, j
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
         f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
         f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
-        f"{new / max(seconds, 1e-3):.0f} experiments/s",
+        f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
         "iteration  raced  survivors  experiments  mean of the best",
@@ -71,11 +75,14 @@ def _asked(task: Task[Any]) -> list[str]:
 def _design(result: Result, designer: Designer, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
+    evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
+    n_tests = max((len(scores.values) for scores in result.tests.values()), default=0)
     return [
         f"Winner     configuration {result.configuration}, score {scores.mean:.4g} ± "
-        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances; "
-        "measure it on fresh ones:",
-        f"           {shlex.join(['mdesign', 'evaluate', str(folder / designer.WINNER), *plugins])}",
+        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances"
+        f"{'' if result.tests else '; measure it on fresh ones:'}",
+        *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
+        *_test_lines(result.tests, f"as {shlex.join([*evaluate, '-n', str(n_tests)])} does for the winner"),
         *(f"           {line}" for line in describe(pfsm)),
         "",
         to_text(pfsm),
@@ -94,6 +101,23 @@ def _elites(task: Task[Any]) -> list[str]:
         *([name, *values] for name, values in columns.items()),
     ]
     return ["Best", *aligned(rows), "", race.space.command_line(race.configurations[numbers[0]])]
+
+
+def _test_lines(tests: Mapping[int, Scores], how: str) -> list[str]:
+    """What the tests came to; the winner's are the first."""
+    if not tests:
+        return []
+    return [
+        f"Tested     on fresh instances, {how}:",
+        *(f"           {f'configuration {number}':<20}{test_figures(scores)}" for number, scores in tests.items()),
+    ]
+
+
+def test_figures(scores: Scores) -> str:
+    """Mean, confidence interval and number of tests."""
+    interval = scores.confidence_interval
+    around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
+    return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
 
 
 def _iteration_line(iteration: IterationSummary, task: Task[Any]) -> str:

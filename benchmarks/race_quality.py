@@ -6,8 +6,8 @@ Problems are objects with `name`, `parameters`, `instances`, `evaluate(configura
 instances, their optimum the best winner of any method. The regret is (true cost - optimum) / (reference - optimum).
 
 Each method is compared with --against, and with the runs that R irace left in a file, by Mann-Whitney's rank-sum test;
-p-values are Holm's over the problems. Methods are `default`, `irace` (irace's own algorithm), and `no-NAME`, the
-default but for the option NAME, which is irace's.
+p-values are Holm's over the problems. Methods are those of `mdesign race --method`, `default` (the
+library's own, `surrogate`), and `no-NAME`, the default but for the option NAME, which is irace's.
 
 Run: python benchmarks/race_quality.py --problems FILE.py [--budgets 1000 5000] [--seeds 20] [--irace results.json]
          [--methods default irace no-surrogate ...] [--cache FILE] [--missions NAME ...] [-j N]
@@ -22,7 +22,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ from mercator_design.race import (
     ordered,
     real,
 )
+from mercator_design.race.methods import METHODS
 
 Row = dict[str, Any]
 SIGNIFICANT = 0.05
@@ -175,14 +176,12 @@ def _listed(module: Any) -> list[Any]:
 
 
 def options_of(method: str) -> RaceOptions:
-    """`default`, `irace`, or `no-NAME`: the default without a deviation."""
+    """`default`, or `no-NAME`: the default but for an option, which is irace's."""
     if method == "default":
         return RaceOptions()
-    if method == "irace":
-        return RaceOptions.irace()
     name = method.removeprefix("no-")
     if method == name or not hasattr(RaceOptions(), name):
-        sys.exit(f"--methods: expected default, irace or no-NAME of an option, found {method}")
+        sys.exit(f"--methods: expected default, no-NAME of an option or {', '.join(METHODS)}, found {method}")
     return replace(RaceOptions(), **{name: getattr(RaceOptions.irace(), name)})
 
 
@@ -192,7 +191,8 @@ def run(file: str | None, name: str, method: str, budget: int, seed: int) -> Row
     one.start(seed)
     evaluating = 0.0
     began = time.process_time()
-    race = IteratedRace(one.space, budget=budget, seed=seed, options=options_of(method))
+    make = METHODS.get(method) or partial(IteratedRace, options=options_of(method))
+    race = make(one.space, budget=budget, seed=seed)
     while batch := race.ask():
         started = time.process_time()
         costs = [one.cost(race.configurations[e.configuration], e.instance) for e in batch]

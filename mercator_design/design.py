@@ -26,9 +26,10 @@ from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
-from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race import Space
 from mercator_design.race.executors import Executor, ThreadExecutor, in_order
 from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race.methods import METHODS
 from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
@@ -115,20 +116,30 @@ def _elsewhere(plugins: tuple[str, ...], kernels: str, mission: Mission, robot_m
 class Designer:
     """Designs control software for the mission of a simulator, by a race over all PFSMs of a flavour.
 
+    Args:
+        simulator: Of the mission.
+        budget: Experiments to run at most.
+        seed: Of all that is random.
+        flavour: What modules there are.
+        method: Name of one of `METHODS`. On missions, the library's own has shown no gain over irace
+            (docs/benchmarks.md), and costs time.
+
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
         RaceError: if the budget is too small.
     """
 
-    def __init__(self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon") -> None:
+    def __init__(
+        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "irace"
+    ) -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():
                 simulator.check_module(module, flavour)
         self.simulator = simulator
         self.flavour = flavour
+        self.method = method
         space = Space.from_text(parameters_text(flavour), "grammar")
-        # On missions, the library's own options have shown no gain over irace's (docs/benchmarks.md), and cost time.
-        self.race = IteratedRace(space, budget=budget, seed=seed, options=RaceOptions.irace())
+        self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
         self._seeds: dict[int, int] = {}
 
@@ -147,6 +158,7 @@ class Designer:
             "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
             "budget": self.race.budget,
             "seed": self.race.seed,
+            "method": self.method,
             "options": dataclasses.asdict(self.race.options),
         }
 

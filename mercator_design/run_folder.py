@@ -280,7 +280,9 @@ def _designer(path: Path, start: Mapping[str, Any]) -> Designer:
         if loaded.get(name) != digest:
             load_plugin(path / "plugins" / name)
     simulator = Simulator(load_mission(path / "mission.yaml"))
-    designer = Designer(simulator, budget=start["budget"], seed=start["seed"], flavour=start["flavour"])
+    designer = Designer(
+        simulator, budget=start["budget"], seed=start["seed"], flavour=start["flavour"], method=start["method"]
+    )
     here = json.loads(json.dumps(designer.start()))
     for key in here:
         if key != "mercator_design" and here[key] != start.get(key):  # another version may do all the same
@@ -307,6 +309,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
             race["budget"],
             race["seed"],
             race["flavour"],
+            race["method"],
             race["mercator_design"],
             race["mission"],
         )

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _MOST_TOLD = 10
 """Failures that are told one by one."""
-_WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "overrides")
+_WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
 
 
 @click.command()
@@ -56,6 +56,13 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "overrides")
     default="watermelon",
     show_default=True,
     help="Modules to design with.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["irace", "surrogate"]),
+    default="irace",
+    show_default=True,
+    help="What proposes controllers and decides which of them run on.",
 )
 @click.option(
     "--executor",
@@ -96,6 +103,7 @@ def race(
     output: Path | None,
     resume: Path | None,
     flavour: str,
+    method: str,
     executor_name: str,
     scheduler: str | None,
     timeout: float | None,
@@ -123,7 +131,7 @@ def race(
     else:
         assert mission is not None  # noqa: S101 - as was checked
         assert budget is not None  # noqa: S101
-        folder = _new_folder(mission, overrides, output, how, budget=budget, seed=seed, flavour=flavour)
+        folder = _new_folder(mission, overrides, output, how, budget=budget, seed=seed, flavour=flavour, method=method)
     with folder, Interrupt(terminable=True) as interrupt:
         for note in folder.journal.notes:
             tell(f"Note: {note}")
@@ -255,6 +263,7 @@ def _new_folder(
     budget: int,
     seed: int,
     flavour: str,
+    method: str,
 ) -> "RunFolder":
     from mercator_design.design import Designer
     from mercator_design.fsm.conditions import CONDITIONS
@@ -264,10 +273,10 @@ def _new_folder(
     from mercator_design.sim.simulate import Simulator
 
     simulator = Simulator(load_mission(mission, overrides))
-    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour)
+    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
     warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
     simulator.rehearse(announce=tell)
-    request = {"mission": mission, "set": list(overrides), "flavour": flavour, **how}
+    request = {"mission": mission, "set": list(overrides), "flavour": flavour, "method": method, **how}
     return RunFolder.create(output or _free_folder(simulator.mission.name), designer, request=request)
 
 

@@ -1,34 +1,28 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
-As ask and tell: `ask` gives a batch of experiments, `tell` takes their costs, and an empty batch is the end.
-What is asked depends on the space, the budget, the seed and the costs alone: the surrogate, too, learns between
-races only. Costs are minimised; one that is infinite rejects its configuration for good. Unlike irace's, the budget
-is never exceeded, not even by an experiment: a race that would do so ends.
+The surrogate, too, learns between races only. Unlike irace's, the budget is never exceeded, not even by an
+experiment: a race that would do so ends.
 """
 
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 
-import numpy as np
-
-from mercator_design import seeds
 from mercator_design.errors import RaceError
 from mercator_design.race import budget as arithmetic
+from mercator_design.race.asking import Asking, Batches
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.postselection import select_candidates
 from mercator_design.race.proposals import Proposer
-from mercator_design.race.race import Experiment, Race, check_costs
+from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
-from mercator_design.race.summary import Elite, IterationSummary, Progress
-
-Batches = Generator[list[Experiment], Sequence[float], None]
+from mercator_design.race.summary import IterationSummary, Progress
 
 
-class IteratedRace:
+class IteratedRace(Asking):
     """An iterated race over a space.
 
     Args:
@@ -39,18 +33,16 @@ class IteratedRace:
         initial: Configurations to begin with; the first iteration samples the others.
 
     Attributes:
-        configurations: All that were ever sampled; an experiment names one by its place in this list.
         parents: The elite that a configuration was sampled from, or is most like if the surrogate proposed it; None in
             the first iteration.
         elites: The survivors of the last race that has ended, best first.
-        iterations: Summaries of the races that have ended.
-        notes: What differs from what a user may expect.
-        stop_reason: Why there are no more iterations, None as long as there may be.
 
     Raises:
-        RaceError: The budget is not a whole number or not enough for one iteration, the space leaves nothing
-            to choose, or an initial configuration is not valid.
+        RaceError: As all methods; or the budget is not enough for one iteration, or an initial configuration is not
+            valid.
     """
+
+    options: RaceOptions
 
     def __init__(
         self,
@@ -61,20 +53,11 @@ class IteratedRace:
         options: RaceOptions | None = None,
         initial: Sequence[Mapping[str, Value]] = (),
     ) -> None:
-        self.space = space
-        self.budget = _whole("budget", budget, 1)
-        self.seed = _whole("seed", seed, 0)
+        super().__init__(space, budget=budget, seed=seed)
         self.options = options or RaceOptions()
-        if space.n_variable == 0:
-            raise RaceError("space: expected at least one parameter with more than one value, found none")
         plan = self._plan(self.budget)
-        self.configurations: list[Configuration] = []
-        self.parents: list[int | None] = []
-        self.elites: list[Elite] = []
-        self.iterations: list[IterationSummary] = []
-        self.notes: list[str] = [] if plan.note is None else [plan.note]
-        self.stop_reason: str | None = None
-
+        if plan.note is not None:
+            self.notes.append(plan.note)
         self._survivors = plan.survivors  # that end a race
         self._most_configurations = None if self.options.n_configurations else plan.configurations
         self._n_iterations = plan.iterations
@@ -84,47 +67,18 @@ class IteratedRace:
                 f"race option n_configurations: expected more than the {plan.survivors} survivors that end a race, "
                 f"found {wanted}"
             )
-        self._iteration = 0
         self._initial = self._checked(initial)
-        self._costs: list[dict[int, float]] = []  # of each configuration, by instance
-        self._rejected: set[tuple[Value | None, ...]] = set()
-        self._used = 0
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.new_instances
         self._model = SamplingModel(
             space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
         )
         self._proposer: Proposer | None = None
-        self._keys: set[tuple[Value | None, ...]] = set()  # of all configurations
         self._is_exhausted = False
         self._race: Race | None = None
-        self._batches = self._run()
-        self._batch: list[Experiment] | None = None
-
-    @property
-    def used(self) -> int:
-        """Experiments told."""
-        return self._used
-
-    @property
-    def iteration(self) -> int:
-        """The present iteration, from 1; 0 before the first `ask`."""
-        return self._iteration
-
-    @property
-    def best(self) -> Elite:
-        """The best of the elites.
-
-        Raises:
-            RaceError: No race has ended yet.
-        """
-        if not self.elites:
-            raise RaceError("race: expected an iteration to have ended before its best is asked for, found none")
-        return self.elites[0]
 
     @property
     def progress(self) -> Progress:
-        """Where the race stands."""
         best = self.elites[0] if self.elites else None
         if self._race is not None:
             leader = self._race.ranked()[0]
@@ -138,44 +92,7 @@ class IteratedRace:
             best=best,
         )
 
-    def costs(self, configuration: int) -> dict[int, float]:
-        """The costs of a configuration so far, by instance."""
-        return dict(self._costs[configuration])
-
-    def statistics(self, configuration: int) -> Elite:
-        """The costs of a configuration in short; it must have some."""
-        costs = np.array(list(self._costs[configuration].values()))
-        sd = float(costs.std(ddof=1)) if len(costs) > 1 else math.nan
-        return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
-
-    def ask(self) -> list[Experiment]:
-        """The next experiments, all on one instance; the same until their costs are told; none at the end.
-
-        Raises:
-            RaceError: The options leave the first iteration too small a budget, or too little is allowed.
-        """
-        if self._batch is None:
-            self._batch = next(self._batches, [])
-        return list(self._batch)
-
-    def tell(self, costs: Sequence[float]) -> None:
-        """The costs of the experiments that `ask` gave, in their order.
-
-        Raises:
-            RaceError: There is not one number for each experiment (then nothing has changed), or all
-                configurations of the race have been rejected.
-        """
-        if not self._batch:
-            raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
-        check_costs(self._batch, costs)
-        self._batch = []
-        try:
-            self._batch = self._batches.send([float(cost) for cost in costs])
-        except StopIteration:
-            return
-
     def foresee(self, n: int) -> list[Experiment]:
-        """At most n experiments that `ask` will probably give next, after those it has given."""
         return [] if self._race is None else self._race.foresee(n)
 
     def extend(self, budget: int) -> None:
@@ -188,9 +105,7 @@ class IteratedRace:
         Raises:
             RaceError: The race has not ended yet, or the budget is no larger.
         """
-        if self.ask():
-            raise RaceError("extend: expected the race to have ended, found experiments that are asked for")
-        self.budget = _whole("budget", budget, self.budget + 1)
+        super().extend(budget)
         try:
             plan = self._plan(self.budget - self._used)
         except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
@@ -200,9 +115,6 @@ class IteratedRace:
             self._most_configurations = None if self.options.n_configurations else plan.configurations
         self._n_new_instances = self.options.new_instances
         self._model.initialise(self._elite_configurations())
-        self.stop_reason = None
-        self._batches = self._run()
-        self._batch = None
 
     def _plan(self, budget: int) -> arithmetic.Plan:
         return arithmetic.plan(
@@ -217,7 +129,6 @@ class IteratedRace:
         )
 
     def _run(self) -> Batches:
-        """The whole algorithm; each batch it yields is sent its costs."""
         while not isinstance(planned := self._plan_iteration(self._iteration + 1), str):
             self._iteration, budget, n = planned
             self._n_iterations = max(self._n_iterations, self._iteration)
@@ -340,12 +251,12 @@ class IteratedRace:
         found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
         for child in children:
             found.setdefault(self.space.key(child[0]), child)
-        return [child for key, child in found.items() if key not in self._keys]
+        return [child for key, child in found.items() if key not in self._numbers]
 
     def _proposed(
         self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]
     ) -> list[tuple[Configuration, int]]:
-        present = self._keys | {self.space.key(configuration) for configuration, _ in others}
+        present = self._numbers.keys() | {self.space.key(configuration) for configuration, _ in others}
         if self._proposer is None:  # looking for BLAS, and the features of a space, take their time
             self._proposer = Proposer(self.space)
         return self._proposer.propose(
@@ -423,11 +334,7 @@ class IteratedRace:
         while batch := race.ask():
             costs = yield batch
             race.tell(costs)
-            self._used += len(batch)
             self._n_seen = max(self._n_seen, batch[0].instance + 1)
-            for experiment, cost in zip(batch, costs, strict=True):
-                self._costs[experiment.configuration][experiment.instance] = cost
-        self._rejected |= {self.space.key(self.configurations[number]) for number in race.rejected}
         different: dict[tuple[Value | None, ...], int] = {}
         for number in race.ranked():
             different.setdefault(self.space.key(self.configurations[number]), number)
@@ -450,42 +357,5 @@ class IteratedRace:
             )
         )
 
-    def _add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
-        """Number new configurations."""
-        first = len(self.configurations)
-        for configuration, parent in children:
-            self.configurations.append(configuration)
-            self._keys.add(self.space.key(configuration))
-            self.parents.append(parent)
-            self._costs.append({})
-        return list(range(first, len(self.configurations)))
-
-    def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
-        found: dict[tuple[Value | None, ...], Configuration] = {}
-        for number, given in enumerate(initial, start=1):
-            configuration = dict(given)
-            try:
-                self.space.check(configuration)
-            except RaceError as error:
-                raise RaceError(f"initial configuration {number}: {error}") from None
-            if self.space.key(configuration) in found:
-                raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
-            found[self.space.key(configuration)] = configuration
-        return list(found.values())
-
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}
-
-    def _is_excluded(self, configuration: Configuration) -> bool:
-        return self.space.is_forbidden(configuration) or (
-            bool(self._rejected) and self.space.key(configuration) in self._rejected
-        )
-
-    def _generator(self, purpose: str) -> np.random.Generator:
-        return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")
-
-
-def _whole(name: str, value: int, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise RaceError(f"{name}: expected a whole number, {least} or more, found {value!r}")
-    return int(value)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from mercator_design.race.iterated import IteratedRace
+from mercator_design.race.asking import Asking
 from mercator_design.race.journal import Finished
 from mercator_design.race.parameter import Configuration, Parameter
 
@@ -36,7 +36,7 @@ class OptunaMirror:
     """
 
     def __init__(
-        self, storage: str, name: str, race: IteratedRace, *, maximise: bool, complain: Callable[[str], None]
+        self, storage: str, name: str, race: Asking, *, maximise: bool, complain: Callable[[str], None]
     ) -> None:
         self._race = race
         self._complain = complain
@@ -89,7 +89,7 @@ class OptunaMirror:
 class _Study:
     """The study, as the thread sees it that writes it."""
 
-    def __init__(self, storage: str, name: str, race: IteratedRace, *, maximise: bool) -> None:
+    def __init__(self, storage: str, name: str, race: Asking, *, maximise: bool) -> None:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)

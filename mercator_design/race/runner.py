@@ -13,34 +13,16 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
+from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor, Failed
 from mercator_design.race.journal import End, Finished, Measured, Record
-from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
-from mercator_design.race.summary import Elite
 
 T = TypeVar("T")
 OnFailure = Literal["stop", "reject"]
-
-
-class Asking(Protocol):
-    """What is run here, such as an `IteratedRace`."""
-
-    configurations: list[Configuration]
-    parents: list[int | None]
-    budget: int
-
-    @property
-    def iteration(self) -> int: ...
-    @property
-    def best(self) -> Elite: ...
-    def ask(self) -> list[Experiment]: ...
-    def tell(self, costs: Sequence[float]) -> None: ...
-    def extend(self, budget: int) -> None: ...
-    def foresee(self, n: int) -> list[Experiment]: ...
 
 
 class Stopped(Exception):  # noqa: N818 - nothing is wrong

@@ -56,7 +56,8 @@ def run_summary(path: Path) -> str:
     lines = [
         f"Mission    {start['mission']}, for robot {start['robot_model']}",
         f"Designed   with {start['flavour']}, seed {start['seed']}",
-        f"Race       {run['experiments']} of {run['budget']} experiments, {len(record.configurations)} configurations",
+        f"Race       {start['method']}, {run['experiments']} of {run['budget']} experiments, "
+        f"{len(record.configurations)} configurations",
         *(
             [f"Extended   from a budget of {', '.join(map(str, record.budgets[:-1]))}"]
             if len(record.budgets) > 1

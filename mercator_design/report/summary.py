@@ -36,8 +36,9 @@ def race_summary(design: Design, designer: Designer, *, new: int, seconds: float
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
         f"{objective.direction} {objective.name}",
         f"Designed   with {designer.flavour}, for robot {designer.simulator.robot_model.name}",
-        f"Race       {race.used} of {race.budget} experiments, {iterations} iteration{'s' * (iterations != 1)}, "
-        f"seed {race.seed}; {'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
+        f"Race       {designer.method}, {race.used} of {race.budget} experiments, "
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
+        f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
         f"{new / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",

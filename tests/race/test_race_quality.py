@@ -46,9 +46,9 @@ def test_a_problem_s_parameters_become_a_space():
 
 
 def test_methods_are_options():
-    assert race_quality.options_of("irace") == RaceOptions.irace()
+    assert race_quality.options_of("default") == RaceOptions()
     assert race_quality.options_of("no-surrogate") == RaceOptions(surrogate=0)
-    with pytest.raises(SystemExit, match="expected default, irace or no-NAME"):
+    with pytest.raises(SystemExit, match="expected default, no-NAME of an option or irace, surrogate"):
         race_quality.options_of("no-such")
 
 

@@ -28,7 +28,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
 from mercator_design.race import Space
 from mercator_design.race.executors import Executor, ThreadExecutor, in_order
-from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race.journal import Finished, Iteration, Measured, Record
 from mercator_design.race.methods import METHODS
 from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.race.testing import Testing, run_tests
@@ -173,6 +173,7 @@ class Designer:
         *,
         on_failure: OnFailure = "stop",
         watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        watch_iterations: Callable[[Iteration], None] = lambda iteration: None,  # noqa: ARG005
         testing: Testing | None = None,
         watch_tests: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005
         stopped: Callable[[], bool] = lambda: False,
@@ -184,6 +185,7 @@ class Designer:
             record: Of this race so far; what happens is noted in it.
             on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
             watch: Called with the experiments that have finished since.
+            watch_iterations: Called with an iteration that has ended.
             testing: What to test when the race has ended, on the instances of `fresh_instances(TEST_SEED, ...)`.
             watch_tests: Called with the number of tests done, and of all.
             stopped: Asked before each experiment whether to stop.
@@ -207,6 +209,7 @@ class Designer:
             cost=self.simulator.mission.cost,
             on_failure=on_failure,
             watch=watch,
+            watch_iterations=watch_iterations,
             stopped=stopped,
         ).run()
         tests: dict[int, Scores] = {}

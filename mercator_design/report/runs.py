@@ -9,6 +9,7 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.race.journal import Reading, is_locked, read
+from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_figures
 
 _JOURNAL = "journal.jsonl"
@@ -72,6 +73,8 @@ def run_summary(path: Path) -> str:
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
         f"Digest     {record.digest()}",
     ]
+    if record.iterations:
+        lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
         tests = record.test_scores()
         fsm = to_text(to_pfsm(record.configurations[run["winner"]], start["flavour"]))

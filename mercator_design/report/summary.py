@@ -10,20 +10,29 @@ from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import plugin_files
-from mercator_design.race import IterationSummary
+from mercator_design.race.journal import Record
+from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.sim.simulate import Simulator
 
 
 def race_summary(
-    design: Design, designer: Designer, *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+    design: Design,
+    designer: Designer,
+    record: Record,
+    *,
+    new: int,
+    tested: int,
+    seconds: float,
+    jobs: int,
+    folder: Path,
 ) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
     Args:
         design: What the race came to.
         designer: Of it.
+        record: Of it.
         new: Experiments that were run by this process, not before the race was resumed.
         tested: Tests that were.
         seconds: That this took.
@@ -47,9 +56,9 @@ def race_summary(
         f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
-        "iteration  raced  survivors  experiments  mean of the best",
-        *(_iteration_line(iteration, mission) for iteration in race.iterations),
+        *iterations_table(record),
         f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
@@ -84,12 +93,6 @@ def test_figures(scores: Scores) -> str:
     interval = scores.confidence_interval
     around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
     return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
-
-
-def _iteration_line(iteration: IterationSummary, mission: Mission) -> str:
-    name = "final" if iteration.postselection else str(iteration.iteration)
-    best = mission.score(iteration.elites[0].mean)
-    return f"{name:>9}  {iteration.n_configurations:>5}  {iteration.n_alive:>9}  {iteration.used:>11}  {best:>16.4g}"
 
 
 def describe(pfsm: Pfsm) -> list[str]:

@@ -440,7 +440,7 @@ class TestRuns:
         assert (folder / "fsm.txt").read_text().splitlines()[-1] in out
         assert "State      finished" in out
         table = out.partition("iteration  budget")[2].splitlines()
-        assert table[1].split()[:3] == ["1", "111", "108"]
+        assert table[1].split()[:3] == ["1", "120", "108"]
         assert table[2].split()[0] == "2"
         assert mdesign("runs", "show", folder / "nowhere")[0] == 1
 

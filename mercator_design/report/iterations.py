@@ -3,8 +3,9 @@
 from collections import deque
 from collections.abc import Mapping
 
-from mercator_design.design import Scores
 from mercator_design.race.journal import Iteration, Record
+from mercator_design.race.summary import Scores
+from mercator_design.report.columns import aligned
 
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
 
@@ -21,7 +22,7 @@ def iterations_table(record: Record) -> list[str]:
     finished = deque(one for _, one in sorted(record.experiments.items()) if one.configuration in bests)
     scores: dict[int, dict[int, float]] = {best: {} for best in bests}
     before = None
-    rows: list[tuple[str, ...]] = [_HEAD]
+    rows: list[tuple[object, ...]] = [_HEAD]
     for ended in iterations:
         while finished and finished[0].iteration <= ended.iteration:
             one = finished.popleft()
@@ -29,8 +30,7 @@ def iterations_table(record: Record) -> list[str]:
                 scores[one.configuration][one.instance] = one.score
         rows.append(_row(ended, before, scores))
         before = ended.elites[0]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(f"{cell:>{n}}" for cell, n in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return aligned(rows)
 
 
 def iteration_notes(record: Record) -> list[str]:
@@ -40,12 +40,12 @@ def iteration_notes(record: Record) -> list[str]:
     ]
 
 
-def _row(ended: Iteration, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[str, ...]:
+def _row(ended: Iteration, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
     best = ended.elites[0]
     own = Scores(tuple(scores[best].values()))
     numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, best)
     name = "final" if ended.postselection else str(ended.iteration)
-    return (name, *map(str, numbers), f"{own.mean:.4g}", str(len(own.values)), _difference(scores, best, before))
+    return (name, *numbers, f"{own.mean:.4g}", len(own.values), _difference(scores, best, before))
 
 
 def _difference(scores: Mapping[int, Mapping[int, float]], best: int, before: int | None) -> str:

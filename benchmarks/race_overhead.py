@@ -3,7 +3,7 @@
 Each figure is of a process of its own; times of the race are CPU times, which depend little on what else runs.
 
     overhead     of one experiment, with an evaluator that costs nearly nothing: sampling, asking, testing, telling, and
-                 the journal on disk; of the journal and the executors alone
+                 the journal on disk; of the executors alone
     methods      the same of each method, without a journal, for a tenth of the budget
     memory       at the end of a race of --large experiments
     resume       the journal of that race read, checked and told anew
@@ -25,6 +25,7 @@ from typing import TypeVar
 from mercator_design.fsm.grammar import parameters_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
+from mercator_design.race.dask_executor import DaskExecutor
 from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.journal import Journal, Measured, Record
 from mercator_design.race.methods import METHODS
@@ -83,16 +84,20 @@ def methods(budget: int) -> None:
 
 def executors(budget: int) -> None:
     """Prints what each executor adds to an experiment."""
-    for name, executor in (
-        ("this thread", ThreadExecutor(1)),
-        ("2 threads", ThreadExecutor(2)),
-        ("2 processes", ProcessExecutor(2)),
-    ):
-        with executor as running:
-            list(running.run(free, ((0, k) for k in range(100))))
+    from distributed import LocalCluster
+
+    def report(name: str, executor: Executor) -> None:
+        with executor:
+            list(executor.run(free, ((0, k) for k in range(100))))
             start = time.perf_counter()
-            list(running.run(free, ((0, k) for k in range(budget))))
-            print(f"{name}: {1e6 * (time.perf_counter() - start) / budget:.1f} us an experiment")
+            list(executor.run(free, ((0, k) for k in range(budget))))
+        print(f"{name}: {1e6 * (time.perf_counter() - start) / budget:.1f} us an experiment")
+
+    report("this thread", ThreadExecutor(1))
+    report("2 threads", ThreadExecutor(2))
+    report("2 processes", ProcessExecutor(2))
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        report("2 Dask workers", DaskExecutor(cluster.scheduler_address))
 
 
 def memory(large: int, folder: str) -> None:

@@ -4,17 +4,27 @@ Dask gives an experiment whose worker dies to another one; how many workers it m
 `distributed.scheduler.allowed-failures` (3 by default), after which it is given up. Workers may come and go.
 """
 
-import pickle
-from collections.abc import Callable, Iterable, Iterator
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
+
+import cloudpickle
 
 from mercator_design.errors import RaceError
 from mercator_design.race.executors import Failed, WorkerUnfit, call_packed
 
 T = TypeVar("T")
 R = TypeVar("R")
+_Bundle = list[tuple[int, T]]  # items with their places
+
+BUNDLE = 0.2
+"""Seconds of work that go to a worker at once where there is work for all: the scheduler takes a millisecond or two for
+whatever it hands out."""
+MOST_BUNDLED = 64
 
 
 class DaskExecutor:
@@ -58,38 +68,65 @@ class DaskExecutor:
         """As `Executor.run`."""
         from distributed import as_completed
 
-        packed = pickle.dumps(function)
+        packed = cloudpickle.dumps(function)
         numbered = enumerate(items)
         under_way = as_completed(loop=self._client.loop)
-        places: dict[Any, int] = {}
+        bundles: dict[Any, _Bundle[T]] = {}
+        seconds = math.inf  # that an item takes
+
+        def submit(bundle: _Bundle[T]) -> None:
+            future = self._client.submit(_call_all, packed, [item for _, item in bundle], pure=False)
+            bundles[future.key] = bundle
+            under_way.add(future)
+
         while True:
-            room = (self._wanted or 2 * self.jobs) - len(places)
-            while room > 0:
-                index, item = next(numbered, (0, None))
-                if item is None:
-                    break
-                future = self._client.submit(call_packed, packed, item, pure=False)
-                places[future.key] = index
-                under_way.add(future)
-                room -= 1
-            if not places:
+            room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
+            most = min(max(int(BUNDLE / seconds), 1), MOST_BUNDLED)
+            drawn = list(_until_none(islice(numbered, room * most)))
+            for k in range(min(room, len(drawn))):
+                submit(drawn[k::room])
+            if not bundles:
                 return
             future = next(under_way)
-            yield places.pop(future.key), self._result(future)
+            bundle = bundles.pop(future.key)
+            results, spent = self._result(future, len(bundle))
+            if results is None:
+                for one in bundle:
+                    submit([one])
+                continue
+            seconds = spent / len(bundle) or seconds
+            yield from zip((index for index, _ in bundle), results, strict=True)
 
     @staticmethod
-    def _result(future: Any) -> Any:  # noqa: ANN401 - whatever the function gives
+    def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives
+        """What came of n items, and the seconds they took; None if workers died of one of them."""
         from distributed.scheduler import KilledWorker
 
         try:
-            return future.result()
+            found: tuple[list[Any], float] = future.result()
         except KilledWorker as error:
-            return Failed(
-                f"its worker died, {error.allowed_failures + 1} times, the last time {error.last_worker.address}"
-            )
+            if n > 1:
+                return None, 0.0
+            died = f"its worker died, {error.allowed_failures + 1} times, the last time {error.last_worker.address}"
+            return [Failed(died)], 0.0
         except WorkerUnfit:
             raise
         except Exception as error:  # noqa: BLE001 - what went wrong in Dask itself
-            return Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")
+            return [Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")] * n, 0.0
+        else:
+            return found
         finally:
             future.release()
+
+
+def _until_none(numbered: Iterable[tuple[int, T | None]]) -> Iterator[tuple[int, T]]:
+    for index, item in numbered:
+        if item is None:
+            return
+        yield index, item
+
+
+def _call_all(packed: bytes, items: Sequence[Any]) -> tuple[list[Any], float]:
+    """In a worker: what comes of each item, and the seconds that all took."""
+    start = time.perf_counter()
+    return [call_packed(packed, item) for item in items], time.perf_counter() - start

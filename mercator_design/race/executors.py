@@ -21,6 +21,7 @@ from functools import lru_cache
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
+import cloudpickle
 from joblib import cpu_count
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
@@ -210,7 +211,7 @@ class ProcessExecutor:
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
-        packed = pickle.dumps(function)
+        packed = cloudpickle.dumps(function)
         errands = (None if item is None else _Errand(index, item) for index, item in enumerate(items))
         again: collections.deque[_Errand[T]] = collections.deque()
         idle = list(range(self.jobs))

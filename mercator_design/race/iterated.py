@@ -19,6 +19,7 @@ from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
+from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import IterationSummary, Progress
 
 
@@ -343,6 +344,7 @@ class IteratedRace(Asking):
 
     def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
         """Run a race to its end and let its best be the elites."""
+        newcomers = sorted(set(race.configurations) - {elite.configuration for elite in self.elites})
         self._race = race
         while batch := race.ask():
             costs = yield batch
@@ -353,22 +355,24 @@ class IteratedRace(Asking):
             different.setdefault(self.space.key(self.configurations[number]), number)
         self.elites = [self.statistics(number) for number in list(different.values())[: self._survivors]]
         self._race = None
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=postselection,
-                budget=budget,
-                used=race.used,
-                n_configurations=len(race.configurations),
-                n_new=n_new,
-                n_instances=race.n_instances,
-                n_alive=len(race.alive),
-                elites=tuple(self.elites),
-                soft_restart=soft_restart,
-                stop_reason=race.stop_reason or "",
-                concordance=race.concordance(),
-            )
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=postselection,
+            budget=budget,
+            used=race.used,
+            n_configurations=len(race.configurations),
+            n_new=n_new,
+            n_instances=race.n_instances,
+            n_alive=len(race.alive),
+            elites=tuple(self.elites),
+            soft_restart=soft_restart,
+            stop_reason=race.stop_reason or "",
+            concordance=race.concordance(),
         )
+        if not postselection:
+            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
+            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
+        self.iterations.append(summary)
 
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}

@@ -15,7 +15,7 @@ import pytest
 
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.race import executors
-from mercator_design.race.dask_executor import DaskExecutor
+from mercator_design.race.dask_executor import BUNDLE, DaskExecutor
 from mercator_design.race.executors import Failed, ProcessExecutor, ThreadExecutor, WorkerUnfit, in_order
 from mercator_design.race.journal import Record
 from mercator_design.race.runner import Stopped
@@ -25,6 +25,12 @@ from tests.race.racing import measure, runner, undisturbed
 def square(x):
     time.sleep(0.01 * (x % 3 == 0))
     return x * x
+
+
+def slow(x):
+    """Too slow for several to be handed to a worker at once."""
+    time.sleep(0.6 * BUNDLE)
+    return x
 
 
 def fails(x):
@@ -118,12 +124,12 @@ class TestConformance:
         drawn = []
 
         def items():
-            for k in range(100):
+            for k in range(12):
                 drawn.append(k)
                 yield k
 
         with make() as executor:
-            for done, _ in enumerate(executor.run(square, items()), start=1):
+            for done, _ in enumerate(executor.run(slow, items()), start=1):
                 assert len(drawn) - done <= 2 * executor.jobs
 
     def test_there_may_be_nothing_to_run_until_something_has_finished(self, make):
@@ -152,7 +158,7 @@ class TestConformance:
 
         drawn, found = set(), set()
         with make() as executor:
-            for k, _ in executor.run(square, items()):
+            for k, _ in executor.run(slow, items()):
                 found.add(k)
                 stopped = len(found) > 10
         assert found == drawn
@@ -208,6 +214,24 @@ def test_a_worker_that_cannot_run_it_is_no_failure_of_an_experiment(make):
         assert in_order(executor, square, range(3)) == [0, 1, 4]
 
 
+def test_functions_of_a_script_reach_processes(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        """
+from mercator_design.race.executors import ProcessExecutor, in_order
+
+def square(x):
+    return x * x
+
+if __name__ == "__main__":
+    with ProcessExecutor(2) as executor:
+        print(in_order(executor, square, range(5)), in_order(executor, lambda x: square(x) + 1, range(3)))
+"""
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == "[0, 1, 4, 9, 16] [1, 2, 5]\n"
+
+
 class TestProcesses:
     def test_a_worker_that_dies_costs_a_repetition(self, tmp_path):
         with ProcessExecutor(2) as executor:
@@ -256,6 +280,22 @@ class TestDask:
             results = dict(executor.run(Dies(tmp_path, always=(4,)), range(6)))
         assert {k for k, result in results.items() if isinstance(result, Failed)} == {4}
         assert re.match(r"its worker died, 4 times, the last time \S+$", results[4].reason)
+
+    def test_one_of_many_that_were_handed_out_together_kills_its_workers(self, dask, tmp_path):
+        with dask() as executor:
+            results = dict(executor.run(Dies(tmp_path, always=(150,)), range(300)))
+        assert {k for k, result in results.items() if isinstance(result, Failed)} == {150}
+        assert {results[k] for k in range(300) if k != 150} == set(range(300)) - {150}
+
+    def test_quick_ones_are_handed_out_together(self, dask, monkeypatch):
+        with dask() as executor:
+            handed_out = []
+            submit = executor._client.submit
+            monkeypatch.setattr(
+                executor._client, "submit", lambda *given, **how: (handed_out.append(given), submit(*given, **how))[1]
+            )
+            assert in_order(executor, int, range(1000)) == list(range(1000))
+        assert len(handed_out) < 200
 
     def test_a_worker_is_killed_in_the_middle_of_a_race(self, dask):
         record = Record()

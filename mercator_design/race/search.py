@@ -195,7 +195,7 @@ class Search(Asking):
         if not self.elites:
             raise RaceError(_ALL_REJECTED)
         alive = [number for number in proposals if number in self._means and len(self._costs[number]) == n_instances]
-        self._conclude(list(proposals), alive, budget=len(proposals) * n_instances, used=self._used - before)
+        self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self._used - before)
 
     def _run_through(self, numbers: Sequence[int], n_instances: int) -> Batches:
         """Run configurations on all instances, but for those that are pruned or rejected."""
@@ -212,13 +212,13 @@ class Search(Asking):
             ]
 
     def _is_worse(self, number: int) -> bool:
-        """Whether to prune a configuration that has no results but on instances that the best has seen, too."""
+        """Whether to prune a configuration, from its results on instances that the best has seen, too."""
         if self.options.pruning is None or not self.elites:
             return False
         own, others = self._costs[number], self._costs[self.best.configuration]
         if sum(own.values()) / len(own) <= self.best.mean:
             return False
-        differences = np.array([cost - others[instance] for instance, cost in own.items()])
+        differences = np.array([cost - others[instance] for instance, cost in own.items() if instance in others])
         return signed_rank_p_value(differences) < self.options.pruning
 
     def _confirm(self) -> Batches:
@@ -235,7 +235,7 @@ class Search(Asking):
             if not self.elites:
                 raise RaceError(_ALL_REJECTED)
         alive = [number for number in raced if not self._is_rejected(number)]
-        self._conclude(raced, alive, budget=self.budget - before, used=self._used - before, postselection=True)
+        self._end_iteration(raced, alive, budget=self.budget - before, used=self._used - before, postselection=True)
 
     def _rank(self, newcomers: Iterable[int]) -> None:
         """Choose the elites from those there were and newcomers; from all, if these have been rejected."""
@@ -249,26 +249,26 @@ class Search(Asking):
     def _is_rejected(self, number: int) -> bool:
         return self.space.key(self.configurations[number]) in self._rejected
 
-    def _conclude(
+    def _end_iteration(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False
     ) -> None:
         """Note what an iteration was."""
         self._alive, self._instances = [], range(0)
         n_instances = min((len(self._costs[number]) for number in alive), default=0)
         costs = np.array([list(self._costs[number].values())[:n_instances] for number in alive])
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=postselection,
-                budget=budget,
-                used=used,
-                n_configurations=len(raced),
-                n_new=0 if postselection else len(raced),
-                n_instances=n_instances,
-                n_alive=len(alive),
-                elites=tuple(self.elites),
-                soft_restart=False,
-                stop_reason="all instances were seen" if alive else "all were pruned or rejected",
-                concordance=concordance(costs.T.reshape(n_instances, len(alive))),
-            )
+        newcomers = [] if postselection else raced
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=postselection,
+            budget=budget,
+            used=used,
+            n_configurations=len(raced),
+            n_new=len(newcomers),
+            n_instances=n_instances,
+            n_alive=len(alive),
+            elites=tuple(self.elites),
+            soft_restart=False,
+            stop_reason="all instances were seen" if alive else "all were pruned or rejected",
+            concordance=concordance(costs.T.reshape(n_instances, len(alive))),
         )
+        self._conclude(summary, newcomers)

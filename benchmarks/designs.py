@@ -51,12 +51,13 @@ def main() -> None:
         mission = load_mission(name)
         simulator = Simulator(mission)
         with ThreadExecutor(jobs) as executor:
-            result = Designer(simulator, budget=given.budget, seed=given.seed).run(executor)
+            designer = Designer(simulator, budget=given.budget, seed=given.seed)
+            result = designer.run(executor)
 
         def scores(pfsm: Pfsm, simulator: Simulator = simulator) -> np.ndarray:
             return np.array(evaluate(simulator, pfsm, seeds=seeds, jobs=jobs).scores.values)
 
-        winner = scores(result.winner)
+        winner = scores(designer.pfsm(result.configuration))
         others = np.array([scores(pfsm).mean() for pfsm in random_pfsms(given.random, given.seed)])
         hand_made = {label: scores(parse(text)).mean() for label, text in HAND_MADE.items()}
         sign = -mission.cost(1.0)  # +1 where more is better

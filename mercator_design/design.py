@@ -7,80 +7,38 @@ the experiments.
 
 import dataclasses
 import hashlib
-import math
+import shlex
 import socket
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.errors import SimulationError
+from mercator_design.files import write_text
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
-from mercator_design.missions.mission import Mission
+from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
-from mercator_design.race import Space
-from mercator_design.race.executors import Executor, ThreadExecutor, in_order
-from mercator_design.race.journal import Finished, Measured, Record
+from mercator_design.race import Configuration, Experiment, Space
+from mercator_design.race.executors import ThreadExecutor, in_order
+from mercator_design.race.journal import Finished, Measured, Tested
 from mercator_design.race.methods import METHODS
-from mercator_design.race.runner import OnFailure, Runner
+from mercator_design.race.summary import Scores
+from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
-CONFIDENCE = 0.95
-"""Of the intervals reported around means."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """The scores of a PFSM, in the mission's own sense, and the figures that sum them up."""
-
-    values: tuple[float, ...]
-
-    @property
-    def mean(self) -> float:
-        """Arithmetic mean."""
-        return float(np.mean(self.values))
-
-    @property
-    def standard_deviation(self) -> float | None:
-        """Of the sample, with n - 1; None for a single score."""
-        return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else None
-
-    @property
-    def quartiles(self) -> tuple[float, float, float]:
-        """Lower quartile, median, upper quartile."""
-        low, middle, high = np.percentile(self.values, [25, 50, 75])
-        return float(low), float(middle), float(high)
-
-    @property
-    def confidence_interval(self) -> tuple[float, float] | None:
-        """Of the mean, at 95 %, by Student's t; None for a single score."""
-        from scipy.special import stdtrit
-
-        if self.standard_deviation is None:
-            return None
-        n = len(self.values)
-        half = float(stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
-        return self.mean - half, self.mean + half
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
-    """What a race came to."""
-
-    winner: Pfsm
-    configuration: int  # the winner's number
-    scores: Scores  # of the winner, on the instances of the race
-    finished: tuple[Finished, ...]  # all experiments, in order of their numbers
+TEST_SEED = 1
+"""Of test instances, as `mdesign evaluate` has it unless told otherwise: so all races are tested on the same ones."""
 
 
 class Experimenter:
@@ -113,7 +71,7 @@ def _elsewhere(plugins: tuple[str, ...], kernels: str, mission: Mission, robot_m
     return Experimenter(Simulator(mission, robot_model))
 
 
-class Designer:
+class Designer(Task[tuple[Pfsm, int]]):
     """Designs control software for the mission of a simulator, by a race over all PFSMs of a flavour.
 
     Args:
@@ -129,6 +87,9 @@ class Designer:
         RaceError: if the budget is too small.
     """
 
+    WINNER = "fsm.txt"
+    START: ClassVar = {"flavour": str, "robot_model": str, "plugins": dict}
+
     def __init__(
         self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "irace"
     ) -> None:
@@ -138,19 +99,33 @@ class Designer:
         self.simulator = simulator
         self.flavour = flavour
         self.method = method
+        self.name = simulator.mission.name
+        self.maximise = simulator.mission.objective.direction == "maximise"
+        self.function = Experimenter(simulator)
         space = Space.from_text(parameters_text(flavour), "grammar")
         self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
-        self._seeds: dict[int, int] = {}
+
+    @classmethod
+    def restore(cls, folder: Path, start: Start) -> Self:
+        """As `Task.restore`."""
+        loaded = loaded_plugins()
+        for name, digest in start["plugins"].items():
+            if loaded.get(name) != digest:
+                load_plugin(folder / "plugins" / name)
+        simulator = Simulator(load_mission(folder / "mission.yaml"))
+        given = {name: start[name] for name in ("budget", "seed", "flavour", "method")}
+        return cls(simulator, **given)
 
     def start(self) -> dict[str, Any]:
-        """What makes this race, and nothing else: races of equal starts are equal."""
+        """As `Task.start`."""
         robot_model = dump(self.simulator.robot_model)
         return {
+            "task": "mission",
+            "name": self.name,
             "mercator_design": __version__,
             "kernels": kernels_digest(),
             "plugins": loaded_plugins(),
-            "mission": self.simulator.mission.name,
             "mission_digest": self.simulator.mission.digest,
             "robot_model": self.simulator.robot_model.name,
             "robot_model_digest": hashlib.sha256(robot_model.encode()).hexdigest()[:16],
@@ -162,59 +137,85 @@ class Designer:
             "options": dataclasses.asdict(self.race.options),
         }
 
-    def run(
-        self,
-        executor: Executor,
-        record: Record | None = None,
-        *,
-        on_failure: OnFailure = "stop",
-        watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> Design:
-        """Run the race to its end.
+    def files(self) -> dict[str, bytes]:
+        """As `Task.files`."""
+        mission = replace(self.simulator.mission, robot_model="robot_model.yaml")
+        return {
+            "robot_model.yaml": dump(self.simulator.robot_model).encode(),
+            "mission.yaml": dump(mission).encode(),
+            **{f"plugins/{file.name}": file.read_bytes() for file in plugin_files()},
+        }
 
-        Args:
-            executor: Runs its experiments; what comes of them does not depend on it.
-            record: Of this race so far; what happens is noted in it.
-            on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
-            watch: Called with the experiments that have finished since.
-            stopped: Asked before each experiment whether to stop.
+    def header(self) -> dict[str, str]:
+        """As `Task.header`."""
+        header = {
+            "mission": self.name,
+            "mission digest": self.simulator.mission.digest,
+            "robot model": self.simulator.robot_model.name,
+            "kernels": kernels_digest()[:16],
+        }
+        if plugins := loaded_plugins():
+            header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
+        return header
 
-        Raises:
-            ExperimentFailed: see `on_failure`.
-            Stopped: see `stopped`; what was under way has been waited for and noted.
-            RaceError: if the record is of another race.
-        """
-        if record is None:
-            record = Record()
-            record.begin(self.start())
-        Runner(
-            race=self.race,
-            record=record,
-            executor=executor,
-            function=Experimenter(self.simulator),
-            item=lambda experiment: (self.pfsm(experiment.configuration), self._seed(experiment.instance)),
-            seed=self._seed,
-            cost=self.simulator.mission.cost,
-            on_failure=on_failure,
-            watch=watch,
-            stopped=stopped,
-        ).run()
-        best = self.race.best.configuration
-        finished = tuple(record.experiments[number] for number in range(len(record.experiments)))
-        scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
-        return Design(winner=self.pfsm(best), configuration=best, scores=Scores(scores), finished=finished)
+    def prepare(self, announce: Callable[[str], None]) -> None:
+        """As `Task.prepare`: compile what is not yet."""
+        self.simulator.rehearse(announce=announce)
+
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Pfsm, int]:
+        """As `Task.item`."""
+        number, instance = experiment
+        if number not in self._pfsms:
+            self._pfsms[number] = to_pfsm(configuration, self.flavour)
+        return self._pfsms[number], self.test_seed(instance) if test else self.seed(instance)
+
+    def test_seed(self, instance: int) -> int:
+        """As `Task.test_seed`: those of `fresh_instances(TEST_SEED, ...)`."""
+        return instance_seed(TEST_SEED, "evaluation", instance)
+
+    def cost(self, score: float) -> float:
+        """As `Task.cost`."""
+        return self.simulator.mission.cost(score)
+
+    def score(self, cost: float) -> float:
+        """As `Task.score`."""
+        return self.simulator.mission.score(cost)
 
     def pfsm(self, configuration: int) -> Pfsm:
         """The PFSM of a configuration that is raced."""
-        if configuration not in self._pfsms:
-            self._pfsms[configuration] = to_pfsm(self.race.configurations[configuration], self.flavour)
-        return self._pfsms[configuration]
+        return to_pfsm(self.race.configurations[configuration], self.flavour)
 
-    def _seed(self, instance: int) -> int:
-        if instance not in self._seeds:
-            self._seeds[instance] = instance_seed(self.race.seed, "race", instance)
-        return self._seeds[instance]
+    def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
+        """As `Task.winner_text`: an fsm.txt."""
+        return fsm_file_text(self.pfsm(result.configuration), header)
+
+    def is_winner(self, file: Path, configuration: Configuration) -> bool:
+        """As `Task.is_winner`."""
+        return read_fsm(file).pfsm == to_pfsm(configuration, self.flavour)
+
+    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:
+        """As `Task.command_of_failed`: mdesign evaluate, with an fsm.txt in the subfolder failed."""
+        file = folder / "failed" / f"{one.configuration}.txt"
+        file.parent.mkdir(exist_ok=True)
+        header = {**header, "configuration": str(one.configuration)}
+        write_text(file, fsm_file_text(self.pfsm(one.configuration), header))
+        words = ["mdesign", "evaluate", str(file), "--mission", str(folder / "mission.yaml")]
+        for name in loaded_plugins():
+            words += ["--plugin", str(folder / "plugins" / name)]
+        return shlex.join([*words, "--instance", str(one.seed)])
+
+    @staticmethod
+    def about(start: Start) -> list[str]:
+        """As `Task.about`."""
+        return [
+            f"Mission    {start['name']}, for robot {start['robot_model']}",
+            f"Designed   with {start['flavour']}, seed {start['seed']}",
+        ]
+
+    @staticmethod
+    def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:
+        """As `Task.columns`: the column fsm."""
+        return {"fsm": [to_text(to_pfsm(configuration, start["flavour"])) for configuration in configurations]}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,12 +1,11 @@
 """The folder that a race writes: what is in it, in which order it appears, and how a race goes on from it.
 
 journal.jsonl      what has happened so far (see race/journal.py), written as it happens; it claims the folder
-robot_model.yaml   the robot model as it was raced with
-mission.yaml       the mission as it was raced, every default and override filled in
-plugins/           the plugins it was raced with, if there were any
+...                what the task needs to go on (see race/task.py): of a mission its own file, the robot model's and
+                   plugins/ if there were any, with every default and override filled in
 provenance.json    versions, seed, budget, platform, what makes the race
 failed/            the control software of experiments that failed, if there were any
-fsm.txt            the winner
+fsm.txt            the winner; its name depends on the task
 results.csv        every configuration that was raced, the elites first
 
 A run that came to its end has "finished" in its provenance, which is written anew after all else.
@@ -16,10 +15,9 @@ import contextlib
 import json
 import os
 import platform
-import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -27,17 +25,15 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design import __version__
-from mercator_design.design import Design, Designer, Experimenter
+from mercator_design.design import Designer
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small, write_bytes, write_text
-from mercator_design.fsm.grammar import to_pfsm
-from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
-from mercator_design.loading import dump
-from mercator_design.missions.mission import load_mission
-from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
+from mercator_design.race import Experiment
 from mercator_design.race.executors import Executor, in_order
-from mercator_design.race.journal import Finished, Journal, Record, read
-from mercator_design.sim.simulate import Simulator
+from mercator_design.race.journal import Finished, Journal, Record, Tested, read
+from mercator_design.race.summary import Scores
+from mercator_design.race.task import Result, Start, Task
+from mercator_design.race.testing import Testing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,6 +41,9 @@ if TYPE_CHECKING:
 JOURNAL = "journal.jsonl"
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
+_START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
+TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer}
+"""What can be raced, by the name that a race's start has for it."""
 
 
 class RunFolder:
@@ -52,27 +51,31 @@ class RunFolder:
 
     Attributes:
         path: Of the folder.
-        designer: Of the race, which has not begun.
+        task: What is raced; its race has not begun.
         journal: Of the race so far, which this process has to itself.
+        testing: What is tested when the race has ended.
     """
 
-    def __init__(self, path: Path, designer: Designer, journal: Journal, provenance: dict[str, Any]) -> None:
+    def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: dict[str, Any]) -> None:
         self.path = path
-        self.designer = designer
+        self.task = task
         self.journal = journal
         self._provenance = provenance
+        testing = provenance.get("testing")
+        self.testing = None if testing is None else Testing(**testing)
 
     @classmethod
-    def create(cls, path: Path, designer: Designer, *, request: Mapping[str, Any]) -> Self:
+    def create(cls, path: Path, task: Task[Any], *, request: Mapping[str, Any], testing: Testing | None = None) -> Self:
         """A new one.
 
         Raises:
             RaceError: if the folder has files in it already, or cannot be written.
         """
-        mission, start = designer.simulator.mission, designer.start()
+        start = task.start()
         provenance: dict[str, Any] = {
             "race": start,
             "request": dict(request),
+            "testing": None if testing is None else asdict(testing),
             "started": _now(),
             "python": sys.version.split()[0],
             "libraries": {name: version(name) for name in _LIBRARIES},
@@ -86,14 +89,12 @@ class RunFolder:
                 raise RaceError(f"{path}: expected a new or empty folder for the results, found files in it")
             # Claims the folder: of two races that got here at once, one fails, and writes nothing.
             journal = Journal(path / JOURNAL, new=True)
-        folder = cls(path, designer, journal, provenance)
+        folder = cls(path, task, journal, provenance)
         try:
             with _naming(path):
-                write_text(path / "robot_model.yaml", dump(designer.simulator.robot_model))
-                write_text(path / "mission.yaml", dump(replace(mission, robot_model="robot_model.yaml")))
-                for file in plugin_files():
-                    (path / "plugins").mkdir(exist_ok=True)
-                    write_bytes(path / "plugins" / file.name, file.read_bytes())
+                for name, data in task.files().items():
+                    (path / name).parent.mkdir(exist_ok=True)
+                    write_bytes(path / name, data)
                 folder._write_provenance()
             journal.begin(start)
             journal.sync()
@@ -113,10 +114,10 @@ class RunFolder:
         """
         provenance = read_provenance(path)
         start = provenance["race"]
-        designer = _designer(path, start)
+        task = _restored(path, start)
         with _naming(path):
             journal = Journal(path / JOURNAL, new=False)
-        folder = cls(path, designer, journal, provenance)
+        folder = cls(path, task, journal, provenance)
         try:
             if not journal.start:
                 journal.begin(start)
@@ -147,39 +148,45 @@ class RunFolder:
         if budget > self.journal.budget:
             self.journal.note([{"event": "extend", "budget": budget}])
 
-    def keep_failed(self, finished: Finished) -> str:
-        """Write the control software of an experiment that failed; gives the command that runs it alone.
+    def test(self, testing: Testing | None) -> None:
+        """Let these be the tests, from now on.
+
+        Raises:
+            RaceError: if that cannot be written.
+        """
+        self.testing = testing
+        self._provenance["testing"] = None if testing is None else asdict(testing)
+        with _naming(self.path):
+            self._write_provenance()
+
+    def keep_failed(self, finished: Finished | Tested) -> str:
+        """Write what an experiment that failed needs; gives the command that runs it alone.
 
         Raises:
             RaceError: if it cannot be written.
         """
-        file = self.path / "failed" / f"{finished.configuration}.txt"
         with _naming(self.path):
-            file.parent.mkdir(exist_ok=True)
-            header = {**self._header(), "configuration": str(finished.configuration)}
-            write_text(file, fsm_file_text(self.designer.pfsm(finished.configuration), header))
-        mission = shlex.quote(str(self.path / "mission.yaml"))
-        plugins = "".join(
-            f" --plugin {shlex.quote(str(self.path / 'plugins' / name))}"
-            for name in self._provenance["race"]["plugins"]
-        )
-        return f"mdesign evaluate {shlex.quote(str(file))} --mission {mission}{plugins} --instance {finished.seed}"
+            return self.task.command_of_failed(finished, self.path, self._header())
 
-    def finish(self, design: Design, **figures: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
+    def finish(self, result: Result, **figures: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
         """Write what the race came to: the winner first, that it is not lost where there is no room for all.
 
         Raises:
             RaceError: if it cannot be written.
         """
-        scores, race = design.scores, self.designer.race
+        scores, race = result.scores, self.task.race
+        tested = result.tests.get(result.configuration)
         header = self._header() | {
             "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
             "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
+            **(
+                {"test": f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"} if tested else {}
+            ),
             "budget": str(race.budget),
             "journal": self.journal.ends[-1].digest[:16],
         }
         with _naming(self.path):
-            write_text(self.path / "fsm.txt", fsm_file_text(design.winner, header))
+            write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
             results = _by_configuration(self.journal)
             ranks = {elite.configuration: rank for rank, elite in enumerate(race.elites, start=1)}
             results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
@@ -189,27 +196,22 @@ class RunFolder:
                 "finished": _now(),
                 "budget": race.budget,
                 "experiments": race.used,
-                "winner": design.configuration,
+                "winner": result.configuration,
                 "journal": self.journal.ends[-1].digest,
                 **figures,
             }
             self._write_provenance()
 
     def _header(self) -> dict[str, str]:
-        """What a controller's file says of where it comes from."""
-        simulator, start = self.designer.simulator, self._provenance["race"]
-        header = {
-            "mission": simulator.mission.name,
-            "set": json.dumps(self._provenance["request"]["set"]),
-            "mission digest": simulator.mission.digest,
-            "robot model": simulator.robot_model.name,
+        """What the file of a winner says of where it comes from."""
+        start, request = self._provenance["race"], self._provenance["request"]
+        raced_with = {"set": json.dumps(request["set"])} if "set" in request else {}
+        return {
+            **self.task.header(),
+            **raced_with,
             "seed": str(start["seed"]),
             "mercator_design": __version__,
-            "kernels": start["kernels"][:16],
         }
-        if plugins := start["plugins"]:
-            header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
-        return header
 
     def _write_provenance(self) -> None:
         write_text(self.path / "provenance.json", json.dumps(self._provenance, indent=2) + "\n")
@@ -240,7 +242,7 @@ def verify(
     """
     reading = read(path / JOURNAL)
     record = reading.record
-    designer = _designer(path, read_provenance(path)["race"])
+    task = _restored(path, read_provenance(path)["race"])
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
@@ -250,40 +252,43 @@ def verify(
             raise RaceError(f"{path / JOURNAL}: digest of the first {end.experiments} experiments: {found}")
         checked.append(f"{JOURNAL}: digest of the first {end.experiments} experiments is {end.digest[:16]}")
     if record.is_complete:
-        winner = to_pfsm(record.configurations[record.ends[-1].winner], designer.flavour)
-        if read_fsm(path / "fsm.txt").pfsm != winner:
-            raise RaceError(f"{path / 'fsm.txt'}: expected configuration {record.ends[-1].winner}, found another")
-        checked.append(f"fsm.txt: is configuration {record.ends[-1].winner}, the winner")
-    finished = [one for _, one in sorted(record.experiments.items()) if one.score is not None]
+        winner = record.ends[-1].winner
+        if not task.is_winner(path / task.WINNER, record.configurations[winner]):
+            raise RaceError(f"{path / task.WINNER}: expected configuration {winner}, found another")
+        checked.append(f"{task.WINNER}: is configuration {winner}, the winner")
+    ran: list[Finished | Tested] = [record.experiments[number] for number in sorted(record.experiments)]
+    ran += [record.tests[where] for where in sorted(record.tests)]
+    finished = [one for one in ran if one.score is not None]
     n = min(number, len(finished))
     sample = [finished[k * len(finished) // n] for k in range(n)]
-    designer.simulator.rehearse(announce=announce)
-    items = [(to_pfsm(record.configurations[one.configuration], designer.flavour), one.seed) for one in sample]
-    for one, (score, outcome) in zip(sample, in_order(executor, Experimenter(designer.simulator), items), strict=True):
+    task.prepare(announce)
+    items = [
+        task.item(
+            Experiment(one.configuration, one.instance),
+            record.configurations[one.configuration],
+            test=isinstance(one, Tested),
+        )
+        for one in sample
+    ]
+    for one, (score, outcome) in zip(sample, in_order(executor, task.function, items), strict=True):
         if (score, outcome) != (one.score, one.outcome):
+            what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
             raise RaceError(
-                f"{path}: experiment {one.experiment}: expected score {one.score!r} and digest {one.outcome}, found "
+                f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
             )
     return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
 
 
-def _designer(path: Path, start: Mapping[str, Any]) -> Designer:
-    """The designer of a race that has begun.
+def _restored(path: Path, start: Start) -> Task[Any]:
+    """The task of a race that has begun.
 
     Raises:
         RaceError: if it is not the race that this program would run.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
-    loaded = loaded_plugins()
-    for name, digest in start["plugins"].items():
-        if loaded.get(name) != digest:
-            load_plugin(path / "plugins" / name)
-    simulator = Simulator(load_mission(path / "mission.yaml"))
-    designer = Designer(
-        simulator, budget=start["budget"], seed=start["seed"], flavour=start["flavour"], method=start["method"]
-    )
-    here = json.loads(json.dumps(designer.start()))
+    task = TASKS[start["task"]].restore(path, start)
+    here = json.loads(json.dumps(task.start()))
     for key in here:
         if key != "mercator_design" and here[key] != start.get(key):  # another version may do all the same
             raise RaceError(
@@ -291,7 +296,7 @@ def _designer(path: Path, start: Mapping[str, Any]) -> Designer:
                 f"{start['mercator_design']}, found {excerpt(str(here[key]))} in mercator_design {__version__}: "
                 "the race cannot be continued or verified by this"
             )
-    return designer
+    return task
 
 
 def read_provenance(path: Path) -> dict[str, Any]:
@@ -303,21 +308,22 @@ def read_provenance(path: Path) -> dict[str, Any]:
     file = path / "provenance.json"
     try:
         provenance = json.loads(read_small(file, _LARGEST_PROVENANCE))
-        race = provenance["race"]
-        _ = (
-            race["plugins"].items(),
-            race["budget"],
-            race["seed"],
-            race["flavour"],
-            race["method"],
-            race["mercator_design"],
-            race["mission"],
-        )
-        _ = provenance["request"]["set"]
+        race, request = provenance["race"], provenance["request"]
+        wanted = {
+            "mercator_design": str,
+            "name": str,
+            "method": str,
+            "budget": int,
+            "seed": int,
+            **TASKS[race["task"]].START,
+        }
+        valid = isinstance(request, dict) and all(isinstance(race[key], kind) for key, kind in wanted.items())
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise RaceError(f"{file}: expected what mdesign race writes, found something else") from None
+    except (ValueError, KeyError, TypeError):
+        valid = False
+    if not valid:
+        raise RaceError(f"{file}: expected what mdesign race writes, found something else")
     found: dict[str, Any] = provenance
     return found
 
@@ -333,11 +339,24 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     return _experiments(read(path / JOURNAL).record)
 
 
+def tests_table(path: Path) -> "pd.DataFrame":
+    """The tests of a run folder so far, a row each by configuration and test instance.
+
+    Columns: configuration, instance, seed, score (NaN if it failed), failure (why, or empty).
+
+    Raises:
+        RaceError: if there is no journal, or it is corrupt.
+    """
+    tests = read(path / JOURNAL).record.tests
+    return _table([tests[where] for where in sorted(tests)], ("configuration", "instance", "seed", "score", "failure"))
+
+
 def configurations_table(path: Path) -> "pd.DataFrame":
     """The configurations of a run folder that were raced so far, a row each, by number.
 
-    Columns: first_iteration, experiments, failed (how many of these), mean, standard_deviation (of the scores), parent
-    (the elite it was sampled from), fsm.
+    Columns: first_iteration, experiments, failed (how many of these), mean, standard_deviation (of the scores); if
+    there were tests, tests (how many had a score), test_mean, test_low and test_high (the confidence interval of the
+    mean at 95 %); parent (the elite it was sampled from), and what the task has of them: the fsm of a mission.
 
     Raises:
         RaceError: if there is no journal, or it is corrupt.
@@ -346,15 +365,20 @@ def configurations_table(path: Path) -> "pd.DataFrame":
 
 
 def _experiments(record: Record) -> "pd.DataFrame":
+    finished = [record.experiments[number] for number in sorted(record.experiments)]
+    return _table(finished, ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure"))
+
+
+def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
     import pandas as pd
 
-    finished = [record.experiments[number] for number in sorted(record.experiments)]
-    names = ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure")
-    table = pd.DataFrame({name: [getattr(one, name) for one in finished] for name in names})
+    table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in names})
     return table.astype({"score": float})
 
 
 def _by_configuration(record: Record) -> "pd.DataFrame":
+    import pandas as pd
+
     table = _experiments(record)
     results = table.groupby("configuration").agg(
         first_iteration=("iteration", "min"),
@@ -363,11 +387,17 @@ def _by_configuration(record: Record) -> "pd.DataFrame":
         mean=("score", "mean"),
         standard_deviation=("score", "std"),
     )
-    flavour = record.start["flavour"]
+    tests = {configuration: Scores(scores) for configuration, scores in record.test_scores().items()}
+    if tests:
+        figures = {c: (len(t.values), t.mean, *(t.confidence_interval or (None, None))) for c, t in tests.items()}
+        names = ["tests", "test_mean", "test_low", "test_high"]
+        tested = pd.DataFrame.from_dict(figures, orient="index", columns=names)
+        results = results.join(tested).astype({"tests": "Int64"})
     results["parent"] = [record.parents[number] for number in results.index]
     results["parent"] = results["parent"].astype("Int64")
-    results["fsm"] = [to_text(to_pfsm(record.configurations[number], flavour)) for number in results.index]
-    return results
+    configurations = [record.configurations[number] for number in results.index]
+    columns = TASKS[record.start["task"]].columns(record.start, configurations)
+    return results.join(pd.DataFrame(columns, index=results.index))
 
 
 @contextlib.contextmanager

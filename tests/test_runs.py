@@ -10,8 +10,10 @@ import sys
 import time
 
 import optuna
+import pandas as pd
 import pytest
 
+from mercator_design import run_folder
 from mercator_design.errors import RaceError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Journal, read, to_line
@@ -53,6 +55,11 @@ def digest(folder):
     return read(folder / JOURNAL).record.digest()
 
 
+def warnings(err):
+    """The lines on stderr that are no notes on iterations: races as short as these hardly tell anything apart."""
+    return [line for line in err.splitlines() if not line.startswith("Note: iteration ")]
+
+
 def stop(folder, number):
     """Cut a finished race back to some experiments, as if it had been stopped there."""
     lines = (folder / JOURNAL).read_bytes().splitlines(keepends=True)
@@ -81,7 +88,7 @@ class TestResume:
     def test_after_whatever_stopped_it(self, mdesign, folder, undisturbed):
         stop(folder, 50)
         code, out, err = mdesign("race", "--resume", folder)
-        assert (code, err) == (0, "")
+        assert (code, warnings(err)) == (0, [])
         assert "120 of 120 experiments" in out
         assert "69 of them now" in out
         assert digest(folder) == digest(undisturbed)
@@ -233,15 +240,65 @@ class TestResume:
         done = subprocess.run(
             [*MDESIGN, "race", "--resume", str(tmp_path / "r")], capture_output=True, text=True, check=False
         )
-        assert (done.returncode, done.stderr) == (0, "")
+        assert (done.returncode, warnings(done.stderr)) == (0, [])
         assert digest(tmp_path / "r") == expected
+
+
+class TestTests:
+    """Of the winner and others, on instances that the race never sees."""
+
+    def test_a_race_with_tests(self, mdesign, tmp_path, undisturbed):
+        folder = tmp_path / "r"
+        code, out, err = mdesign(*RACE, "-o", folder, "--test-runs", 12, "--test-elites", 3, "--test-iterations")
+        assert (code, warnings(err)) == (0, [])
+        assert digest(folder) == digest(undisturbed)
+        evaluated = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 12, "--json")[1])
+        tests, winner = run_folder.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
+        assert list(tests[tests.configuration == winner].score) == evaluated["scores"]
+        assert f"configuration {winner}" in out.partition("Tested")[2]
+        assert f"mean {evaluated['mean']:.4g}, " in out
+        assert "-n 12 does for the winner" in out
+        results = pd.read_csv(folder / "results.csv", index_col="configuration")
+        assert len(results[results.tests == 12]) == len(set(tests.configuration)) >= 3
+        low, high = evaluated["confidence_interval"]
+        assert (results.test_low[winner], results.test_high[winner]) == pytest.approx((low, high))
+        assert f"Tested     configuration {winner}: mean {evaluated['mean']:.4g}" in mdesign("runs", "show", folder)[1]
+        assert mdesign("runs", "show", folder, "--csv", "tests")[1] == tests.to_csv(index=False)
+        n = 120 + len(tests)
+        assert f"{n} of {n} experiments were run again" in mdesign("runs", "verify", folder, "-n", 1000)[1]
+
+    def test_they_are_resumed_as_the_race_is(self, mdesign, tmp_path, undisturbed):
+        whole, folder = tmp_path / "whole", tmp_path / "r"
+        assert mdesign(*RACE, "-o", whole, "--test-runs", 9, "--test-elites", 2)[0] == 0
+        lines = (whole / JOURNAL).read_bytes().splitlines(keepends=True)
+        for n in (2, 60, len(lines) - 5):
+            shutil.copytree(whole, folder)
+            (folder / JOURNAL).write_bytes(b"".join(lines[:n]))
+            (folder / "fsm.txt").unlink()
+            assert mdesign("race", "--resume", folder)[0] == 0
+            for name in ("fsm.txt", "results.csv"):
+                assert (folder / name).read_bytes() == (whole / name).read_bytes()
+            shutil.rmtree(folder)
+
+    def test_after_the_race(self, mdesign, folder, undisturbed):
+        assert "Tested" not in mdesign("race", "--resume", folder)[1]
+        assert "(n=5)" in mdesign("race", "--resume", folder, "--test-runs", 5)[1]
+        out = mdesign("race", "--resume", folder, "--test-elites", 2)[1]
+        assert out.partition("Tested")[2].count("(n=5)") == 2
+        assert digest(folder) == digest(undisturbed)
+        assert "Tested" not in mdesign("race", "--resume", folder, "--test-runs", 0)[1]
+
+    def test_options_that_need_another(self, mdesign, folder):
+        code, _, err = mdesign("race", "--resume", folder, "--test-elites", 2)
+        assert code == 2
+        assert "need --test-runs N" in err
 
 
 def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
     stop(folder, 70)
     url = f"sqlite:///{tmp_path / 'race.db'}"
     code, _, err = mdesign("race", "--resume", folder, "--optuna", url)
-    assert (code, err) == (0, "")
+    assert (code, warnings(err)) == (0, [])
     [study] = optuna.get_all_study_names(url)
     assert study.startswith("aggregation, seed 1, budget 120, ")
     best = optuna.load_study(study_name=study, storage=url).best_trial
@@ -370,12 +427,21 @@ class TestRuns:
             assert states[str(folder)] == "running"
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
 
+    def test_without_a_verb_those_here_are_listed(self, mdesign, folder, tmp_path, monkeypatch):
+        shutil.copytree(folder, tmp_path / "here" / "runs" / "r")
+        monkeypatch.chdir(tmp_path / "here")
+        assert mdesign("runs") == mdesign("runs", "list")
+        assert "runs/r" in mdesign("runs")[1]
+
     def test_show(self, mdesign, folder):
         code, out, _ = mdesign("runs", "show", folder)
         assert code == 0
         assert digest(folder) in out
         assert (folder / "fsm.txt").read_text().splitlines()[-1] in out
         assert "State      finished" in out
+        table = out.partition("iteration  budget")[2].splitlines()
+        assert table[1].split()[:3] == ["1", "120", "108"]
+        assert table[2].split()[0] == "2"
         assert mdesign("runs", "show", folder / "nowhere")[0] == 1
 
     def test_tables(self, mdesign, folder):

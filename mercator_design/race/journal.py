@@ -7,12 +7,15 @@ A file has an event a line, as JSON with a checksum of the line in it, and is on
     configuration  one that is raced from now on: its number, its parent's, its values
     experiment     one that has finished, in the order in which they do
     ahead          an experiment that has finished before the race asked for it, and perhaps will not
+    iteration      one that has ended, for people who look at the journal
+    test           an experiment on a test instance, which the race never sees
     extend         a larger budget, which counts from where the one before has ended
     end            where the race ended under a budget, its winner, and the digest of all up to there
     stop           a process that ended before the race did, and why
 
 The *digest* is of what happened, not of how: the start, configurations and experiments in order of their numbers, and
-the ends. So a race that was stopped and resumed has the same as one that was not, whatever ran its experiments.
+the ends. So a race that was stopped and resumed has the same as one that was not, whatever ran its experiments, and a
+race that was tested the same as one that was not.
 """
 
 import contextlib
@@ -26,7 +29,7 @@ import sys
 import time
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -67,6 +70,34 @@ class Finished:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Tested:
+    """A test that has run."""
+
+    configuration: int
+    instance: int  # of the test instances, from 0
+    seed: int
+    score: float | None  # None if it failed
+    outcome: str = ""  # digest of what happened in it
+    failure: str = ""  # why it failed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Iteration:
+    """An iteration that has ended; see `summary.IterationSummary`."""
+
+    iteration: int
+    postselection: bool
+    budget: int
+    used: int
+    configurations: int
+    instances: int
+    alive: int
+    elites: tuple[int, ...]  # best first
+    stagnant: int
+    note: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class End:
     """Where a race ended under one of its budgets."""
 
@@ -85,6 +116,8 @@ class Record:
     parents: dict[int, int | None] = field(default_factory=dict)
     experiments: dict[int, Finished] = field(default_factory=dict)
     ahead: dict[Experiment, Measured] = field(default_factory=dict)
+    tests: dict[Experiment, Tested] = field(default_factory=dict)
+    iterations: dict[int, Iteration] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
     ends: list[End] = field(default_factory=list)
     sessions: list[Event] = field(default_factory=list)  # starts and stops of processes
@@ -98,6 +131,14 @@ class Record:
     def is_complete(self) -> bool:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
+
+    def test_scores(self) -> dict[int, tuple[float, ...]]:
+        """The scores of each configuration on the test instances, in order of these; without tests that failed."""
+        found: dict[int, list[float]] = {}
+        for where in sorted(self.tests):
+            if (score := self.tests[where].score) is not None:
+                found.setdefault(where.configuration, []).append(score)
+        return {configuration: tuple(scores) for configuration, scores in found.items()}
 
     def digest(self, n_ends: int | None = None) -> str:
         """Of the start and all that happened up to one of the ends (by default the last), as hexadecimal text."""
@@ -132,6 +173,14 @@ class Record:
     def note_experiments(self, finished: Sequence[Finished]) -> None:
         """Take in experiments that have finished."""
         self.note([{"event": "experiment"} | {name: getattr(one, name) for name in _FIELDS} for one in finished])
+
+    def note_iteration(self, iteration: Iteration) -> None:
+        """Take in that an iteration has ended."""
+        self.note([{"event": "iteration", **asdict(iteration)}])
+
+    def note_test(self, tested: Tested) -> None:
+        """Take in a test that has finished."""
+        self.note([{"event": "test", **asdict(tested)}])
 
     def note_ahead(self, experiment: Experiment, measured: Measured) -> None:
         """Take in an experiment that the race has not asked for yet."""
@@ -168,6 +217,17 @@ class Record:
                 case "ahead":
                     where = Experiment(event["configuration"], event["instance"])
                     self.ahead[where] = Measured(event["score"], event["outcome"])
+                case "iteration":
+                    ended = Iteration(**event | {"elites": tuple(event["elites"])})
+                    self.iterations[ended.iteration] = ended
+                case "test":
+                    test = Tested(**event)
+                    where = Experiment(test.configuration, test.instance)
+                    if self.tests.setdefault(where, test) != test:
+                        raise ValueError(  # noqa: TRY301
+                            f"configuration {test.configuration} was tested twice on instance {test.instance}, with "
+                            "different results"
+                        )
                 case "configuration":
                     # Their names are those of other configurations: once in memory is enough.
                     values = {sys.intern(name): value for name, value in event["values"].items()}

@@ -18,7 +18,7 @@ from typing import Generic, Literal, TypeVar
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor, Failed
-from mercator_design.race.journal import End, Finished, Measured, Record
+from mercator_design.race.journal import End, Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.race import Experiment
 
 T = TypeVar("T")
@@ -32,10 +32,11 @@ class Stopped(Exception):  # noqa: N818 - nothing is wrong
 class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
     """An experiment failed, and no failure is accepted."""
 
-    def __init__(self, finished: Finished, error: Exception | None) -> None:
+    def __init__(self, finished: Finished | Tested, error: Exception | None) -> None:
+        what = f"experiment {finished.experiment}" if isinstance(finished, Finished) else "a test"
         super().__init__(
-            f"experiment {finished.experiment} (configuration {finished.configuration}, instance of seed "
-            f"{finished.seed}) failed: {finished.failure}"
+            f"{what} (configuration {finished.configuration}, instance of seed {finished.seed}) failed: "
+            f"{finished.failure}"
         )
         self.finished = finished
         if isinstance(error, MercatorError):
@@ -52,6 +53,7 @@ class Runner(Generic[T]):
     cost: of a score.
     on_failure: whether an experiment that fails stops the race, or rejects its configuration.
     watch: called with experiments that have just been run or looked up.
+    watch_iterations: called with an iteration that has ended, unless that was known.
     stopped: whether to stop; asked before each experiment.
     """
 
@@ -64,6 +66,7 @@ class Runner(Generic[T]):
     cost: Callable[[float], float]
     on_failure: OnFailure = "stop"
     watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
+    watch_iterations: Callable[[Iteration], None] = lambda iteration: None  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False
 
     def __post_init__(self) -> None:
@@ -72,8 +75,9 @@ class Runner(Generic[T]):
         self._todo: deque[Experiment] = deque()  # those of these that have not begun
         self._under_way: dict[int, Experiment] = {}  # by the place of its item
         self._likely: Iterator[Experiment] | None = None  # what the race will ask for next; None if not yet found out
-        self._failures: list[ExperimentFailed] = []
+        self._failures: dict[int, ExperimentFailed] = {}  # by the experiment's number
         self._told = 0
+        self._n_iterations = 0
         self._n_ends = 0
         self._ended = False
 
@@ -94,7 +98,7 @@ class Runner(Generic[T]):
                 self._keep(experiment, result)
             self._advance()
         if self._failures:
-            raise min(self._failures, key=lambda error: error.finished.experiment)
+            raise self._failures[min(self._failures)]
         if not self._ended:
             raise Stopped
         if self._told != len(self.record.experiments):
@@ -125,6 +129,7 @@ class Runner(Generic[T]):
                 finished = [self.record.experiments[self._told + k] for k in range(len(self._batch))]
                 self._told += len(self._batch)
                 self.race.tell([float("inf") if one.score is None else self.cost(one.score) for one in finished])
+                self._note_iterations()
             self._batch = self.race.ask()
             self._likely = None
             if self._batch:
@@ -133,6 +138,27 @@ class Runner(Generic[T]):
             self._note_end()
             if not self._ended:
                 self.race.extend(self.record.budgets[self._n_ends])
+
+    def _note_iterations(self) -> None:
+        for ended in self.race.iterations[self._n_iterations :]:
+            iteration = Iteration(
+                iteration=ended.iteration,
+                postselection=ended.postselection,
+                budget=ended.budget,
+                used=ended.used,
+                configurations=ended.n_configurations,
+                instances=ended.n_instances,
+                alive=ended.n_alive,
+                elites=tuple(elite.configuration for elite in ended.elites),
+                stagnant=ended.stagnant,
+                note=ended.note,
+            )
+            self._n_iterations += 1
+            if iteration.iteration not in self.record.iterations:
+                self.record.note_iteration(iteration)
+                self.watch_iterations(iteration)
+            elif self.record.iterations[iteration.iteration] != iteration:
+                raise _another(f"{iteration}", f"{self.record.iterations[iteration.iteration]}")
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""
@@ -159,7 +185,7 @@ class Runner(Generic[T]):
 
     def _finish(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race has asked for."""
-        score, outcome, failure = _read(result)
+        score, outcome, failure = read_result(result)
         one = Finished(
             experiment=self._missing.pop(experiment),
             iteration=self.race.iteration,
@@ -171,14 +197,14 @@ class Runner(Generic[T]):
             failure=failure,
         )
         if failure and self.on_failure == "stop":  # not noted: when the race is resumed it is tried again
-            self._failures.append(ExperimentFailed(one, result.error if isinstance(result, Failed) else None))
+            self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
             return
         self.record.note_experiments([one])
         self.watch([one])
 
     def _keep(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
-        if not _read(result)[2] and isinstance(result, Measured):
+        if not read_result(result)[2] and isinstance(result, Measured):
             self.record.note_ahead(experiment, result)
 
     def _note_configurations(self) -> None:
@@ -203,7 +229,12 @@ class Runner(Generic[T]):
         self._ended = self._n_ends == len(self.record.budgets)
 
 
-def _read(result: Measured | Failed) -> tuple[float | None, str, str]:
+def error_of(result: Measured | Failed) -> Exception | None:
+    """What it raised, if it did."""
+    return result.error if isinstance(result, Failed) else None
+
+
+def read_result(result: Measured | Failed) -> tuple[float | None, str, str]:
     """Score, digest and failure; what is no finite number is a failure."""
     if isinstance(result, Failed):
         return None, "", result.reason

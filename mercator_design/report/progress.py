@@ -2,13 +2,13 @@
 
 import time
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mercator_design.design import Designer
 from mercator_design.missions.mission import Mission
+from mercator_design.race.task import Task
 
 _REFRESH = 0.1
 """Seconds from one look at a race to the next."""
@@ -55,32 +55,36 @@ class _Display:
         """Time since the start."""
         return time.monotonic() - self._started
 
-    def show(self, done: int, description: str | None = None) -> None:
-        """Set the count, and the text before the bar."""
+    def show(self, done: int, description: str | None = None, total: int | None = None) -> None:
+        """Set the count, the text before the bar, and what it counts to."""
         rate = f"{done / max(self.seconds, 1e-3):.0f}/s"
-        self._progress.update(self._task, completed=done, rate=rate, description=description)
+        self._progress.update(self._task, completed=done, total=total, rate=rate, description=description)
 
 
 class RaceDisplay(_Display):
     """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
 
-    def __init__(self, designer: Designer, budget: int) -> None:
-        self._mission = designer.simulator.mission
-        self._race = designer.race
-        super().__init__(self._mission.name, budget)
+    def __init__(self, task: Task[Any], budget: int) -> None:
+        self._raced = task
+        super().__init__(task.name, budget)
 
     def update(self, done: int) -> None:
         """Show where the race is, when a number of experiments is done."""
         if self._is_silent():
             return
-        now = self._race.progress
+        now = self._raced.race.progress
         best = ""
         if now.best is not None:
             spread = f" ± {now.best.sd:.3g}" if now.best.n_results > 1 else ""
-            best = f", best {self._mission.score(now.best.mean):.4g}{spread} (n={now.best.n_results})"
+            best = f", best {self._raced.score(now.best.mean):.4g}{spread} (n={now.best.n_results})"
         # When the iterations are over, what is left of the budget goes into a race of the best.
         stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
-        self.show(done, f"{self._mission.name}: {stage}, {now.alive} alive{best}")
+        self.show(done, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
+
+    def update_tests(self, done: int, total: int) -> None:
+        """Show that the race has ended and how many tests are done."""
+        if not self._is_silent():
+            self.show(done, f"{self._raced.name}: testing", total)
 
 
 class EvaluationDisplay(_Display):

@@ -4,12 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mercator_design.errors import RaceError, excerpt
-from mercator_design.fsm.grammar import to_pfsm
-from mercator_design.fsm.text import to_text
+from mercator_design.errors import RaceError
 from mercator_design.race.journal import Reading, is_locked, read
-
-_JOURNAL = "journal.jsonl"
+from mercator_design.race.summary import Scores
+from mercator_design.report.columns import aligned
+from mercator_design.report.iterations import iteration_notes, iterations_table
+from mercator_design.report.summary import test_figures
+from mercator_design.run_folder import JOURNAL, TASKS
 
 
 def runs_table(folder: Path) -> str:
@@ -18,16 +19,12 @@ def runs_table(folder: Path) -> str:
     Raises:
         RaceError: if there is no such folder.
     """
-    rows: list[tuple[object, ...]] = [("run", "mission", "seed", "experiments", "budget", "state", "winner")]
+    rows: list[tuple[object, ...]] = [("run", "name", "seed", "experiments", "budget", "state", "winner")]
     rows += [
-        (run["run"], run["mission"], run["seed"], run["experiments"], run["budget"], run["state"], _score(run))
+        (run["run"], run["name"], run["seed"], run["experiments"], run["budget"], run["state"], _score(run))
         for run in _runs(folder)
     ]
-    texts = [["" if cell is None else excerpt(str(cell)) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in texts
-    )
+    return "\n".join(aligned(rows))
 
 
 def runs_json(folder: Path) -> str:
@@ -45,18 +42,17 @@ def run_summary(path: Path) -> str:
     Raises:
         RaceError: if there is none, or its journal is corrupt.
     """
-    reading = read(path / _JOURNAL)
+    reading = read(path / JOURNAL)
     record, run = reading.record, _run(path, reading)
     if not record.start:
         return f"{path}: no race has begun here yet"
-    start = record.start
+    task = TASKS[record.start["task"]]
     asked = {(one.configuration, one.instance) for one in record.experiments.values()}
     unasked = sum(place not in asked for place in record.ahead)
     failed = sum(one.score is None for one in record.experiments.values())
     lines = [
-        f"Mission    {start['mission']}, for robot {start['robot_model']}",
-        f"Designed   with {start['flavour']}, seed {start['seed']}",
-        f"Race       {start['method']}, {run['experiments']} of {run['budget']} experiments, "
+        *task.about(record.start),
+        f"Race       {record.start['method']}, {run['experiments']} of {run['budget']} experiments, "
         f"{len(record.configurations)} configurations",
         *(
             [f"Extended   from a budget of {', '.join(map(str, record.budgets[:-1]))}"]
@@ -70,15 +66,21 @@ def run_summary(path: Path) -> str:
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
         f"Digest     {record.digest()}",
     ]
+    if record.iterations:
+        lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
-        fsm = to_text(to_pfsm(record.configurations[run["winner"]], start["flavour"]))
-        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}", "", fsm]
+        columns = task.columns(record.start, [record.configurations[run["winner"]]])
+        tests = record.test_scores()
+        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
+        lines += [f"Tested     configuration {c}: {test_figures(Scores(tests[c]))}" for c in tests]
+        lines += [""]
+        lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(lines)
 
 
 def _runs(folder: Path) -> list[dict[str, Any]]:
     try:
-        journals = sorted(folder.glob(f"*/{_JOURNAL}"), key=lambda journal: journal.stat().st_mtime)
+        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=lambda journal: journal.stat().st_mtime)
         found = folder.is_dir()
     except OSError as error:
         raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
@@ -93,20 +95,20 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     return runs
 
 
-_KEYS = ("run", "mission", "seed", "experiments", "budget", "state", "winner", "score")
+_KEYS = ("run", "name", "seed", "experiments", "budget", "state", "winner", "score")
 
 
 def _run(path: Path, reading: Reading) -> dict[str, Any]:
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
-    if is_locked(path / _JOURNAL):
+    if is_locked(path / JOURNAL):
         run["state"] = "running"
     elif record.start and record.is_complete:
         run["state"] = "finished"
     else:
         run["state"] = "stopped"
     if record.start:
-        run |= {"mission": record.start["mission"], "seed": record.start["seed"], "budget": record.budget}
+        run |= {"name": record.start["name"], "seed": record.start["seed"], "budget": record.budget}
     if record.ends:
         winner = record.ends[-1].winner
         scores = [

@@ -2,69 +2,124 @@
 
 import json
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from mercator_design.design import CONFIDENCE, Design, Designer, Evaluation
+from mercator_design.design import Designer, Evaluation
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import plugin_files
-from mercator_design.race import IterationSummary
+from mercator_design.race.journal import Record
+from mercator_design.race.summary import CONFIDENCE, Scores
+from mercator_design.race.task import Result, Task
+from mercator_design.report.columns import aligned
+from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.sim.simulate import Simulator
 
+_FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
-def race_summary(design: Design, designer: Designer, *, new: int, seconds: float, jobs: int, folder: Path) -> str:
+
+def race_summary(
+    result: Result, task: Task[Any], record: Record, *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
     Args:
-        design: What the race came to.
-        designer: Of it.
+        result: What the race came to.
+        task: What was raced.
+        record: Of the race.
         new: Experiments that were run by this process, not before the race was resumed.
+        tested: Tests that were.
         seconds: That this took.
         jobs: Experiments run at once.
         folder: Of the race.
     """
-    race, mission = designer.race, designer.simulator.mission
-    objective, scores = mission.objective, design.scores
-    all_equal = len({one.score for one in design.finished}) == 1
-    failed = sum(one.score is None for one in design.finished)
-    plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
+    race = task.race
+    all_equal = len({one.score for one in result.finished}) == 1
+    failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in race.iterations)
     lines = [
-        f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
-        f"{objective.direction} {objective.name}",
-        f"Designed   with {designer.flavour}, for robot {designer.simulator.robot_model.name}",
-        f"Race       {designer.method}, {race.used} of {race.budget} experiments, "
+        *_asked(task),
+        f"Race       {task.method}, {race.used} of {race.budget} experiments, "
         f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
         f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
-        f"{new / max(seconds, 1e-3):.0f} experiments/s",
+        f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
-        "iteration  raced  survivors  experiments  mean of the best",
-        *(_iteration_line(iteration, mission) for iteration in race.iterations),
+        *iterations_table(record),
         f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
-        f"Winner     configuration {design.configuration}, score {scores.mean:.4g} ± "
-        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances; "
-        "measure it on fresh ones:",
-        f"           {shlex.join(['mdesign', 'evaluate', str(folder / 'fsm.txt'), *plugins])}",
-        *(f"           {line}" for line in describe(design.winner)),
+        *(_design(result, task, folder) if isinstance(task, Designer) else _elites(task)),
         "",
-        to_text(design.winner),
-        "",
-        f"Written    {folder}: fsm.txt, mission.yaml, robot_model.yaml, results.csv, journal.jsonl, provenance.json",
+        f"Written    {folder}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _iteration_line(iteration: IterationSummary, mission: Mission) -> str:
-    name = "final" if iteration.postselection else str(iteration.iteration)
-    best = mission.score(iteration.elites[0].mean)
-    return f"{name:>9}  {iteration.n_configurations:>5}  {iteration.n_alive:>9}  {iteration.used:>11}  {best:>16.4g}"
+def _asked(task: Task[Any]) -> list[str]:
+    if not isinstance(task, Designer):
+        return task.about(task.start())
+    mission = task.simulator.mission
+    objective = mission.objective
+    return [
+        f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
+        f"{objective.direction} {objective.name}",
+        f"Designed   with {task.flavour}, for robot {task.simulator.robot_model.name}",
+    ]
+
+
+def _design(result: Result, designer: Designer, folder: Path) -> list[str]:
+    pfsm, scores = designer.pfsm(result.configuration), result.scores
+    plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
+    evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
+    n_tests = max((len(scores.values) for scores in result.tests.values()), default=0)
+    return [
+        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} ± "
+        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances"
+        f"{'' if result.tests else '; measure it on fresh ones:'}",
+        *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
+        *_test_lines(result.tests, f"as {shlex.join([*evaluate, '-n', str(n_tests)])} does for the winner"),
+        *(f"           {line}" for line in describe(pfsm)),
+        "",
+        to_text(pfsm),
+    ]
+
+
+def _elites(task: Task[Any]) -> list[str]:
+    """The best configurations as a table, a line for each of their values, and the best as a command line."""
+    race = task.race
+    numbers = [elite.configuration for elite in race.elites]
+    columns = task.columns(task.start(), [race.configurations[number] for number in numbers])
+    rows: list[list[object]] = [
+        ["configuration", *numbers],
+        ["mean", *(f"{task.score(elite.mean):.6g}" for elite in race.elites)],
+        ["experiments", *(elite.n_results for elite in race.elites)],
+        *([name, *values] for name, values in columns.items()),
+    ]
+    return ["Best", *aligned(rows), "", race.space.command_line(race.configurations[numbers[0]])]
+
+
+def _test_lines(tests: Mapping[int, Scores], how: str) -> list[str]:
+    """What the tests came to; the winner's are the first."""
+    if not tests:
+        return []
+    return [
+        f"Tested     on fresh instances, {how}:",
+        *(f"           {f'configuration {number}':<20}{test_figures(scores)}" for number, scores in tests.items()),
+    ]
+
+
+def test_figures(scores: Scores) -> str:
+    """Mean, confidence interval and number of tests."""
+    interval = scores.confidence_interval
+    around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
+    return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
 
 
 def describe(pfsm: Pfsm) -> list[str]:

@@ -15,9 +15,11 @@ from mercator_design.race import IteratedRace, Space
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.race.journal import Journal, Measured, Record, read
 from mercator_design.race.runner import Runner
+from mercator_design.race.testing import Testing, run_tests
 
 SPACE = Space.from_text('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300
+TESTING = Testing(runs=20, elites=2, iterations=True)
 
 
 def measure(item):
@@ -44,6 +46,19 @@ def runner(record, executor, *, race=None, seed=1, function=measure, budget=BUDG
     )
 
 
+def run_all_tests(record, executor, race, *, testing=TESTING, seed=1, function=measure, **options):
+    """Run the tests of a race that has ended."""
+    run_tests(
+        testing.experiments(race),
+        record=record,
+        executor=executor,
+        function=function,
+        item=lambda e: (tuple(race.configurations[e.configuration].values()), 1_000_000 + e.instance),
+        seed=lambda instance: 1_000_000 + instance,
+        **options,
+    )
+
+
 def undisturbed(seed=1, budgets=(BUDGET,), **options):
     record = Record()
     with ThreadExecutor(1) as executor:
@@ -53,8 +68,8 @@ def undisturbed(seed=1, budgets=(BUDGET,), **options):
     return record
 
 
-def resumed(path, executor=None, seed=1, **options):
-    """Winner, digest and what was run anew of a journal's race, run to its end."""
+def resumed(path, executor=None, seed=1, testing=None, **options):
+    """Winner, digest and how many were run anew of a journal's race, run to its end and tested."""
     anew = []
 
     def counted(item):
@@ -62,7 +77,10 @@ def resumed(path, executor=None, seed=1, **options):
         return measure(item)
 
     with Journal(path, new=not path.exists()) as journal, executor or ThreadExecutor(1) as running:
-        runner(journal, running, seed=seed, function=counted, **options).run()
+        one = runner(journal, running, seed=seed, function=counted, **options)
+        one.run()
+        if testing is not None:
+            run_all_tests(journal, running, one.race, testing=testing, function=counted)
         return journal.ends[-1].winner, journal.digest(), len(anew)
 
 
@@ -87,10 +105,10 @@ class _Killed:
 
 
 def main(folder, seed, points):
-    whole = undisturbed(seed)
-    expected = whole.ends[-1].winner, whole.digest()
     complete = folder / "whole.jsonl"
-    resumed(complete, seed=seed)
+    resumed(complete, seed=seed, testing=TESTING)
+    whole = read(complete).record
+    expected = whole.ends[-1].winner, whole.digest()
     length = complete.stat().st_size
     draws = random.Random(seed)
     for point in [draws.randrange(length) for _ in range(points)]:
@@ -98,13 +116,15 @@ def main(folder, seed, points):
         child = os.fork()
         if child == 0:
             os.write = _Killed(point)
-            resumed(path, ThreadExecutor(2), seed)
+            resumed(path, ThreadExecutor(2), seed, TESTING)
             os._exit(0)
         _, status = os.waitpid(child, 0)
         known = read(path).record if path.stat().st_size else Record()
         missing = len({*places(whole)} - {*places(known)} - known.ahead.keys())
-        winner, digest, anew = resumed(path, seed=seed)
-        if not os.WIFSIGNALED(status) or (winner, digest) != expected or anew != missing:
+        missing += len(whole.tests.keys() - known.tests.keys())
+        winner, digest, anew = resumed(path, seed=seed, testing=TESTING)
+        same = (winner, digest) == expected and read(path).record.tests == whole.tests
+        if not os.WIFSIGNALED(status) or not same or anew != missing:
             print(f"killed at byte {point}: {status=}, {winner=}, {digest=}, {anew=}, {missing=}")  # noqa: T201
             return 1
     return 0

@@ -1,0 +1,147 @@
+"""What a race found is tested on instances that it never sees, and the race does not know."""
+
+import time
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race import journal, testing  # whose classes pytest would take for tests
+from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.journal import Journal, Measured, Record, read, to_line
+from mercator_design.race.race import Experiment
+from mercator_design.race.runner import ExperimentFailed, Stopped
+from tests.race import racing
+from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
+
+WHOLE = undisturbed()
+EXPECTED = WHOLE.ends[-1].winner, WHOLE.digest()
+
+
+@pytest.fixture
+def ended():
+    """A record and its race, at its end."""
+    record = Record()
+    with ThreadExecutor(1) as executor:
+        one = runner(record, executor)
+        one.run()
+    return record, one.race
+
+
+def test_which_are_tested(ended):
+    _, race = ended
+    elites = [elite.configuration for elite in race.elites]
+    assert len(elites) > 1
+    assert testing.Testing(runs=3).configurations(race) == elites[:1] == [race.best.configuration]
+    assert testing.Testing(runs=3, elites=99).configurations(race) == elites
+    bests = [iteration.elites[0].configuration for iteration in reversed(race.iterations)]
+    assert testing.Testing(runs=3, iterations=True).configurations(race) == list(dict.fromkeys([*elites[:1], *bests]))
+    assert len(set(bests)) > 1
+    assert testing.Testing(runs=2, elites=2).experiments(race) == [
+        Experiment(elites[0], 0), Experiment(elites[0], 1), Experiment(elites[1], 0), Experiment(elites[1], 1),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_the_race_is_the_same_and_the_tests_are_noted(tmp_path, jobs):
+    path = tmp_path / "journal.jsonl"
+    winner, digest, n = resumed(path, ThreadExecutor(jobs), testing=TESTING)
+    assert (winner, digest) == EXPECTED
+    record = read(path).record
+    known = {*racing.places(record)} | record.ahead.keys()
+    assert n == len(known) + len(record.tests)
+    scores = record.test_scores()
+    assert len(scores[winner]) == TESTING.runs
+    values = tuple(record.configurations[winner].values())
+    assert list(scores[winner]) == [measure((values, 1_000_000 + k)).score for k in range(TESTING.runs)]
+    assert resumed(path, testing=TESTING) == (*EXPECTED, 0)
+
+
+def test_cut_at_every_line(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    resumed(path, testing=TESTING, budget=50)
+    data = path.read_bytes()
+    lines = data.splitlines(keepends=True)
+    first = next(k for k, line in enumerate(lines) if b'"event":"test"' in line)
+    for n in range(first, len(lines)):
+        path.write_bytes(b"".join(lines[:n]) + lines[n][:20])
+        assert resumed(path, testing=TESTING, budget=50)[2] == len(lines) - n
+        assert path.read_bytes() == data
+
+
+def test_more_tests_can_be_asked_for(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    resumed(path)
+    assert resumed(path, testing=testing.Testing(runs=5)) == (*EXPECTED, 5)
+    assert resumed(path, testing=testing.Testing(runs=8)) == (*EXPECTED, 3)
+    assert resumed(path, testing=testing.Testing(runs=8, elites=3)) == (*EXPECTED, 16)
+
+
+def test_after_a_larger_budget(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    resumed(path, testing=testing.Testing(runs=5))
+    with Journal(path, new=False) as one:
+        one.note([{"event": "extend", "budget": 500}])
+    winner, digest, _ = resumed(path, testing=testing.Testing(runs=5))
+    longer = undisturbed(budgets=(racing.BUDGET, 500))
+    assert (winner, digest) == (longer.ends[-1].winner, longer.digest())
+    assert winner in read(path).record.test_scores()
+
+
+def test_what_is_under_way_when_they_are_stopped_is_kept(ended):
+    record, race = ended
+    begun = []
+
+    def counted(item):
+        begun.append(item)
+        time.sleep(0.002)
+        return measure(item)
+
+    with ThreadExecutor(3) as executor, pytest.raises(Stopped):
+        racing.run_all_tests(record, executor, race, function=counted, stopped=lambda: len(begun) > 10)
+    assert 10 < len(record.tests) == len(begun) < len(TESTING.experiments(race))
+
+
+class TestFailures:
+    @staticmethod
+    def failing(item):
+        if item[1] % 7 == 3:
+            raise ArithmeticError("no")
+        return measure(item) if item[1] % 7 else Measured(float("nan"), "")
+
+    def test_they_stop_the_tests_by_default_and_are_tried_again(self, ended):
+        record, race = ended
+        for _ in range(2):
+            with (
+                ThreadExecutor(1) as executor,
+                pytest.raises(ExperimentFailed, match=r"a test \(configuration") as stop,
+            ):
+                racing.run_all_tests(record, executor, race, function=self.failing)
+            assert stop.value.finished.configuration == race.best.configuration
+            assert all(one.score is not None for one in record.tests.values())
+
+    def test_they_are_noted_if_that_is_wanted(self, ended):
+        record, race = ended
+        with ThreadExecutor(2) as executor:
+            racing.run_all_tests(record, executor, race, function=self.failing, on_failure="reject")
+            assert len(record.tests) == len(TESTING.experiments(race))
+            failures = {one.failure for one in record.tests.values() if one.score is None}
+            assert failures == {"ArithmeticError: no", "expected a finite score, found nan"}
+            assert 0 < len(record.test_scores()[race.best.configuration]) < TESTING.runs
+            racing.run_all_tests(record, executor, race, function=None)  # nothing is left to run
+
+
+def test_other_instances_are_refused(ended):
+    record, race = ended
+    record.note_test(journal.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
+    with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="instance 0 to have seed 1000000, found 7"):
+        racing.run_all_tests(record, executor, race)
+
+
+def test_two_results_of_one_test(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    resumed(path, testing=testing.Testing(runs=2))
+    line = path.read_bytes().splitlines(keepends=True)[-1]
+    event = {"event": "test", "configuration": EXPECTED[0], "instance": 1, "seed": 1, "score": 1.0}
+    path.write_bytes(path.read_bytes() + line + to_line(event).encode())
+    with pytest.raises(RaceError, match="was tested twice on instance 1, with different results"):
+        read(path)

@@ -182,7 +182,7 @@ class _Parser:
         if digits is None:
             if match["letter"] not in _ESCAPED:
                 self._fail(
-                    "an escape of R such as \\n or \\\\", _Token("", match.group(), token.position + match.start())
+                    "an escape of R such as \\n or \\\\", _Token("", match.group(), token.position + 1 + match.start())
                 )
             return _ESCAPED[match["letter"]]
         code = int(digits, 8 if match["octal"] else 16)

@@ -5,6 +5,7 @@
       FsmError              3   a controller's text or structure is not a valid PFSM
       RaceError             1   a race cannot be run as asked
       SimulationError       1   an experiment cannot be set up or went wrong
+      ProtocolError         1   a device cannot be told what was asked
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.
@@ -50,3 +51,7 @@ class RaceError(MercatorError):
 
 class SimulationError(MercatorError):
     """An experiment cannot be set up or went wrong."""
+
+
+class ProtocolError(MercatorError):
+    """A device cannot be told what was asked."""

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.json_file import read_json
-from benchmarks.vectors import irace_parts, irace_races, irace_tests
+from benchmarks.vectors import irace_parts, irace_races, irace_tests, multiflex_frames, rvr_frames, ydlidar_scans
 from benchmarks.vectors.checks import Check
 from mercator_design.errors import MercatorError
 
-FORMATS = (irace_tests, irace_parts, irace_races)
+FORMATS = (irace_tests, irace_parts, irace_races, rvr_frames, ydlidar_scans, multiflex_frames)
 
 
 class VectorError(MercatorError):

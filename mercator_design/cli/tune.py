@@ -36,7 +36,7 @@ _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "targ
 @click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
 @click.option(
     "--method",
-    type=click.Choice(["irace", "surrogate"]),
+    type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
     default="irace",
     show_default=True,
     help="What proposes configurations and decides which of them run on.",
@@ -72,8 +72,9 @@ def tune(
     """
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("scenario",))
     from mercator_design.race.executors import ThreadExecutor
+    from mercator_design.race.methods import RACES
     from mercator_design.race.scenario import read_scenario
-    from mercator_design.race.tuner import METHODS, Tuner
+    from mercator_design.race.tuner import Tuner
 
     if resume is not None:
         folder = reopen(resume, "scenario")
@@ -82,7 +83,7 @@ def tune(
         given = _given(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
-        tuner = Tuner(read_scenario(scenario, given, base=METHODS[method]), method)
+        tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
         if check:
             _check(tuner)
             return

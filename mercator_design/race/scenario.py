@@ -16,7 +16,6 @@ from typing import Literal, NamedTuple
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small
-from mercator_design.race import budget as arithmetic
 from mercator_design.race.configurations_text import read_configurations, read_lines
 from mercator_design.race.operations import number, number_text
 from mercator_design.race.options import RaceOptions
@@ -57,7 +56,7 @@ _OPTIONS: Mapping[str, _Option] = {
     "instances": _Option("object"),
     "trainInstancesDir": _Option("path"),
     "trainInstancesFile": _Option("path"),
-    "sampleInstances": _Option("flag", True),
+    "sampleInstances": _Option("flag", True, ours="sample_instances"),
     "testInstancesDir": _Option("path"),
     "testInstancesFile": _Option("path"),
     "testInstances": _Option("object"),
@@ -75,7 +74,7 @@ _OPTIONS: Mapping[str, _Option] = {
     "targetRunnerData": _Option("object", refused=f"{_IS_R}: let targetRunner read a file"),
     "targetRunnerParallel": _Option("object", refused=f"{_IS_R}: {_ONE_RUNNER}"),
     "targetEvaluator": _Option("path"),
-    "deterministic": _Option("flag", False, refused="an instance may come again, with another seed"),
+    "deterministic": _Option("flag", False),
     "maxExperiments": _Option("count", 0),
     "minExperiments": _Option("count"),
     "maxTime": _Option("count", 0, refused="a budget counts experiments: use maxExperiments"),
@@ -141,7 +140,6 @@ class Scenario:
     test_instances: what the best are tested on when the race has ended, if there are any.
     test_elites: how many of the best.
     test_iterations: whether as many of each iteration, too.
-    sample_instances: whether instances come in random order.
     initial: configurations to begin with.
     target: what runs experiments.
     jobs: how many at a time.
@@ -160,7 +158,6 @@ class Scenario:
     test_instances: tuple[str, ...]
     test_elites: int
     test_iterations: bool
-    sample_instances: bool
     initial: tuple[Configuration, ...]
     target: Target
     jobs: int
@@ -214,12 +211,12 @@ class _Reader:
         parameters = self.file("parameterFile")
         text = _text(parameters, "parameterFile", self.place("parameterFile"))
         space = Space.from_text(text, str(parameters))
-        options = self.options(base)
         instances = self.instances("instances", "trainInstances")
         if not instances:
             raise RaceError(
                 f"{self.path}: expected instances: trainInstancesDir, trainInstancesFile or instances, found none"
             )
+        options = self.options(base, len(instances))
         if len(instances) % options.block_size:
             size = options.block_size
             raise RaceError(
@@ -240,7 +237,6 @@ class _Reader:
             test_instances=self.instances("testInstances", "testInstances"),
             test_elites=self.count("testNbElites"),
             test_iterations=bool(self.value("testIterationElites")),
-            sample_instances=bool(self.value("sampleInstances")),
             initial=tuple(initial),
             target=self.target(),
             jobs=max(self.count("parallel"), 1),
@@ -298,13 +294,15 @@ class _Reader:
     def file(self, name: str) -> Path:
         return Path(str(self.value(name)))
 
-    def options(self, base: RaceOptions) -> RaceOptions:
+    def options(self, base: RaceOptions, n_instances: int) -> RaceOptions:
         """The race's: only what the file sets is other than in the base."""
         changes: dict[str, object] = {}
         for name in self.found:
             option, value = _OPTIONS[name], self.value(name)
             if option.ours:
                 changes[option.ours] = None if value == option.default == 0 else value
+        if self.value("deterministic"):
+            changes["instances"] = n_instances
         if "testType" in self.found:
             test = str(self.value("testType")).lower()
             changes["test"] = _TESTS.get(test, test)
@@ -317,16 +315,7 @@ class _Reader:
     def budget(self, space: Space, options: RaceOptions) -> int:
         budget = self.count("maxExperiments")
         if self.value("minExperiments") is not None:
-            n = arithmetic.n_iterations(max(space.n_variable, 1))
-            least = arithmetic.minimum_budget(
-                options.iterations or n,
-                options.survivors or n,
-                mu=options.planned_mu,
-                each_test=options.instances_each_test,
-                n_new=options.new_instances,
-                elitist=options.elitist,
-            )
-            budget = max(budget, self.count("minExperiments"), least)
+            budget = max(budget, self.count("minExperiments"), options.minimum_budget(max(space.n_variable, 1)))
         if not budget:
             raise RaceError(f"{self.path}: expected a budget, maxExperiments = N, found none")
         return budget
@@ -404,8 +393,15 @@ def in_irace_s_names(error: RaceError) -> str:
     message = str(error)
     if not message.startswith("race option "):
         return message
-    names = {option.ours: name for name, option in _OPTIONS.items() if option.ours} | {"test": "testType"}
-    return re.sub(r"\w+", lambda word: names.get(word[0], word[0]), message.removeprefix("race option "))
+    names = {option.ours: name for name, option in _OPTIONS.items() if option.ours}
+    names |= {"test": "testType", "instances": "deterministic"}
+    name, _, rest = message.removeprefix("race option ").partition(":")
+    return f"{names.get(name, name)}:" + re.sub(r"\w+_\w+", lambda word: names.get(word[0], word[0]), rest)
+
+
+def of_races(settings: Mapping[str, Setting]) -> list[str]:
+    """Which settings are about races, and say nothing to another method."""
+    return [name for name in settings if _OPTIONS[name].ours or name in ("testType", "deterministic")]
 
 
 def _figure(value: Setting) -> float | None:

@@ -20,18 +20,17 @@ from typing import Any, ClassVar, Self
 from mercator_design import __version__
 from mercator_design.errors import RaceError
 from mercator_design.race import configurations_text, scenario_text
+from mercator_design.race.asking import Asking
 from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.journal import Finished, Tested
-from mercator_design.race.options import RaceOptions
+from mercator_design.race.methods import METHODS, RACES
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
-from mercator_design.race.scenario import Scenario, in_irace_s_names, read_scenario
+from mercator_design.race.scenario import Scenario, in_irace_s_names, of_races, read_scenario
 from mercator_design.race.target import Call
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import generator, instance_seed
 
-METHODS: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
-"""What a race does unless its scenario says otherwise."""
 _AS_IT_IS = {"parameterFile", "configurationsFile", "instances", "testInstances"} | {
     f"{kind}Instances{what}" for kind in ("train", "test") for what in ("Dir", "File")
 }
@@ -42,7 +41,7 @@ class Tuner(Task[Call]):
 
     Args:
         scenario: What is tuned.
-        method: Of `METHODS`; the scenario was read with its options as the base.
+        method: Of `METHODS`; for one of `RACES`, the scenario was read with its options as the base.
 
     Raises:
         RaceError: if the budget is too small.
@@ -57,33 +56,37 @@ class Tuner(Task[Call]):
         self.method = method
         self.function = scenario.target
         try:
-            self.race = IteratedRace(
-                scenario.space,
-                budget=scenario.budget,
-                seed=scenario.seed,
-                options=scenario.options,
-                initial=scenario.initial,
-            )
+            self.race = self._race()
         except RaceError as error:
             raise RaceError(f"{scenario.path}: {in_irace_s_names(error)}") from None
         self.race.notes += scenario.notes
 
+    def _race(self) -> Asking:
+        scenario = self.scenario
+        asked = {"budget": scenario.budget, "seed": scenario.seed}
+        if self.method in RACES:
+            return IteratedRace(scenario.space, **asked, options=scenario.options, initial=scenario.initial)
+        if scenario.initial:
+            raise RaceError(f"configurationsFile: expected none with the method {self.method}, found some")
+        race = METHODS[self.method](scenario.space, **asked)
+        race.notes += [f"{name} makes no difference to {self.method}" for name in of_races(scenario.settings)]
+        return race
+
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
         """As `Task.restore`."""
-        base = METHODS[start["method"]]
+        base = RACES.get(start["method"])
         return cls(read_scenario(folder / "scenario.txt", base=base, name=start["name"]), start["method"])
 
     def start(self) -> dict[str, Any]:
         """As `Task.start`: how the target runner is called is no part of it, so it may be mended and moved."""
         scenario = self.scenario
-        instances = [scenario.instances, scenario.sample_instances]
         return {
             "task": "scenario",
             "name": self.name,
             "mercator_design": __version__,
             "space_digest": _digest(scenario.parameters),
-            "instances_digest": _digest(json.dumps(instances)),
+            "instances_digest": _digest(json.dumps(scenario.instances)),
             "initial_digest": _digest(json.dumps(scenario.initial)),
             "budget": self.race.budget,
             "seed": self.race.seed,
@@ -153,10 +156,10 @@ class Tuner(Task[Call]):
 
     def _place(self, instance: int) -> int:
         """Which of the scenario's instances an instance of the race is: all of them once, then all once more, ..."""
-        n = len(self.scenario.instances)
-        if not self.scenario.sample_instances:
+        n, options = len(self.scenario.instances), self.scenario.options
+        if not options.sample_instances:
             return instance % n
-        return _order(self.race.seed, instance // n, n, self.scenario.options.block_size)[instance % n]
+        return _order(self.race.seed, instance // n, n, options.block_size)[instance % n]
 
     @staticmethod
     def about(start: Start) -> list[str]:

@@ -60,6 +60,7 @@ def test_what_is_not_set_is_irace_s(scenario, folder):
         ("nbIterations = 3\nminNbSurvival = 2\nnbConfigurations = 9\nnbExperimentsPerIteration = 100",
          {"iterations": 3, "survivors": 2, "n_configurations": 9, "experiments_per_iteration": 100}),
         ("nbIterations = 0", {"iterations": None}),
+        ("deterministic = 1\nfirstTest = 2\nsampleInstances = 0", {"instances": 2, "sample_instances": False}),
         ("softRestart = FALSE\nsoftRestartThreshold = 0.01", {"soft_restart": False, "soft_restart_threshold": 0.01}),
         ('confidence = "0.9"\npostselection = 0', {"confidence": 0.9, "postselection": False}),
     ],
@@ -76,7 +77,8 @@ def test_only_what_is_set_differs_from_another_base(scenario):
 
 def test_how_the_target_is_run(scenario, folder):
     one = scenario(
-        'targetRunner = "./other"\ntargetRunnerLauncher = "target-runner"\nexecDir = "data"\ntargetEvaluator = "other"\n'
+        'targetRunner = "./other"\ntargetRunnerLauncher = "target-runner"\nexecDir = "data"\n'
+        'targetEvaluator = "other"\n'
         'targetCmdline = "{seed} {instance} {targetRunnerArgs}"\ntargetRunnerRetries = 2\ntargetRunnerTimeout = 9\n'
         "parallel = 3\nseed = 12\nsampleInstances = 0\n"
     )
@@ -88,7 +90,7 @@ def test_how_the_target_is_run(scenario, folder):
     )
     assert (target.folder, target.retries, target.timeout) == (folder / "data", 2, 9)
     assert target.cmdline == "{seed} {instance} {targetRunnerArgs}"
-    assert (one.jobs, one.seed, one.sample_instances) == (3, 12, False)
+    assert (one.jobs, one.seed, one.options.sample_instances) == (3, 12, False)
 
 
 @pytest.mark.parametrize(
@@ -158,6 +160,7 @@ def test_all_of_irace_s_options_are_known():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("deterministic = 1", ":3: deterministic: expected 5 or more, for the first test, "),
         ("maxExperiment = 5", ":3: expected an option of irace, found maxExperiment; did you mean maxExperiments?"),
         ("parametersFile = 'x'", "did you mean parameterFile?"),
         ("wholly = 5", "begin the name of a variable of your own with a dot"),

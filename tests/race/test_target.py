@@ -91,7 +91,7 @@ def test_what_is_none(tmp_path, program, text, message):
 def test_a_program_that_cannot_be_run(tmp_path):
     (tmp_path / "runner").write_text("#!/nowhere/sh\n")
     (tmp_path / "runner").chmod(0o755)
-    with pytest.raises(TargetFailed, match="cannot be run: .*runner: No such file"):
+    with pytest.raises(TargetFailed, match=r"cannot be run: .*runner: No such file"):
         Target(runner=tmp_path / "runner", folder=tmp_path)(CALL)
 
 

@@ -1,0 +1,58 @@
+"""Finding frames in a stream of bytes that may be split, damaged, or joined in the middle."""
+
+import re
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+Event = TypeVar("Event")
+
+
+class Decoder(Generic[Event]):
+    """Bytes in, in pieces of any size; events out. Raises nothing, whatever the bytes.
+
+    Every place where a frame may begin is tried. Of those that hold a sound one, the one that ends first is taken. So
+    the events do not depend on how the bytes were split, and a damaged beginning that promises a long frame holds up
+    none of those that follow. Kept between calls is less than the longest frame.
+
+    lost: Bytes so far that were of no sound frame.
+    """
+
+    def __init__(
+        self, starts: re.Pattern[bytes], size: Callable[[bytes, int], int], read: Callable[[bytes], Event | None]
+    ) -> None:
+        """Make a decoder of one format.
+
+        Args:
+            starts: Matches where a frame may begin, also if the bytes end within what it begins with.
+            size: Bytes of the frame that would begin at a place: 0 if none does; more than there are if how many it is
+                cannot be told yet.
+            read: The event of so many bytes; None if they are not sound.
+        """
+        self._starts, self._size, self._read = starts, size, read
+        self._kept = b""
+        self.lost = 0
+
+    def receive(self, data: bytes) -> list[Event]:
+        """The events that these bytes complete, in order."""
+        data = self._kept + data
+        events: list[Event] = []
+        done = 0
+        while True:
+            found: Event | None = None
+            unfinished, start, end = len(data), 0, len(data) + 1
+            for match in self._starts.finditer(data, done):
+                place = match.start()
+                if place >= end:
+                    break
+                size = self._size(data, place)
+                if place + size > len(data):
+                    unfinished = min(unfinished, place)
+                elif size and place + size < end and (event := self._read(data[place : place + size])) is not None:
+                    found, start, end = event, place, place + size
+            if found is None:
+                self.lost += unfinished - done
+                self._kept = data[unfinished:]
+                return events
+            events.append(found)
+            self.lost += start - done
+            done = end

@@ -1,0 +1,186 @@
+"""Sensor streaming of the Sphero RVR: slots of services, which the robot sends once a period.
+
+What a robot sends of a slot are unsigned integers in the order of the slot's configuration, which alone tells what they
+are; so both ends follow the commands in `Slots` (SDK for Raspberry Pi 1.0.0).
+"""
+
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from mercator_design.errors import ProtocolError
+from mercator_design.robot.rvr_messages import Processor
+
+LEAST_PERIOD = 33
+"""Of streaming [ms]; the SDK asks for no less."""
+SLOT_SIZE = 5
+"""Services in a slot at most."""
+_SLOTS = range(1, 5)
+_INVALID = 0x10  # in a token; its low four bits are the slot
+_ENTRY = struct.Struct(">HB")  # of a configuration: service, size
+
+Attribute: TypeAlias = tuple[float, float] | range
+"""What the least and the greatest integer stand for; or the values of a count, negative ones in two's complement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """What processors can stream.
+
+    slot: Where the SDK puts it.
+    size: Bytes of each of its integers.
+    """
+
+    id: int
+    processors: tuple[Processor, ...]
+    slot: int
+    size: int
+    attributes: Mapping[str, Attribute]
+
+    @property
+    def entry(self) -> bytes:
+        """What asks for it in a configuration."""
+        return _ENTRY.pack(self.id, self.size.bit_length() - 1)
+
+    @property
+    def n_bytes(self) -> int:
+        """Of all its integers."""
+        return self.size * len(self.attributes)
+
+
+_NORDIC, _ST, _BOTH = (Processor.NORDIC,), (Processor.ST,), (Processor.NORDIC, Processor.ST)
+_CHANNEL, _HALF, _TICKS = range(256), range(2**32), range(-(2**31), 2**31)
+_IMU: dict[str, Attribute] = {"pitch": (-180.0, 180.0), "roll": (-90.0, 90.0), "yaw": (-180.0, 180.0)}
+_COLOR: dict[str, Attribute] = {
+    "r": _CHANNEL,
+    "g": _CHANNEL,
+    "b": _CHANNEL,
+    "index": _CHANNEL,
+    "confidence": (0.0, 1.0),
+}
+SERVICES = {
+    "quaternion": Service(0x0, _ST, 1, 4, dict.fromkeys("wxyz", (-1.0, 1.0))),
+    "imu": Service(0x1, _ST, 1, 4, _IMU),  # degrees
+    "accelerometer": Service(0x2, _ST, 1, 4, dict.fromkeys("xyz", (-16.0, 16.0))),  # g
+    "color_detection": Service(0x3, _NORDIC, 1, 1, _COLOR),
+    "gyroscope": Service(0x4, _ST, 1, 4, dict.fromkeys("xyz", (-2000.0, 2000.0))),  # degrees/s
+    "locator": Service(0x6, _ST, 2, 4, dict.fromkeys("xy", (-16000.0, 16000.0))),  # m
+    "velocity": Service(0x7, _ST, 2, 4, dict.fromkeys("xy", (-5.0, 5.0))),  # m/s
+    "speed": Service(0x8, _ST, 2, 4, {"speed": (0.0, 5.0)}),  # m/s
+    "core_time": Service(0x9, _BOTH, 3, 4, {"upper": _HALF, "lower": _HALF}),
+    "ambient_light": Service(0xA, _NORDIC, 2, 4, {"light": (0.0, 120000.0)}),  # lux
+    "encoders": Service(0xB, _ST, 2, 4, {"left": _TICKS, "right": _TICKS}),
+}
+"""By name. Axes: x to the right, y forwards, z up; yaw is 0 forwards and positive to the left."""
+_BY_ENTRY = {service.entry: name for name, service in SERVICES.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class StreamData:
+    """What a processor's slot measured.
+
+    is_valid: Whether the robot says that the values are good.
+    values: By service and attribute.
+    """
+
+    processor: Processor
+    slot: int
+    is_valid: bool
+    values: Mapping[str, Mapping[str, float]]
+
+
+def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Processor, dict[str, Any]]]:
+    """The commands that start the streaming of services every `period` ms: name, target, values; slots as in the SDK.
+
+    Raises:
+        ProtocolError: if there is no such service, a slot would be too full, or the period too short.
+    """
+    services = list(services)
+    if unknown := [name for name in services if name not in SERVICES]:
+        raise ProtocolError(f"expected services among {', '.join(SERVICES)}, found {', '.join(unknown)}")
+    if period < LEAST_PERIOD:
+        raise ProtocolError(f"period: expected at least {LEAST_PERIOD} ms, found {period}")
+    for processor in Processor:
+        for slot in _SLOTS:
+            entries = [
+                service.entry
+                for service in map(SERVICES.__getitem__, services)
+                if service.slot == slot and processor in service.processors
+            ]
+            if len(entries) > SLOT_SIZE:
+                raise ProtocolError(f"slot {slot}: expected at most {SLOT_SIZE} services, found {len(entries)}")
+            if entries:
+                yield "configure_streaming_service", processor, {"token": slot, "configuration": b"".join(entries)}
+    for processor in Processor:
+        yield "start_streaming_service", processor, {"period": period}
+
+
+class Slots:
+    """What the slots of a robot hold, from the commands that go by."""
+
+    def __init__(self) -> None:
+        self._services: dict[tuple[Processor, int], tuple[str, ...]] = {}
+
+    def follow(self, command: str, processor: Processor, values: Mapping[str, Any]) -> bool:
+        """Whether the command can be obeyed, which most need nothing for."""
+        if command == "clear_streaming_service":
+            self._services = {slot: names for slot, names in self._services.items() if slot[0] != processor}
+        elif command == "configure_streaming_service":
+            configuration = bytes(values["configuration"])
+            entries = [configuration[i : i + _ENTRY.size] for i in range(0, len(configuration), _ENTRY.size)]
+            names = tuple(_BY_ENTRY[entry] for entry in entries if entry in _BY_ENTRY)
+            slot = values["token"]
+            here = all(processor in SERVICES[name].processors for name in names)
+            if slot not in _SLOTS or len(names) < len(entries) or not 0 < len(names) <= SLOT_SIZE or not here:
+                return False
+            self._services[processor, slot] = names
+        return True
+
+    def of(self, processor: Processor) -> dict[int, tuple[str, ...]]:
+        """The services of each slot that is configured."""
+        return {slot: names for (of, slot), names in self._services.items() if of == processor}
+
+    def read(self, processor: Processor, token: int, data: bytes) -> StreamData | None:
+        """What a slot measured; None if nobody knows what is in it, or there are too few bytes."""
+        slot = token & ~_INVALID
+        names = self._services.get((processor, slot))
+        if names is None or len(data) < sum(SERVICES[name].n_bytes for name in names):
+            return None
+        values: dict[str, dict[str, float]] = {}
+        for name in names:
+            size = SERVICES[name].size
+            values[name] = {}
+            for attribute, meaning in SERVICES[name].attributes.items():
+                values[name][attribute] = _value(int.from_bytes(data[:size], "big"), size, meaning)
+                data = data[size:]
+        return StreamData(processor, slot, not token & _INVALID, values)
+
+    def write(self, data: StreamData) -> dict[str, Any]:
+        """The values of the notification that says it; of a scaled value the nearest integer, within its range.
+
+        Raises:
+            KeyError: if the slot is not configured, or a value of it is missing.
+        """
+        names = self._services[data.processor, data.slot]
+        integers = [
+            _integer(data.values[name][attribute], SERVICES[name].size, meaning).to_bytes(SERVICES[name].size, "big")
+            for name in names
+            for attribute, meaning in SERVICES[name].attributes.items()
+        ]
+        return {"token": data.slot | (0 if data.is_valid else _INVALID), "sensor_data": b"".join(integers)}
+
+
+def _value(integer: int, size: int, meaning: Attribute) -> float:
+    if isinstance(meaning, range):
+        return integer if integer < meaning.stop else integer - (1 << 8 * size)
+    low, high = meaning
+    return low + integer / ((1 << 8 * size) - 1) * (high - low)
+
+
+def _integer(value: float, size: int, meaning: Attribute) -> int:
+    most = (1 << 8 * size) - 1
+    if isinstance(meaning, range):
+        return int(value) & most
+    low, high = meaning
+    return round((min(max(value, low), high) - low) / (high - low) * most)

@@ -1,12 +1,4 @@
-"""irace's job done here: the parameters of any program, which irace's scenario.txt describes.
-
->>> from pathlib import Path
->>> from mercator_design.race.executors import ThreadExecutor
->>> from mercator_design.race.scenario import read_scenario
->>> tuner = Tuner(read_scenario(Path("scenario.txt")))                                            # doctest: +SKIP
->>> with ThreadExecutor(tuner.scenario.jobs) as executor:                                         # doctest: +SKIP
-...     winner = tuner.run(executor).configuration
-"""
+"""irace's job done here: the parameters of any program, which irace's scenario.txt describes."""
 
 import dataclasses
 import hashlib

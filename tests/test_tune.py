@@ -206,6 +206,20 @@ class TestFailures:
         ours, whole = (experiments_table(run) for run in (tmp_path / "r", undisturbed[1]))
         assert ours.equals(whole)
 
+    def test_a_runner_that_was_moved_is_named_anew(self, mdesign, nervous, tmp_path):
+        run = tmp_path / "r"
+        assert mdesign("tune", nervous / "scenario.txt", "-o", run)[0] == 1
+        (nervous / "target-runner").rename(tmp_path / "moved")
+        code, _, err = mdesign("tune", "--resume", run)
+        assert code == 1
+        assert f"{run / 'scenario.txt'}:4: targetRunner: expected a file, found none at {nervous}" in err
+        text = (run / "scenario.txt").read_text()
+        (run / "scenario.txt").write_text(text.replace(str(nervous / "target-runner"), str(tmp_path / "moved")))
+        assert mdesign("tune", "--resume", run, "--on-failure", "reject")[0] == 0
+        (run / "scenario.txt").write_text(text.replace('"ffffff"', '"gggggg"'))
+        (nervous / "target-runner").symlink_to(tmp_path / "moved")
+        assert "instances_digest: raced with " in mdesign("tune", "--resume", run)[2]
+
     def test_an_infinite_cost_rejects_and_stops_nothing(self, mdesign, tmp_path):
         folder = written(tmp_path / "s", RUNNER.replace("echo", "[ $x -gt 20 ] && { echo Inf; exit; }\necho"))
         code, _, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")
@@ -282,7 +296,7 @@ class TestExport:
         (exported / "scenario.txt").write_text(
             (exported / "scenario.txt").read_text() + "nbIterations = 1\nminNbSurvival = 1\nfirstTest = 2\nmu = 2\n"
         )
-        code, out, _ = mdesign("tune", exported / "scenario.txt", "--max-experiments", 12, "-o", tmp_path / "r")
+        code, out, _ = mdesign("tune", exported / "scenario.txt", "--max-experiments", 8, "-o", tmp_path / "r")
         assert code == 0
         best = out.rstrip().splitlines()[-3]
         assert best.startswith("--nstates ")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
+from mercator_design.cli.options import JOBS, PLUGIN, SET
 from mercator_design.cli.terminal import tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -25,7 +25,13 @@ def export() -> None:
     help="Folder to write to, new or empty.",
 )
 @click.option("--budget", type=click.IntRange(1, 10**9), default=5000, show_default=True, help="Experiments to run.")
-@SEED
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=1,
+    show_default=True,
+    help="Of all randomness; R has no larger.",
+)
 @JOBS
 @click.option(
     "--flavour", type=click.Choice(FLAVOURS), default="watermelon", show_default=True, help="Modules to design with."

@@ -327,13 +327,11 @@ class _Reader:
         """Training or test instances: given here, in a file, or all files of a folder."""
         given = self.value(name)
         if given is not None:
-            texts = given if isinstance(given, tuple) else (given,)
-            return tuple(one if isinstance(one, str) else number_text(one) for one in texts)
-        folder, file = self.value(f"{files}Dir"), self.value(f"{files}File")
-        if file is not None:
-            lines = [
-                line for _, line in read_lines(_existing(Path(str(file)), f"{files}File", self.place(f"{files}File")))
-            ]
+            return tuple(self.instance(name, one) for one in (given if isinstance(given, tuple) else (given,)))
+        folder = self.value(f"{files}Dir")
+        if self.value(f"{files}File") is not None:
+            file = _existing(self.file(f"{files}File"), f"{files}File", self.place(f"{files}File"))
+            lines = [line for _, line in read_lines(file)]
             if not lines:
                 raise RaceError(f"{file}: expected an instance a line, found none")
             return tuple(line if folder is None else f"{folder}/{line}" for line in lines)
@@ -350,6 +348,13 @@ class _Reader:
         if not found:
             raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected files in {folder}, found none")
         return tuple(found)
+
+    def instance(self, name: str, given: object) -> str:
+        if isinstance(given, str):
+            return given
+        if isinstance(given, bool) or not isinstance(given, (int, float)):
+            raise RaceError(f"{self.place(name)}: {name}: expected {_EXPECTED['object']}, found {excerpt(repr(given))}")
+        return number_text(given)
 
     def target(self) -> Target:
         cmdline = str(self.value("targetCmdline"))
@@ -404,7 +409,8 @@ def in_irace_s_names(error: RaceError) -> str:
 
 def of_races(settings: Mapping[str, Setting]) -> list[str]:
     """Which settings are about races, and say nothing to another method."""
-    return [name for name in settings if _OPTIONS[name].ours or name in ("testType", "deterministic")]
+    of_races = {name for name, option in _OPTIONS.items() if option.ours} | {"testType", "deterministic"}
+    return [name for name in settings if name in of_races - {"sampleInstances"}]
 
 
 def _figure(value: Setting) -> float | None:

@@ -109,14 +109,15 @@ class Tuner(Task[Call]):
         self.scenario.target.stop.set()
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> Call:
-        """As `Task.item`."""
+        """As `Task.item`; tests are on test instances in turn, or if there are none on the others with other seeds."""
         scenario, number = self.scenario, experiment.instance
-        place = number if test else self._place(number)
+        instances = (scenario.test_instances or scenario.instances) if test else scenario.instances
+        place = number % len(instances) if test else self._place(number)
         return Call(
             configuration=experiment.configuration,
-            instance_id=f"{place + 1}t" if test else f"{place + 1}",
+            instance_id=f"{place + 1}t" if instances is scenario.test_instances else f"{place + 1}",
             seed=self.test_seed(number) if test else self.seed(number),
-            instance=scenario.test_instances[place] if test else scenario.instances[place],
+            instance=instances[place],
             arguments=scenario.space.command_line(configuration),
         )
 

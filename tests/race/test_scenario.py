@@ -186,6 +186,7 @@ def test_all_of_irace_s_options_are_known():
         ("targetRunner = 'list.txt'", "list.txt may not (chmod +x makes it so)"),
         ("targetCmdline = '{seed} {instance}'", ":3: targetCmdline: expected {targetRunnerArgs} in it"),
         ("execDir = 'nowhere'", ":3: execDir: expected a folder, found none at "),
+        ("instances = c('a', NA)", ":3: instances: expected texts, as c(...), found None"),
         ("instances = ''", "expected instances: trainInstancesDir, trainInstancesFile or instances, found none"),
         ("instances=''; trainInstancesFile = 'empty.txt'", "empty.txt: expected an instance a line, found none"),
         ("instances=''; trainInstancesFile = 'no.txt'", ":3: trainInstancesFile: expected a file, found none at "),

@@ -175,6 +175,12 @@ class TestCheck:
             assert float(cost.removeprefix("  cost ")) == float(done.stdout)
         assert not (tmp_path / "runs").exists()
 
+    def test_says_what_makes_no_difference(self, mdesign, folder):
+        (folder / "scenario.txt").write_text(f"debugLevel = 2\n{SCENARIO}")
+        code, _, err = mdesign("tune", folder / "scenario.txt", "--check")
+        assert code == 0
+        assert err.startswith(f"Note: {folder / 'scenario.txt'}:1: debugLevel makes no difference: ")
+
     def test_fails_with_what_the_runner_said(self, mdesign, tmp_path):
         folder = written(tmp_path / "s", "#!/bin/sh\necho no licence >&2\nexit 4\n")
         code, out, err = mdesign("tune", folder / "scenario.txt", "--check")

@@ -7,7 +7,7 @@ import click
 
 from mercator_design.cli.options import FILE
 from mercator_design.cli.racing import ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, reopen, run
-from mercator_design.cli.terminal import Interrupt
+from mercator_design.cli.terminal import Interrupt, tell
 from mercator_design.errors import MercatorError, printable
 
 if TYPE_CHECKING:
@@ -84,6 +84,8 @@ def tune(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
         tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
+        for note in tuner.race.notes:
+            tell(f"Note: {note}")
         if check:
             _check(tuner)
             return

@@ -37,6 +37,13 @@ OUTPUT = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the results, new or empty.  [default: the next free runs/NAME-N]",
 )
+METHOD = click.option(
+    "--method",
+    type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
+    default="irace",
+    show_default=True,
+    help="What proposes configurations and decides which of them run on.",
+)
 ON_FAILURE = click.option(
     "--on-failure",
     type=click.Choice(["stop", "reject"]),
@@ -74,6 +81,17 @@ def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[s
 
 def _hint(parameter: click.Parameter) -> str:
     return parameter.human_readable_name if isinstance(parameter, click.Argument) else parameter.opts[-1]
+
+
+def reopen(path: Path, task: str) -> "RunFolder":
+    """The folder of a race to go on with, which is of such a task."""
+    from mercator_design.run_folder import RunFolder, read_provenance
+
+    found = read_provenance(path)["race"]["task"]
+    if found != task:
+        verb = {"mission": "race", "scenario": "tune"}[found]
+        raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")
+    return RunFolder.reopen(path)
 
 
 def free_folder(name: str) -> Path:

@@ -1,4 +1,7 @@
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -119,11 +122,10 @@ def test_the_evaluator_gives_the_cost(tmp_path, program):
 
 
 def is_running(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    state = subprocess.run(
+        ["ps", "-o", "stat=", "-p", str(process)], capture_output=True, text=True, check=False
+    ).stdout
+    return bool(state.strip()) and not state.startswith("Z")
 
 
 def gone(process):
@@ -143,6 +145,14 @@ def test_too_long_ends_the_whole_group(tmp_path, program):
         Target(runner=program(SLOW), folder=tmp_path, timeout=1)(CALL)
     assert time.monotonic() - started < 60
     assert gone(int((tmp_path / "child").read_text()))
+
+
+def test_what_left_the_group_is_not_waited_for(tmp_path, program):
+    leave = "import os, time; os.setsid(); time.sleep(600)"
+    runner = program(f"{sys.executable} -c '{leave}' & echo $! > child; sleep 600")
+    with pytest.raises(TargetFailed, match=r"took longer than 3 s"):
+        Target(runner=runner, folder=tmp_path, timeout=3)(CALL)
+    os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)
 
 
 def test_stopped_ends_the_whole_group(tmp_path, program):

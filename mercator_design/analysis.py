@@ -32,12 +32,14 @@ class Ablation:
     start: what it begins with, in words.
     steps: see `race.ablation.ablate`.
     configurations: at each step.
+    simplifies: whether each step leaves less of a PFSM.
     """
 
     task: Task[Any]
     start: str
     steps: tuple[Step[Any], ...]
     configurations: tuple[Configuration, ...]
+    simplifies: bool
 
 
 def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tuple[Task[Any], Explanation]:
@@ -109,13 +111,13 @@ def ablation(
         flips = Flips(task.race.space, winner)
         key = task.race.space.key(record.configurations[start])
         path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
-        return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration)
+        return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
     if not isinstance(task, Designer):
         raise RaceError(f"{path}: expected a configuration to begin with (--from), as its winner is no PFSM")
     simpler = _Simpler(to_pfsm(winner, task.flavour))
     start_of = removed(simpler.pfsm, frozenset())
     steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)
-    return _ablation(task, "the winner", steps, simpler.configuration)
+    return _ablation(task, "the winner", steps, simpler.configuration, simplifies=True)
 
 
 class _Simpler:
@@ -142,11 +144,15 @@ def _raced(path: Path) -> tuple[Task[Any], Record]:
 
 
 def _ablation(
-    task: Task[Any], start: str, steps: Sequence[Step[T]], configuration: Callable[[T], Configuration]
+    task: Task[Any],
+    start: str,
+    steps: Sequence[Step[T]],
+    configuration: Callable[[T], Configuration],
+    *,
+    simplifies: bool,
 ) -> Ablation:
-    return Ablation(
-        task=task, start=start, steps=tuple(steps), configurations=tuple(configuration(one.there) for one in steps)
-    )
+    configurations = tuple(configuration(one.there) for one in steps)
+    return Ablation(task=task, start=start, steps=tuple(steps), configurations=configurations, simplifies=simplifies)
 
 
 class _Measuring:

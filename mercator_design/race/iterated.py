@@ -19,7 +19,6 @@ from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
-from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import IterationSummary, Progress
 
 
@@ -72,7 +71,10 @@ class IteratedRace(Asking):
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.new_instances
         self._model = SamplingModel(
-            space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
+            space,
+            elitist=self.options.elitist,
+            ordered_as_integers=self.options.ordered_as_integers,
+            means_scale=self.options.means_scale,
         )
         self._proposer: Proposer | None = None
         self._is_exhausted = False
@@ -167,8 +169,7 @@ class IteratedRace(Asking):
         mu = self.options.planned_mu
         needed = n * mu
         if self.options.elitist:
-            n_new_instances = self._n_new_instances if n_elites else 0
-            needed = (n - n_elites) * mu + n_elites * min(n_new_instances, mu)
+            needed = (n - n_elites) * mu + n_elites * min(self._n_new, mu)
         return "the budget left is too small to test configurations" if needed > budget else (iteration, budget, n)
 
     def _n_configurations(self, budget: int, iteration: int) -> int:
@@ -177,7 +178,7 @@ class IteratedRace(Asking):
         n_elites, n_old = (len(self.elites), self._n_seen) if keeping else (0, 0)
 
         def fitting(growth: int, mu: int) -> int:
-            n_new = self._n_new_instances if keeping else 0
+            n_new = self._n_new if keeping else 0
             each_test = self.options.instances_each_test
             return arithmetic.n_configurations(
                 budget, growth, mu=mu, each_test=each_test, n_elites=n_elites, n_old=n_old, n_new=n_new
@@ -284,7 +285,7 @@ class IteratedRace(Asking):
         new: list[int] = []
         old: list[int] = []
         if self.options.elitist and elites:
-            new = list(range(self._n_seen, self._n_seen + self._n_new_instances))
+            new = list(range(self._n_seen, self._n_seen + self._n_new))
             old = self._old_instances()
         return Race(
             numbers,
@@ -295,10 +296,19 @@ class IteratedRace(Asking):
             survivors=self._survivors,
             budget=budget,
             limit=self.budget - self._used,
+            most_instances=self.options.instances,
         )
 
+    @property
+    def _n_new(self) -> int:
+        """Instances that a later elitist race begins with."""
+        total = self.options.instances
+        return self._n_new_instances if total is None else min(self._n_new_instances, total - self._n_seen)
+
     def _old_instances(self) -> list[int]:
-        """Those seen, in random order of their blocks."""
+        """Those seen, if they are to be sampled in random order of their blocks."""
+        if not self.options.sample_instances:
+            return list(range(self._n_seen))
         size = self.options.block_size
         blocks = self._generator("instances").permutation(math.ceil(self._n_seen / size)).tolist()
         in_order = (block * size + place for block in blocks for place in range(size))
@@ -313,7 +323,8 @@ class IteratedRace(Asking):
         ordered = dict.fromkeys([*(elite.configuration for elite in former), *range(len(self.configurations))])
         accepted = [c for c in ordered if self.space.key(self.configurations[c]) not in self._rejected]
         needs = {c: self._n_seen - len(self._costs[c]) for c in accepted}
-        candidates = sorted(select_candidates(needs, remaining, self.options.instances_each_test))
+        each_test = None if self._n_seen == self.options.instances else self.options.instances_each_test
+        candidates = sorted(select_candidates(needs, remaining, each_test))
         if not candidates:
             return
         self._iteration += 1
@@ -326,6 +337,7 @@ class IteratedRace(Asking):
             survivors=1,
             budget=remaining,
             limit=remaining,
+            most_instances=self.options.instances,
         )
         yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
 
@@ -356,10 +368,7 @@ class IteratedRace(Asking):
             stop_reason=race.stop_reason or "",
             concordance=race.concordance(),
         )
-        if not postselection:
-            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
-            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
-        self.iterations.append(summary)
+        self._conclude(summary, newcomers)
 
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}

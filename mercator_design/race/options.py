@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from mercator_design.errors import RaceError
+from mercator_design.race import budget as arithmetic
 from mercator_design.race.race import RaceRules
 from mercator_design.race.tests import TestName
 
@@ -31,9 +32,15 @@ class RaceOptions:
         n_configurations: How many race in each iteration, fewer than the budget would allow (nbConfigurations). An
             iteration whose share of the budget is too small for them is left out.
         experiments_per_iteration: Budget of each iteration instead of an even share (nbExperimentsPerIteration).
+        instances: How many there are, if they are not endless: then a configuration runs at most once on each, and
+            races end when they have been on all (deterministic). A multiple of block_size; with elitist races only.
+        sample_instances: Come back to old instances in random order, not in that in which they were first seen
+            (sampleInstances; whoever names the instances decides on the order of new ones).
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
         ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
+        means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
+            keeps its value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
 
     Raises:
@@ -55,9 +62,12 @@ class RaceOptions:
     survivors: int | None = None
     n_configurations: int | None = None
     experiments_per_iteration: int | None = None
+    instances: int | None = None
+    sample_instances: bool = True
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
     ordered_as_integers: bool = True
+    means_scale: bool = True
     postselection: bool = True
 
     def __post_init__(self) -> None:
@@ -79,13 +89,18 @@ class RaceOptions:
         for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
             count = getattr(self, name)
             _require(name, count, "1 or more", valid=count is None or count >= 1)
+        least = self._instances_of_first_test
+        few = self.instances is not None and (self.instances < least or self.instances % self.block_size > 0)
+        expected = f"{least} or more, for the first test, and a multiple of block_size ({self.block_size})"
+        _require("instances", self.instances, expected, valid=not few)
+        _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
         threshold = self.soft_restart_threshold
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
 
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False)
+        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False, means_scale=False)
 
     @property
     def planned_mu(self) -> int:
@@ -101,6 +116,17 @@ class RaceOptions:
     def new_instances(self) -> int:
         """New instances that a later elitist race begins with."""
         return self.elitist_new_instances * self.block_size
+
+    def minimum_budget(self, n_variable: int) -> int:
+        """The smallest budget for all iterations: what irace accepts, and to what its minExperiments is raised."""
+        return arithmetic.minimum_budget(
+            self.iterations or arithmetic.n_iterations(n_variable),
+            self.survivors or arithmetic.n_iterations(n_variable),
+            mu=self.planned_mu,
+            each_test=self.instances_each_test,
+            n_new=self.new_instances,
+            elitist=self.elitist,
+        )
 
     def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
         """The rules of one race, with its own first test, in instances, or limit if it has them."""

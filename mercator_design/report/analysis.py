@@ -37,9 +37,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             *(
                 []
                 if explanation.explained > 0
-                else [
-                    "Note       which is no better than their mean: there is too little to learn from for shares to be exact"
-                ]
+                else ["Note       no better than their mean: there is too little to learn from for shares to be exact"]
             ),
             "",
             *aligned(rows),

@@ -18,9 +18,9 @@ from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
-from mercator_design.race.journal import Record, read
+from mercator_design.race.journal import read
 from mercator_design.race.task import Task
-from mercator_design.run_folder import JOURNAL, restored
+from mercator_design.run_folder import JOURNAL, restored, task_of
 
 T = TypeVar("T")
 
@@ -51,9 +51,9 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         seed: Of folds and shuffles.
 
     Raises:
-        RaceError: There is no such race, or too little to learn from; see also `run_folder.restored`.
+        RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
     """
-    task, record = _raced(path)
+    task, record = task_of(path), read(path / JOURNAL).record
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -95,7 +95,7 @@ def ablation(
     Raises:
         RaceError: There is no such race or configuration, or it has not ended; see also `run_folder.restored`.
     """
-    task, record = _raced(path)
+    task, record = restored(path), read(path / JOURNAL).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     winner = record.configurations[record.ends[-1].winner]
@@ -137,10 +137,6 @@ class _Simpler:
     def configuration(self, out: frozenset[Element]) -> Configuration:
         """What is left, in the grammar."""
         return from_pfsm(without(self.pfsm, out))
-
-
-def _raced(path: Path) -> tuple[Task[Any], Record]:
-    return restored(path), read(path / JOURNAL).record
 
 
 def _ablation(

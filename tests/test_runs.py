@@ -539,6 +539,16 @@ class TestAnalysis:
         assert {"NumStates", "S0"} <= set(table.index)
         assert (table.low <= table.share).all()
 
+    def test_importance_of_a_race_of_another_version(self, mdesign, raced, tmp_path):
+        """Nothing is run, so it need not be run as it was; ablation is refused."""
+        folder = shutil.copytree(raced, tmp_path / "r")
+        provenance = (folder / "provenance.json").read_text()
+        (folder / "provenance.json").write_text(provenance.replace('"kernels": "', '"kernels": "0', 1))
+        assert mdesign("runs", "importance", folder) == mdesign("runs", "importance", raced)
+        code, _, err = mdesign("runs", "ablation", folder)
+        assert code == 1
+        assert "kernels: raced with 0" in err
+
     def test_importance_of_a_race_that_has_hardly_begun(self, mdesign, folder):
         stop(folder, 10)
         code, _, err = mdesign("runs", "importance", folder)

@@ -34,6 +34,7 @@ from mercator_design.race.journal import Finished, Journal, Record, Tested, read
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
+from mercator_design.race.tuner import Tuner
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +43,7 @@ JOURNAL = "journal.jsonl"
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
 _START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
-TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer}
+TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """What can be raced, by the name that a race's start has for it."""
 
 
@@ -408,7 +409,7 @@ def _by_configuration(record: Record) -> "pd.DataFrame":
     results["parent"] = results["parent"].astype("Int64")
     configurations = [record.configurations[number] for number in results.index]
     columns = TASKS[record.start["task"]].columns(record.start, configurations)
-    return results.join(pd.DataFrame(columns, index=results.index))
+    return results.join(pd.DataFrame(columns, index=results.index, dtype=object))
 
 
 @contextlib.contextmanager

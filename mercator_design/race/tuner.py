@@ -18,7 +18,7 @@ from mercator_design.race.journal import Finished, Tested
 from mercator_design.race.methods import METHODS, RACES, Method
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
-from mercator_design.race.scenario import Scenario, in_irace_s_names, of_races, read_scenario
+from mercator_design.race.scenario import Scenario, in_names_of_irace, of_races, read_scenario
 from mercator_design.race.target import Call
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import generator, instance_seed
@@ -50,7 +50,7 @@ class Tuner(Task[Call]):
         try:
             self.race = self._race()
         except RaceError as error:
-            raise RaceError(f"{scenario.path}: {in_irace_s_names(error)}") from None
+            raise RaceError(f"{scenario.path}: {in_names_of_irace(error)}") from None
         self.race.notes += scenario.notes
 
     def _race(self) -> Asking:

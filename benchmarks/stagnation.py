@@ -34,7 +34,7 @@ class Told(NamedTuple):
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("missions", nargs="*", default=["aggregation", "foraging", "shelter"])
+    parser.add_argument("missions", nargs="*", default=["aggregation", "foraging"])
     parser.add_argument("-j", "--jobs", type=int, default=available_jobs())
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--budget", type=int, default=2000)

@@ -1,5 +1,6 @@
 """mdesign tune and mdesign export irace, as a user runs them."""
 
+import io
 import json
 import os
 import signal
@@ -119,6 +120,18 @@ class TestTune:
         assert digest(run) == digest(whole)
         for name in ("best.txt", "results.csv"):
             assert (run / name).read_bytes() == (whole / name).read_bytes()
+
+    def test_which_changes_led_to_the_best(self, mdesign, undisturbed):
+        _, run = undisturbed
+        code, out, _ = mdesign("runs", "ablation", run, "--from-first", "-n", 2, "--csv")
+        assert code == 0
+        table = pd.read_csv(io.StringIO(out))
+        best = read(run / JOURNAL).record
+        assert table.x.iloc[-1] == best.configurations[best.ends[-1].winner]["x"]
+        assert table["mean"].iloc[-1] <= table["mean"][0]
+        code, _, err = mdesign("runs", "ablation", run)
+        assert code == 1
+        assert "expected a configuration to begin with (--from)" in err
 
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"

@@ -35,6 +35,9 @@ class RaceOptions:
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
         ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
+        confirmation: Part of the budget that is kept, with what is left, to choose the winner among the best of all
+            iterations by its mean cost on instances they have not seen; there is no post-selection then. A budget that
+            would not allow an iteration beside it has none.
 
     Raises:
         RaceError: An option is out of its range.
@@ -59,6 +62,7 @@ class RaceOptions:
     soft_restart_threshold: float = 1e-4
     ordered_as_integers: bool = True
     postselection: bool = True
+    confirmation: float = 0.1
 
     def __post_init__(self) -> None:
         _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
@@ -80,12 +84,13 @@ class RaceOptions:
             count = getattr(self, name)
             _require(name, count, "1 or more", valid=count is None or count >= 1)
         threshold = self.soft_restart_threshold
+        _require("confirmation", self.confirmation, "0 or more, below 1", valid=0 <= self.confirmation < 1)
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
 
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False)
+        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False, confirmation=0.0)
 
     @property
     def planned_mu(self) -> int:

@@ -30,7 +30,7 @@ _INACTIVE = -1.0
 """The code of an inactive categorical parameter."""
 _MEDIAN_WEIGHT = 0.3
 """Of a parameter before anything is known; the logarithm's prior is normal with this median and deviation 1."""
-_STEPS = 8
+_STEPS = 4
 _STEP = 0.2
 """Of Adam, in the logarithms of weights and variance."""
 _LEAST_NOISE = 1e-4

@@ -1,8 +1,9 @@
 """Replay recorded vectors of other programs, and count what agrees.
 
 Each FILE is JSON, gzip'd or not, of one of the formats in benchmarks/vectors/: eliminations, parts, or whole races of
-R's irace. For each kind of vector that a file holds, prints how many agree, and the first few that do not. Ties are
-means that are equal but for rounding, and that irace puts in another order; they are counted apart.
+R's irace; frames of the Sphero RVR, the YDLIDAR X4 or the Teraranger Hub Multiflex. For each kind of vector that a file
+holds, prints how many agree, and the first few that do not. Ties are means that are equal but for rounding, and that
+irace puts in another order; they are counted apart.
 
 Exit code 0: all agree, but for ties; 1: something does not; 2: a file is of none of these formats.
 Run: python benchmarks/check_vectors.py FILE ... [--shown N]

@@ -122,7 +122,7 @@ def _response(_: str, vector: dict[str, Any]) -> Iterator[Check]:
         if not result and fields["err"] == 0:
             result = {"big-endian": int(fields["payload_hex"], 16)}  # of what the SDK cannot read
         expected, found = [fields["err"], *_flat(result)], [event.error, *_flat(event.values)]
-        if "result" in vector and fields["flags"] == Flags.RESPONSE | Flags.SOURCE and name != "extra_payload":
+        if "result" in vector and fields["flags"] == Flags.RESPONSE | Flags.SOURCE and "extra" not in name:
             sent = Device().answer(command, **event.values)
             yield Check("decode_response, sent by the robot", name, difference(answer.hex(), sent.hex()))
     else:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from mercator_design.race.executors import Executor
-    from mercator_design.race.journal import Finished
+    from mercator_design.race.journal import Finished, Iteration
     from mercator_design.race.optuna_mirror import OptunaMirror
     from mercator_design.race.runner import OnFailure
     from mercator_design.race.task import Result
@@ -124,6 +124,7 @@ def run(
     summary = race_summary(
         result,
         folder.task,
+        folder.journal,
         new=len(result.finished) - before,
         tested=len(folder.journal.tests) - tested,
         seconds=display.seconds,
@@ -170,6 +171,7 @@ def _run(
             folder.journal,
             on_failure=on_failure,
             watch=watch,
+            watch_iterations=_tell_note,
             testing=folder.testing,
             watch_tests=display.update_tests,
             stopped=interrupt.came,
@@ -186,6 +188,11 @@ def _run(
     if mirror is not None:
         mirror.finish(result.configuration)
     return result
+
+
+def _tell_note(ended: "Iteration") -> None:
+    if ended.note:
+        tell(f"Note: iteration {ended.iteration}: {ended.note}")
 
 
 def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager[OptunaMirror | None]":

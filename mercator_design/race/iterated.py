@@ -7,6 +7,7 @@ experiment: a race that would do so ends.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,8 +23,11 @@ from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
+from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import IterationSummary, Progress
 from mercator_design.race.tests import concordance
+
+Parent = TypeVar("Parent", int, None)
 
 _MOST_FINALISTS = 8
 """Of the confirmation."""
@@ -78,11 +82,19 @@ class IteratedRace(Asking):
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.new_instances
         self._model = SamplingModel(
-            space, elitist=self.options.elitist, ordered_as_integers=self.options.ordered_as_integers
+            space,
+            elitist=self.options.elitist,
+            ordered_as_integers=self.options.ordered_as_integers,
+            means_scale=self.options.means_scale,
         )
         self._proposer: Proposer | None = None
         self._is_exhausted = False
         self._race: Race | None = None
+
+    @property
+    def _confirms(self) -> bool:
+        """Whether the winner is confirmed, for which there must be instances that nobody has seen."""
+        return self.options.confirmation > 0 and self.options.instances is None
 
     @property
     def _remaining(self) -> int:
@@ -141,7 +153,8 @@ class IteratedRace(Asking):
             iterations=self.options.iterations,
             survivors=self.options.survivors,
         )
-        self._kept = min(int(self.options.confirmation * left), left - plan.least)
+        if self._confirms:
+            self._kept = min(int(self.options.confirmation * left), left - plan.least)
         return plan
 
     def _run(self) -> Batches:
@@ -153,7 +166,7 @@ class IteratedRace(Asking):
             raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
         self._n_iterations = self._iteration
-        if self.options.confirmation:
+        if self._confirms:
             yield from self._confirm()
         elif self.options.elitist and self.options.postselection:
             yield from self._postselect()
@@ -184,8 +197,7 @@ class IteratedRace(Asking):
         mu = self.options.planned_mu
         needed = n * mu
         if self.options.elitist:
-            n_new_instances = self._n_new_instances if n_elites else 0
-            needed = (n - n_elites) * mu + n_elites * min(n_new_instances, mu)
+            needed = (n - n_elites) * mu + n_elites * min(self._n_new, mu)
         return "the budget left is too small to test configurations" if needed > budget else (iteration, budget, n)
 
     def _n_configurations(self, budget: int, iteration: int) -> int:
@@ -194,7 +206,7 @@ class IteratedRace(Asking):
         n_elites, n_old = (len(self.elites), self._n_seen) if keeping else (0, 0)
 
         def fitting(growth: int, mu: int) -> int:
-            n_new = self._n_new_instances if keeping else 0
+            n_new = self._n_new if keeping else 0
             each_test = self.options.instances_each_test
             return arithmetic.n_configurations(
                 budget, growth, mu=mu, each_test=each_test, n_elites=n_elites, n_old=n_old, n_new=n_new
@@ -221,6 +233,7 @@ class IteratedRace(Asking):
                 self._generator("sampling"),
                 lambda c: self._is_excluded(c) or self.space.key(c) in present,
             )
+        sampled = [child for child, _ in self._canonical([(configuration, None) for configuration in sampled])]
         self._allow_for_few(len(initial + sampled))
         numbers = self._add([(configuration, None) for configuration in initial + sampled])
         race = self._new_race(numbers, budget, elites=[])
@@ -252,6 +265,7 @@ class IteratedRace(Asking):
         if to_restart:
             self._model.restart(to_restart, n_new)
             children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
+        children = self._canonical(children)
         if not self.options.repeated:
             children = self._different(children)
         if self.options.surrogate > 0:
@@ -263,6 +277,14 @@ class IteratedRace(Asking):
         numbers = elites + self._add(children)
         race = self._new_race(numbers, budget, elites=elites)
         yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+
+    def _canonical(self, children: Sequence[tuple[Configuration, Parent]]) -> list[tuple[Configuration, Parent]]:
+        """Children as the space's structure writes them, each once, if it has one that is made use of."""
+        structure = self.space.structure
+        if structure is None or not self.options.structure:
+            return list(children)
+        canonical = ((structure.canonical(child), parent) for child, parent in children)
+        return list({self.space.key(child): (child, parent) for child, parent in canonical}.values())
 
     def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
         """Those that have not run, each once."""
@@ -276,7 +298,7 @@ class IteratedRace(Asking):
     ) -> list[tuple[Configuration, int]]:
         present = self._numbers.keys() | {self.space.key(configuration) for configuration, _ in others}
         if self._proposer is None:  # looking for BLAS, and the features of a space, take their time
-            self._proposer = Proposer(self.space)
+            self._proposer = Proposer(self.space, structure=self.options.structure)
         return self._proposer.propose(
             n,
             elites,
@@ -301,7 +323,7 @@ class IteratedRace(Asking):
         new: list[int] = []
         old: list[int] = []
         if self.options.elitist and elites:
-            new = list(range(self._n_seen, self._n_seen + self._n_new_instances))
+            new = list(range(self._n_seen, self._n_seen + self._n_new))
             old = self._old_instances()
         return Race(
             numbers,
@@ -312,10 +334,19 @@ class IteratedRace(Asking):
             survivors=self._survivors,
             budget=budget,
             limit=self._remaining,
+            most_instances=self.options.instances,
         )
 
+    @property
+    def _n_new(self) -> int:
+        """Instances that a later elitist race begins with."""
+        total = self.options.instances
+        return self._n_new_instances if total is None else min(self._n_new_instances, total - self._n_seen)
+
     def _old_instances(self) -> list[int]:
-        """Those seen, in random order of their blocks."""
+        """Those seen, if they are to be sampled in random order of their blocks."""
+        if not self.options.sample_instances:
+            return list(range(self._n_seen))
         size = self.options.block_size
         blocks = self._generator("instances").permutation(math.ceil(self._n_seen / size)).tolist()
         in_order = (block * size + place for block in blocks for place in range(size))
@@ -329,7 +360,8 @@ class IteratedRace(Asking):
         ordered = dict.fromkeys([*self._former_elites(), *range(len(self.configurations))])
         accepted = [c for c in ordered if not self._is_rejected(c)]
         needs = {c: self._n_seen - len(self._costs[c]) for c in accepted}
-        candidates = sorted(select_candidates(needs, remaining, self.options.instances_each_test))
+        each_test = None if self._n_seen == self.options.instances else self.options.instances_each_test
+        candidates = sorted(select_candidates(needs, remaining, each_test))
         if not candidates:
             return
         self._iteration += 1
@@ -342,6 +374,7 @@ class IteratedRace(Asking):
             survivors=1,
             budget=remaining,
             limit=remaining,
+            most_instances=self.options.instances,
         )
         yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
 
@@ -365,6 +398,7 @@ class IteratedRace(Asking):
             n_alive = math.ceil(n_alive / 2)
         order = [number for number in order if not self._is_rejected(number)]
         self.elites = [self.statistics(number) for number in order[: self._survivors]]
+        accepted = [number for number in alive if not self._is_rejected(number)]
         self.iterations.append(
             IterationSummary(
                 iteration=self._iteration,
@@ -378,7 +412,7 @@ class IteratedRace(Asking):
                 elites=tuple(self.elites),
                 soft_restart=False,
                 stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
-                concordance=concordance(self._table(alive)[:, new.start :]),
+                concordance=concordance(self._table(accepted)[:, new.start :].T),
             )
         )
 
@@ -408,6 +442,7 @@ class IteratedRace(Asking):
 
     def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
         """Run a race to its end and let its best be the elites."""
+        newcomers = sorted(set(race.configurations) - {elite.configuration for elite in self.elites})
         self._race = race
         while batch := race.ask():
             costs = yield batch
@@ -418,22 +453,24 @@ class IteratedRace(Asking):
             different.setdefault(self.space.key(self.configurations[number]), number)
         self.elites = [self.statistics(number) for number in list(different.values())[: self._survivors]]
         self._race = None
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=postselection,
-                budget=budget,
-                used=race.used,
-                n_configurations=len(race.configurations),
-                n_new=n_new,
-                n_instances=race.n_instances,
-                n_alive=len(race.alive),
-                elites=tuple(self.elites),
-                soft_restart=soft_restart,
-                stop_reason=race.stop_reason or "",
-                concordance=race.concordance(),
-            )
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=postselection,
+            budget=budget,
+            used=race.used,
+            n_configurations=len(race.configurations),
+            n_new=n_new,
+            n_instances=race.n_instances,
+            n_alive=len(race.alive),
+            elites=tuple(self.elites),
+            soft_restart=soft_restart,
+            stop_reason=race.stop_reason or "",
+            concordance=race.concordance(),
         )
+        if not postselection:
+            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
+            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
+        self.iterations.append(summary)
 
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}

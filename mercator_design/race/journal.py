@@ -7,6 +7,7 @@ A file has an event a line, as JSON with a checksum of the line in it, and is on
     configuration  one that is raced from now on: its number, its parent's, its values
     experiment     one that has finished, in the order in which they do
     ahead          an experiment that has finished before the race asked for it, and perhaps will not
+    iteration      one that has ended, for people who look at the journal
     test           an experiment on a test instance, which the race never sees
     extend         a larger budget, which counts from where the one before has ended
     end            where the race ended under a budget, its winner, and the digest of all up to there
@@ -81,6 +82,22 @@ class Tested:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Iteration:
+    """An iteration that has ended; see `summary.IterationSummary`."""
+
+    iteration: int
+    postselection: bool
+    budget: int
+    used: int
+    configurations: int
+    instances: int
+    alive: int
+    elites: tuple[int, ...]  # best first
+    stagnant: int
+    note: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class End:
     """Where a race ended under one of its budgets."""
 
@@ -100,6 +117,7 @@ class Record:
     experiments: dict[int, Finished] = field(default_factory=dict)
     ahead: dict[Experiment, Measured] = field(default_factory=dict)
     tests: dict[Experiment, Tested] = field(default_factory=dict)
+    iterations: dict[int, Iteration] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
     ends: list[End] = field(default_factory=list)
     sessions: list[Event] = field(default_factory=list)  # starts and stops of processes
@@ -156,6 +174,10 @@ class Record:
         """Take in experiments that have finished."""
         self.note([{"event": "experiment"} | {name: getattr(one, name) for name in _FIELDS} for one in finished])
 
+    def note_iteration(self, iteration: Iteration) -> None:
+        """Take in that an iteration has ended."""
+        self.note([{"event": "iteration", **asdict(iteration)}])
+
     def note_test(self, tested: Tested) -> None:
         """Take in a test that has finished."""
         self.note([{"event": "test", **asdict(tested)}])
@@ -195,6 +217,9 @@ class Record:
                 case "ahead":
                     where = Experiment(event["configuration"], event["instance"])
                     self.ahead[where] = Measured(event["score"], event["outcome"])
+                case "iteration":
+                    ended = Iteration(**event | {"elites": tuple(event["elites"])})
+                    self.iterations[ended.iteration] = ended
                 case "test":
                     test = Tested(**event)
                     where = Experiment(test.configuration, test.instance)

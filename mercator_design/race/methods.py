@@ -2,12 +2,17 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Protocol
+from typing import Literal, Protocol
 
 from mercator_design.race.asking import Asking
 from mercator_design.race.iterated import IteratedRace
+from mercator_design.race.moves import Moves
 from mercator_design.race.options import RaceOptions
+from mercator_design.race.optuna_sampler import OptunaSampler
+from mercator_design.race.parameter import Configuration
+from mercator_design.race.search import Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.space import Space
+from mercator_design.seeds import generator
 
 
 class Method(Protocol):
@@ -16,8 +21,28 @@ class Method(Protocol):
     def __call__(self, space: Space, *, budget: int, seed: int) -> Asking: ...
 
 
+def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - as samplers are made
+    """Proposes configurations in which every active parameter is uniform over its domain."""
+    moves = Moves(space, generator(seed, "search, random"))
+
+    def propose(given: Configuration | None = None) -> Proposal:
+        return Proposal(moves.uniform() if given is None else given)
+
+    return propose
+
+
+def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
+    options = SearchOptions(instances=20, generation=10, pruning=0.1)
+    return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
+
+
 METHODS: Mapping[str, Method] = {
     "irace": partial(IteratedRace, options=RaceOptions.irace()),
     "surrogate": partial(IteratedRace, options=RaceOptions()),
+    "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
+    "tpe": _optuna("tpe"),
+    "cma-es": _optuna("cma-es"),
 }
-"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all."""
+"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all. Searches: uniform; and
+Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's rule.
+"""

@@ -7,8 +7,9 @@ values from the parent's distributions. These narrow with each iteration; a soft
 
 In two things this is not irace. An ordered parameter is drawn as the integer 1 .. K of its value: irace adds
 no half to the mean and none to the upper bound, so that it prefers the lower neighbour and never draws the last value;
-`ordered_as_integers` is for it to be so. And a dependent parameter's mean is kept as its place within its own bounds,
-so that it scales with them.
+`ordered_as_integers` is for it to be so. And the mean of a parameter whose bounds depend on others is kept as its place
+within them, so that it scales with them; irace keeps the value, which may lie outside of a child's bounds
+(`means_scale`).
 """
 
 from bisect import bisect_right
@@ -42,8 +43,8 @@ class EliteModel:
     """The distributions of one elite.
 
     weights: of the values of each categorical parameter, by name.
-    centres: means of the others in unit scale, shape (n_variable,); NaN is uniform, as is meant where the
-        elite and its ancestors never had a value.
+    centres: means of the others in unit scale, shape (n_variable,), but the value itself of a dependent parameter if
+        means do not scale; NaN is uniform, as is meant where the elite and its ancestors never had a value.
     spreads: standard deviations as a part of the domain's width, shape (n_variable,).
     """
 
@@ -66,12 +67,16 @@ class SamplingModel:
         space: What is sampled.
         elitist: Whether the probabilities of categorical values are capped, as in elitist races.
         ordered_as_integers: False for irace's way with ordered parameters.
+        means_scale: False for irace's way with the means of dependent parameters.
     """
 
-    def __init__(self, space: Space, *, elitist: bool = True, ordered_as_integers: bool = True) -> None:
+    def __init__(
+        self, space: Space, *, elitist: bool = True, ordered_as_integers: bool = True, means_scale: bool = True
+    ) -> None:
         self.elites: dict[int, EliteModel] = {}
         self._space = space
         self._elitist = elitist
+        self._means_scale = means_scale
         self._columns = {p.name: column for column, p in enumerate(space.variable)}
         self._skewed = [] if ordered_as_integers else [c for c, p in enumerate(space.variable) if p.kind == "ordered"]
 
@@ -196,7 +201,10 @@ class SamplingModel:
                 if spread < _SAME_SPREAD:
                     return parameter.quantile(0.0, bounds)
                 spread /= high - low + (parameter.kind == "integer")
-                place = float(truncated_normal(uniforms[column], model.centres[column], spread))
+                centre = float(model.centres[column])
+                if not self._means_scale:
+                    centre = parameter.position(centre, bounds)
+                place = float(truncated_normal(uniforms[column], centre, spread))
             return parameter.quantile(place, bounds)
 
         return choose
@@ -209,7 +217,9 @@ class SamplingModel:
                 continue
             bounds = parameter.bounds(configuration)
             if bounds is not None:
-                model.centres[self._columns[name]] = parameter.position(value, bounds)
+                is_kept = parameter.is_dependent and not self._means_scale
+                centre = float(value) if is_kept else parameter.position(value, bounds)
+                model.centres[self._columns[name]] = centre
 
     def _favour(self, weights: Floats, chosen: int, certainty: float) -> Floats:
         weights = weights * (1 - certainty)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from mercator_design.errors import RaceError
+from mercator_design.race import budget as arithmetic
 from mercator_design.race.race import RaceRules
 from mercator_design.race.tests import TestName
 
@@ -14,6 +15,8 @@ class RaceOptions:
 
     Args:
         surrogate: Part of the newcomers that a surrogate proposes; irace's sampling model draws the others.
+        structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has one;
+            then whatever is sampled is in canonical form, unless this is 0.
         repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
@@ -31,19 +34,26 @@ class RaceOptions:
         n_configurations: How many race in each iteration, fewer than the budget would allow (nbConfigurations). An
             iteration whose share of the budget is too small for them is left out.
         experiments_per_iteration: Budget of each iteration instead of an even share (nbExperimentsPerIteration).
+        instances: How many there are, if they are not endless: then a configuration runs at most once on each, and
+            races end when they have been on all (deterministic). A multiple of block_size; with elitist races only.
+        sample_instances: Come back to old instances in random order, not in that in which they were first seen
+            (sampleInstances; whoever names the instances decides on the order of new ones).
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
         ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
+        means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
+            keeps its value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
         confirmation: Part of the budget that is kept, with what is left, to choose the winner among the best of all
-            iterations by its mean cost on instances they have not seen; there is no post-selection then. A budget that
-            would not allow an iteration beside it has none.
+            iterations by its mean cost on instances they have not seen; there is no post-selection then. None if there
+            is a number of `instances`, or if the budget would not allow an iteration beside it.
 
     Raises:
         RaceError: An option is out of its range.
     """
 
     surrogate: float = 0.8
+    structure: float = 0.5
     repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
@@ -58,14 +68,18 @@ class RaceOptions:
     survivors: int | None = None
     n_configurations: int | None = None
     experiments_per_iteration: int | None = None
+    instances: int | None = None
+    sample_instances: bool = True
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
     ordered_as_integers: bool = True
+    means_scale: bool = True
     postselection: bool = True
     confirmation: float = 0.1
 
     def __post_init__(self) -> None:
         _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
+        _require("structure", self.structure, "between 0 and 1", valid=0 <= self.structure <= 1)
         _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
         _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
         _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
@@ -83,6 +97,11 @@ class RaceOptions:
         for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
             count = getattr(self, name)
             _require(name, count, "1 or more", valid=count is None or count >= 1)
+        least = self._instances_of_first_test
+        few = self.instances is not None and (self.instances < least or self.instances % self.block_size > 0)
+        expected = f"{least} or more, for the first test, and a multiple of block_size ({self.block_size})"
+        _require("instances", self.instances, expected, valid=not few)
+        _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
         threshold = self.soft_restart_threshold
         _require("confirmation", self.confirmation, "0 or more, below 1", valid=0 <= self.confirmation < 1)
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
@@ -90,7 +109,16 @@ class RaceOptions:
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False, confirmation=0.0)
+        return cls(
+            surrogate=0.0,
+            structure=0.0,
+            repeated=True,
+            first_test=5,
+            mu=5,
+            ordered_as_integers=False,
+            means_scale=False,
+            confirmation=0.0,
+        )
 
     @property
     def planned_mu(self) -> int:
@@ -106,6 +134,17 @@ class RaceOptions:
     def new_instances(self) -> int:
         """New instances that a later elitist race begins with."""
         return self.elitist_new_instances * self.block_size
+
+    def minimum_budget(self, n_variable: int) -> int:
+        """The smallest budget for all iterations: what irace accepts, and to what its minExperiments is raised."""
+        return arithmetic.minimum_budget(
+            self.iterations or arithmetic.n_iterations(n_variable),
+            self.survivors or arithmetic.n_iterations(n_variable),
+            mu=self.planned_mu,
+            each_test=self.instances_each_test,
+            n_new=self.new_instances,
+            elitist=self.elitist,
+        )
 
     def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
         """The rules of one race, with its own first test, in instances, or limit if it has them."""

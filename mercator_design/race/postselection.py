@@ -8,7 +8,7 @@ _MOST_COMBINED = 16
 """Candidates whose combinations are tried."""
 
 
-def select_candidates(needs: Mapping[int, int], budget: int, each_test: int) -> list[int]:
+def select_candidates(needs: Mapping[int, int], budget: int, each_test: int | None) -> list[int]:
     """Those to race, or none if fewer than two fit.
 
     Preferably as many as can run on new instances; if the budget is too small for that, all that are complete
@@ -17,17 +17,18 @@ def select_candidates(needs: Mapping[int, int], budget: int, each_test: int) -> 
     Args:
         needs: Candidate -> instances it has not been run on, the best candidates first.
         budget: Experiments that are left.
-        each_test: New instances that are worth beginning with.
+        each_test: New instances that are worth beginning with, None if there are none.
     """
     needs = {candidate: need for candidate, need in needs.items() if need <= budget}
     complete = [candidate for candidate, need in needs.items() if need == 0]
-    n_on_new = budget // each_test
-    if 1 < n_on_new <= len(complete):
-        return complete[:n_on_new]
-    candidates = list(needs)[:_MOST_COMBINED]
-    on_new = _largest_fitting(candidates, [needs[c] + each_test for c in candidates], budget, fewest=2)
-    if on_new:
-        return on_new
+    if each_test is not None:
+        n_on_new = budget // each_test
+        if 1 < n_on_new <= len(complete):
+            return complete[:n_on_new]
+        candidates = list(needs)[:_MOST_COMBINED]
+        on_new = _largest_fitting(candidates, [needs[c] + each_test for c in candidates], budget, fewest=2)
+        if on_new:
+            return on_new
     incomplete = [candidate for candidate, need in needs.items() if need > 0][:_MOST_COMBINED]
     completed = _largest_fitting(incomplete, [needs[c] for c in incomplete], budget, fewest=1)
     chosen = complete + completed

@@ -33,10 +33,11 @@ _FEWEST_PARENTS = 5
 
 
 class Proposer:
-    """Proposes configurations of a space."""
+    """Proposes configurations of a space; `structure` as for `Moves`."""
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: Space, *, structure: float = 0.0) -> None:
         self._space = space
+        self._structure = structure
         self._features = Features(space)
         self._surrogate = Surrogate(self._features)
         self._places: dict[int, Floats] = {}  # of configurations that have run
@@ -123,7 +124,7 @@ class Proposer:
         excluded: Callable[[Configuration], bool],
     ) -> tuple[list[Configuration], Floats]:
         """Different candidates and their places."""
-        moves = Moves(self._space, generator)
+        moves = Moves(self._space, generator, structure=self._structure)
         taken: set[tuple[Value | None, ...]] = set()
 
         def different(drawn: Sequence[Configuration]) -> list[Configuration]:

@@ -18,7 +18,7 @@ from typing import Generic, Literal, TypeVar
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor, Failed
-from mercator_design.race.journal import End, Finished, Measured, Record, Tested
+from mercator_design.race.journal import End, Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.race import Experiment
 
 T = TypeVar("T")
@@ -53,6 +53,7 @@ class Runner(Generic[T]):
     cost: of a score.
     on_failure: whether an experiment that fails stops the race, or rejects its configuration.
     watch: called with experiments that have just been run or looked up.
+    watch_iterations: called with an iteration that has ended, unless that was known.
     stopped: whether to stop; asked before each experiment.
     """
 
@@ -65,6 +66,7 @@ class Runner(Generic[T]):
     cost: Callable[[float], float]
     on_failure: OnFailure = "stop"
     watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
+    watch_iterations: Callable[[Iteration], None] = lambda iteration: None  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False
 
     def __post_init__(self) -> None:
@@ -75,6 +77,7 @@ class Runner(Generic[T]):
         self._likely: Iterator[Experiment] | None = None  # what the race will ask for next; None if not yet found out
         self._failures: dict[int, ExperimentFailed] = {}  # by the experiment's number
         self._told = 0
+        self._n_iterations = 0
         self._n_ends = 0
         self._ended = False
 
@@ -126,6 +129,7 @@ class Runner(Generic[T]):
                 finished = [self.record.experiments[self._told + k] for k in range(len(self._batch))]
                 self._told += len(self._batch)
                 self.race.tell([float("inf") if one.score is None else self.cost(one.score) for one in finished])
+                self._note_iterations()
             self._batch = self.race.ask()
             self._likely = None
             if self._batch:
@@ -134,6 +138,27 @@ class Runner(Generic[T]):
             self._note_end()
             if not self._ended:
                 self.race.extend(self.record.budgets[self._n_ends])
+
+    def _note_iterations(self) -> None:
+        for ended in self.race.iterations[self._n_iterations :]:
+            iteration = Iteration(
+                iteration=ended.iteration,
+                postselection=ended.postselection,
+                budget=ended.budget,
+                used=ended.used,
+                configurations=ended.n_configurations,
+                instances=ended.n_instances,
+                alive=ended.n_alive,
+                elites=tuple(elite.configuration for elite in ended.elites),
+                stagnant=ended.stagnant,
+                note=ended.note,
+            )
+            self._n_iterations += 1
+            if iteration.iteration not in self.record.iterations:
+                self.record.note_iteration(iteration)
+                self.watch_iterations(iteration)
+            elif self.record.iterations[iteration.iteration] != iteration:
+                raise _another(f"{iteration}", f"{self.record.iterations[iteration.iteration]}")
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""

@@ -52,14 +52,16 @@ def sobol_sample(
 
 def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations: Floats | float) -> Floats:
     """Normal values within [0, 1] from uniform ones, by the inverse of the distribution; uniform where a mean
-    is NaN.
-
-    Means lie within [0, 1], so that no tail is ever inverted.
+    is NaN, and the nearer bound where it lies so far outside that nothing else is probable.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        below = ndtr(-means / deviations)
-        above = ndtr((1 - means) / deviations)
-        values = means + deviations * ndtri(below + uniforms * (above - below))
+        is_low = np.less(means, 0)  # turned around, as only lower tails are exact
+        centres = np.where(is_low, np.subtract(1, means), means)
+        uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
+        below = ndtr(-centres / deviations)
+        above = ndtr((1 - centres) / deviations)
+        values = np.where(above > below, centres + deviations * ndtri(below + uniforms * (above - below)), centres)
+    values = np.where(is_low, 1 - values, values)
     return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
 
 

@@ -6,6 +6,9 @@ at an inactive parameter, makes a parameter inactive, and so does a bound that i
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol
+
+from numpy.random import Generator
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
@@ -14,6 +17,18 @@ from mercator_design.race.parameter import Bounds, Configuration, Parameter, Val
 
 _FEW = 1000
 """Values of a parameter that are worth remembering."""
+
+
+class Structure(Protocol):
+    """What configurations of a space mean, as only their owner knows."""
+
+    def canonical(self, configuration: Configuration) -> Configuration:
+        """The one that stands for all that mean the same."""
+        ...
+
+    def neighbour(self, configuration: Configuration, draws: Generator) -> Configuration:
+        """One nearby in meaning, in canonical form."""
+        ...
 
 
 class Space:
@@ -25,13 +40,21 @@ class Space:
         variable: the parameters that are not fixed, in file order.
         n_variable: how many those are (irace's nbVariable); conditional ones count.
         forbidden: expressions no configuration may satisfy.
+        structure: what configurations mean beyond the values of their parameters, if anything is known of it.
 
     Raises:
         RaceError: a name is used twice, unknown or circular; a bound depends on a parameter that is not
             numeric.
     """
 
-    def __init__(self, parameters: Iterable[Parameter], *, forbidden: Iterable[Expression | str] = ()) -> None:
+    def __init__(
+        self,
+        parameters: Iterable[Parameter],
+        *,
+        forbidden: Iterable[Expression | str] = (),
+        structure: Structure | None = None,
+    ) -> None:
+        self.structure = structure
         self.parameters = tuple(parameters)
         self.forbidden = tuple(Expression(f) if isinstance(f, str) else f for f in forbidden)
         self._by_name = {p.name: p for p in self.parameters}
@@ -44,7 +67,7 @@ class Space:
         self._steps = [self._step(p) for p in sorted(self.parameters, key=lambda p: self.levels[p.name])]
 
     @classmethod
-    def from_text(cls, text: str, source: str = "parameters.txt") -> "Space":
+    def from_text(cls, text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> "Space":
         """Read the text of a parameters.txt file; `source` names it in messages.
 
         Raises:
@@ -52,7 +75,9 @@ class Space:
         """
         from mercator_design.race.parameters_text import read_space
 
-        return read_space(text, source)
+        space = read_space(text, source)
+        space.structure = structure
+        return space
 
     def __getitem__(self, name: str) -> Parameter:
         return self._by_name[name]

@@ -49,6 +49,14 @@ class IterationSummary:
     soft_restart: bool
     stop_reason: str
     concordance: Concordance
+    newcomers_differ: bool = True  # as far as its instances can tell
+    stagnant: int = 0  # iterations up to this one without a gain (race/stagnation.py)
+    note: str = ""  # what a user should know
+
+    @property
+    def best(self) -> int:
+        """The number of its best configuration."""
+        return self.elites[0].configuration
 
 
 @dataclass(frozen=True, slots=True)

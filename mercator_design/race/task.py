@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor
-from mercator_design.race.journal import Finished, Measured, Record, Tested
+from mercator_design.race.journal import Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
 from mercator_design.race.runner import OnFailure, Runner
@@ -139,6 +139,7 @@ class Task(ABC, Generic[T]):
         *,
         on_failure: OnFailure = "stop",
         watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        watch_iterations: Callable[[Iteration], None] = lambda iteration: None,  # noqa: ARG005
         testing: Testing | None = None,
         watch_tests: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005
         stopped: Callable[[], bool] = lambda: False,
@@ -150,6 +151,7 @@ class Task(ABC, Generic[T]):
             record: Of this race so far; what happens is noted in it.
             on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
             watch: Called with the experiments that have finished since.
+            watch_iterations: Called with an iteration that has ended.
             testing: What to test when the race has ended.
             watch_tests: Called with the number of tests done, and of all.
             stopped: Asked before each experiment whether to stop.
@@ -173,6 +175,7 @@ class Task(ABC, Generic[T]):
             cost=self.cost,
             on_failure=on_failure,
             watch=watch,
+            watch_iterations=watch_iterations,
             stopped=stopped,
         ).run()
         tests: dict[int, Scores] = {}

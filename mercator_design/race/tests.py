@@ -109,6 +109,19 @@ def concordance(costs: Floats) -> Concordance:
     return Concordance((n * kendall - 1) / (n - 1), kendall, float(scores.var(axis=0, ddof=1).mean()))
 
 
+def signed_rank_p_value(differences: Floats) -> float:
+    """Of Wilcoxon's signed-rank test: how probable so many positive differences, and so large, are by chance.
+
+    One-sided, exact, ties or not; zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
+    """
+    ranks = np.rint(2 * mid_ranks(np.abs(differences)[np.newaxis])[0][0]).astype(int)  # twice, so that they are whole
+    probabilities = np.ones(1)  # of the sums of the positive ranks
+    for rank in ranks[differences != 0].tolist():
+        probabilities = np.pad(probabilities, (0, rank)) + np.pad(probabilities, (rank, 0))
+        probabilities /= 2
+    return float(probabilities[ranks[differences > 0].sum() :].sum())
+
+
 def mid_ranks(costs: Floats) -> tuple[Floats, float]:
     """Ranks from 1 within each row, equals sharing their mean; the sum of g^3 - g over groups of g equals."""
     n, k = costs.shape

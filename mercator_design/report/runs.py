@@ -8,6 +8,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.journal import Reading, is_locked, read
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
+from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_figures
 from mercator_design.run_folder import JOURNAL, TASKS
 
@@ -65,6 +66,8 @@ def run_summary(path: Path) -> str:
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
         f"Digest     {record.digest()}",
     ]
+    if record.iterations:
+        lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
         columns = task.columns(record.start, [record.configurations[run["winner"]]])
         tests = record.test_scores()

@@ -12,23 +12,25 @@ from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugin_files
-from mercator_design.race import IterationSummary
+from mercator_design.race.journal import Record
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.report.columns import aligned
+from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
 
 def race_summary(
-    result: Result, task: Task[Any], *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+    result: Result, task: Task[Any], record: Record, *, new: int, tested: int, seconds: float, jobs: int, folder: Path
 ) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
     Args:
         result: What the race came to.
         task: What was raced.
+        record: Of the race.
         new: Experiments that were run by this process, not before the race was resumed.
         tested: Tests that were.
         seconds: That this took.
@@ -47,9 +49,9 @@ def race_summary(
         f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
         *(f"Note       {note}" for note in race.notes),
         "",
-        "iteration  raced  survivors  experiments  mean of the best",
-        *(_iteration_line(iteration, task) for iteration in race.iterations),
+        *iterations_table(record),
         f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
@@ -118,12 +120,6 @@ def test_figures(scores: Scores) -> str:
     interval = scores.confidence_interval
     around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
     return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
-
-
-def _iteration_line(iteration: IterationSummary, task: Task[Any]) -> str:
-    name = "final" if iteration.postselection else str(iteration.iteration)
-    best = task.score(iteration.elites[0].mean)
-    return f"{name:>9}  {iteration.n_configurations:>5}  {iteration.n_alive:>9}  {iteration.used:>11}  {best:>16.4g}"
 
 
 def describe(pfsm: Pfsm) -> list[str]:

@@ -1,9 +1,11 @@
-"""The Teraranger Hub Multiflex's serial line: frames of eight distances, commands and their acknowledgements (USB).
+"""The Teraranger Hub Multiflex's serial line: distances, commands and their acknowledgements (USB).
 
-4D 46  eight distances  mask  CRC           ("MF", big-endian; "TeraRanger Hub Multiflex manual", binary output)
-4D 46  eight times a tab and a number  0D 0A                      (text output)
-00  command  argument ...  CRC              commands
-52 45  command  00 or FF  CRC               ("RE") acknowledgements
+    4D 46  eight distances  mask  CRC          "MF", big-endian: binary output
+    4D 46  eight times a tab and a number  0D 0A                 text output
+    00  command  argument ...  CRC             commands
+    52 45  command  00 or FF  CRC              "RE": acknowledgements
+
+Source: "TeraRanger Multiflex" (data sheet of 2017), section 4, on its UART and USB protocol.
 """
 
 import math
@@ -16,7 +18,7 @@ from mercator_design.robot.framing import Decoder
 
 SENSORS = 8
 LEAST, MOST = 50, 2000
-"""Distances that are measurements [mm], by the maker's driver."""
+"""Distances that are measurements [mm], by the maker's ROS driver."""
 NOTHING = 0xFFFF
 """No sensor, or nothing in sight."""
 
@@ -46,7 +48,7 @@ _CRC = bytes(map(_shifted, range(256)))
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """What the sensors measured.
+    """What the sensors measured (data sheet, 4.2).
 
     millimetres: By sensor; 65535 is nothing.
     mask: Bit i of sensor i: whether it is in use.
@@ -77,7 +79,7 @@ def _metres(mm: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the hub is told; it acknowledges each."""
+    """What the hub is told; it acknowledges each (data sheet, 4.1 and 4.3)."""
 
     code: int
     arguments: bytes
@@ -92,13 +94,13 @@ TEXT_MODE, BINARY_MODE = Command(0x11, b"\x01"), Command(0x11, b"\x02")
 
 
 def use_sensors(mask: int) -> Command:
-    """The command to use the sensors whose bits are set."""
+    """The command to use the sensors whose bits are set (data sheet, 4.4)."""
     return Command(0x52, bytes([3, mask]))
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledgement:
-    """The hub has obeyed a command, or refused it."""
+    """The hub has obeyed a command, or refused it (data sheet, 4.1)."""
 
     code: int
     ok: bool

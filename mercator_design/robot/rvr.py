@@ -3,7 +3,7 @@
     8D  flags [target] [source] device command sequence [error] data ...  checksum  D8
 
 Between 8D and D8 both of them, and AB, are escaped, so a frame begins wherever 8D stands. The checksum is the inverted
-sum of what is between, before it is escaped (SDK, "packet structure").
+sum of what is between, before it is escaped ("Details on the Sphero API", packet structure, packet encoding).
 
 `Host` is the computer's end: it numbers commands, and knows which of them a response answers. `Device` is the robot's.
 """
@@ -35,7 +35,7 @@ _CLEARED = 0x88  # bits of a special byte, behind AB
 
 
 class Flags(IntFlag):
-    """The first byte of a frame (SDK, "packet flags")."""
+    """The first byte of a frame ("Details on the Sphero API", packet structure)."""
 
     RESPONSE = 0x01
     ANSWER = 0x02  # a response is wanted

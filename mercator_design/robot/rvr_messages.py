@@ -30,7 +30,7 @@ class Processor(IntEnum):
 
 
 class Error(IntEnum):
-    """Why a command failed (SDK, "API error codes"). Firmware may send others, which are plain numbers."""
+    """Why a command failed ("Details on the Sphero API", error codes). Firmware may send others, which are numbers."""
 
     SUCCESS = 0x00
     BAD_DEVICE = 0x01

@@ -1,7 +1,7 @@
 """Sensor streaming of the Sphero RVR: slots of services, which the robot sends once a period.
 
 What a robot sends of a slot are unsigned integers in the order of the slot's configuration, which alone tells what they
-are; so both ends follow the commands in `Slots` (SDK, "sensor streaming").
+are; so both ends follow the commands in `Slots` (SDK for Raspberry Pi 1.0.0).
 """
 
 import struct

@@ -4,8 +4,8 @@
     A5 5A  length and mode  type  content                        answers
     AA 55  kind  n  first angle  last angle  checksum  n samples     packets
 
-All numbers are little-endian ("X4 development manual": system commands; data protocol). The device counts angles
-clockwise; here they are counter-clockwise.
+All numbers are little-endian. The device counts angles clockwise; here they are counter-clockwise.
+Sources: "YDLIDAR X4 development manual" 1.6, sections 2.2 to 3.5; the YDLidar SDK where it differs.
 """
 
 import math
@@ -27,7 +27,7 @@ COMMANDS = {
     "device_info": 0x90,
     "health": 0x92,
 }
-"""Bytes behind A5, of the SDK; the manual has another for `health`."""
+"""Bytes behind A5, of the SDK; the manual (3.4) has another for `health`."""
 _HEALTH_IN_MANUAL = 0x91
 _NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "health"}
 
@@ -48,7 +48,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 def correction(range_m: float) -> float:
-    """What is to be added to a sample's angle [rad, counter-clockwise]: laser and lens are apart (manual, 2nd level).
+    """What is to be added to a sample's angle [rad, counter-clockwise]: laser and lens are apart (manual, 3.1).
 
     Args:
         range_m: Range [m] of the sample; 0 if nothing came back.
@@ -59,7 +59,7 @@ def correction(range_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A part of a turn.
+    """A part of a turn (manual, 3.1).
 
     first, last: Angles of the first and last sample [degrees / 64, clockwise], before correction.
     samples: Ranges [mm / 4]; 0 where nothing came back.
@@ -97,7 +97,7 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What the device is.
+    """What the device is (manual, 3.3).
 
     model: 6 for an X4.
     firmware: Major and minor number, as the SDK reads them; the manual has them the other way round.
@@ -117,7 +117,7 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the device is.
+    """How the device is (manual, 3.4).
 
     status: 0 good, 1 a warning, 2 an error.
     """

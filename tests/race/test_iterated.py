@@ -442,3 +442,44 @@ def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
         seen = max(seen, *(i + 1 for i in instances))
     assert later > 0
     assert len(race.iterations) > 2
+
+
+@pytest.mark.parametrize("options", [RaceOptions(), RaceOptions.irace()])
+def test_instances_that_come_to_an_end(options):
+    """Nothing runs on others, or on one twice; and with all of them seen, newcomers still race."""
+    race = IteratedRace(MIXED, budget=700, seed=2, options=replace(options, instances=8))
+    told = run(race)
+    assert {e.instance for e, _ in told} == set(range(8))
+    assert len({e for e, _ in told}) == len(told)
+    assert 600 < race.used <= 700
+    assert race.best.n_results == 8
+    assert mixed_cost(race.configurations[race.best.configuration]) < 1.7
+    ended = [summary.stop_reason for summary in race.iterations]
+    assert "all instances were raced on" in ended
+    first_with_all = next(k for k, summary in enumerate(race.iterations) if summary.n_instances == 8)
+    assert any(summary.n_new for summary in race.iterations[first_with_all + 1 :])
+
+
+def test_few_instances_for_many_experiments():
+    """Down to as many as the first test needs, and with blocks."""
+    for options in (RaceOptions(instances=2), RaceOptions(instances=6, block_size=3, mu=6)):
+        race = IteratedRace(MIXED, budget=500, seed=3, options=options)
+        told = run(race)
+        assert {e.instance for e, _ in told} == set(range(options.instances))
+
+
+def test_old_instances_in_their_own_order():
+    race = IteratedRace(MIXED, budget=600, seed=3, options=RaceOptions(sample_instances=False, postselection=False))
+    told = run(race)
+    for summary in race.iterations:
+        experiments, told = [e for e, _ in told[: summary.used]], told[summary.used :]
+        seen = list(dict.fromkeys(e.instance for e in experiments))
+        if summary.iteration > 1:
+            assert seen[0] == max(seen[: seen.index(0)])
+            assert sorted(seen[1:]) == seen[1:]
+
+
+def test_minimum_budgets_are_irace_s():
+    """As its checkMinimumBudget says."""
+    expected = {1: 42, 2: 96, 3: 96, 5: 180, 7: 180, 11: 300, 20: 504, 45: 728, 100: 1008, 133: 1350}
+    assert {d: RaceOptions.irace().minimum_budget(d) for d in expected} == expected

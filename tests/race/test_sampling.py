@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, real
 from mercator_design.race.model import SamplingModel
-from mercator_design.race.sampling import similar, sobol_sample
+from mercator_design.race.sampling import similar, sobol_sample, truncated_normal
 from tests.race.spaces import machines_text
 
 
@@ -159,3 +160,27 @@ def test_an_error_when_nothing_is_allowed():
     model.initialise({0: {"n": 50}})
     with pytest.raises(RaceError, match="expected 5 allowed configurations within 100 rounds, found 0"):
         model.sample(5, [0], np.random.default_rng(1), space.is_forbidden)
+
+
+@pytest.mark.parametrize("mean", [-3.0, -0.2, 0.0, 0.4, 1.0, 1.3, 5.0])
+@pytest.mark.parametrize("deviation", [0.2, 1.0])
+def test_normal_values_with_a_mean_anywhere(mean, deviation):
+    at = np.linspace(0.01, 0.99, 9)
+    expected = truncnorm.ppf(at, -mean / deviation, (1 - mean) / deviation, mean, deviation)
+    assert truncated_normal(at, mean, deviation) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_mean_too_far_outside_is_the_nearer_bound():
+    assert truncated_normal(np.array([0.1, 0.9]), np.array([-7.0, 9.0]), 1e-3).tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("means_scale", "expected"), [(True, {4: 2, 20: 10}), (False, {4: 4, 20: 10})])
+def test_the_mean_of_dependent_bounds(means_scale, expected):
+    """As a place within the child's own bounds; or, irace's way, as it is."""
+    space = Space([integer("n", 4, 20), real("x", 0, "n")])
+    model = SamplingModel(space, means_scale=means_scale)
+    model.initialise({0: {"n": 20, "x": 10.0}})
+    model.elites[0].spreads[:] = 5.0, 1e-6
+    drawn = model.sample(500, [0], np.random.default_rng(1), nothing)
+    found = {c["n"]: c["x"] for c, _ in drawn if c["n"] in expected}
+    assert found == pytest.approx(expected, abs=1e-3)

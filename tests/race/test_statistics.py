@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import wilcoxon
 
-from mercator_design.race.tests import concordance, eliminate
+from mercator_design.race.tests import concordance, eliminate, signed_rank_p_value
 
 
 def test_one_row_has_no_concordance_and_equal_costs_have_all():
@@ -16,8 +17,6 @@ def test_one_row_has_no_concordance_and_equal_costs_have_all():
 @pytest.mark.parametrize("n", [3, 10, 49, 50, 80])
 def test_wilcoxon_is_scipys(n):
     """An oracle of its own for more instances than the measured cases have."""
-    from scipy.stats import wilcoxon
-
     costs = np.random.default_rng(n).normal(size=(n, 2))
     costs[:, 1] += 0.3
     method = "exact" if n < 50 else "approx"
@@ -43,3 +42,11 @@ def test_equal_costs_eliminate_nothing_among_three():
     verdict = eliminate(np.ones((4, 3)), "friedman", 0.95)
     assert verdict.survivors.all()
     assert math.isnan(verdict.p_value)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_signed_ranks_as_scipy_s(seed):
+    draws = np.random.default_rng(seed)
+    differences = draws.integers(-3, 5, 8).astype(float) if seed % 2 else draws.normal(0.5, 1, 30)
+    expected = wilcoxon(differences, alternative="greater", zero_method="zsplit").pvalue
+    assert signed_rank_p_value(differences) == pytest.approx(expected, rel=1e-9)

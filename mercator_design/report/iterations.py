@@ -1,0 +1,60 @@
+"""The iterations of a race as a table, from its record: of races that still run, too."""
+
+from collections import deque
+from collections.abc import Mapping
+
+from mercator_design.race.journal import Iteration, Record
+from mercator_design.race.summary import Scores
+from mercator_design.report.columns import aligned
+
+_HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
+
+
+def iterations_table(record: Record) -> list[str]:
+    """A line for each iteration that has ended.
+
+    The mean is of the best, over the n instances that it has seen by then. Against the best before: how much larger its
+    scores are than those of the best of the iteration before on the instances that both have seen by then, with the
+    confidence interval.
+    """
+    iterations = [one for _, one in sorted(record.iterations.items())]
+    bests = {one.elites[0] for one in iterations}
+    finished = deque(one for _, one in sorted(record.experiments.items()) if one.configuration in bests)
+    scores: dict[int, dict[int, float]] = {best: {} for best in bests}
+    before = None
+    rows: list[tuple[object, ...]] = [_HEAD]
+    for ended in iterations:
+        while finished and finished[0].iteration <= ended.iteration:
+            one = finished.popleft()
+            if one.score is not None:
+                scores[one.configuration][one.instance] = one.score
+        rows.append(_row(ended, before, scores))
+        before = ended.elites[0]
+    return aligned(rows)
+
+
+def iteration_notes(record: Record) -> list[str]:
+    """What a user should know of them, a line each."""
+    return [
+        f"Note       iteration {one.iteration}: {one.note}" for _, one in sorted(record.iterations.items()) if one.note
+    ]
+
+
+def _row(ended: Iteration, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
+    best = ended.elites[0]
+    own = Scores(tuple(scores[best].values()))
+    numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, best)
+    name = "final" if ended.postselection else str(ended.iteration)
+    return (name, *numbers, f"{own.mean:.4g}", len(own.values), _difference(scores, best, before))
+
+
+def _difference(scores: Mapping[int, Mapping[int, float]], best: int, before: int | None) -> str:
+    if before is None:
+        return ""
+    if before == best:
+        return "the same"
+    common = scores[best].keys() & scores[before].keys()
+    difference = Scores(tuple(scores[best][instance] - scores[before][instance] for instance in sorted(common)))
+    if difference.confidence_interval is None:
+        return ""
+    return f"{difference.mean:+.3g} ± {difference.confidence_interval[1] - difference.mean:.2g} (n={len(common)})"

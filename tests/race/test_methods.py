@@ -1,0 +1,338 @@
+"""What holds of every method of a race: one class of tests for all, and what some of them do besides."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mercator_design.cli.race import race as command
+from mercator_design.errors import RaceError
+from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race.executors import ProcessExecutor, ThreadExecutor
+from mercator_design.race.journal import Journal, Record
+from mercator_design.race.methods import METHODS
+from tests.race.mixed import MIXED, mixed_cost, noise, run
+from tests.race.racing import SPACE, measure, runner
+from tests.race.spaces import machines_text
+
+
+def race_of(method, space=MIXED, budget=300, seed=1):
+    return METHODS[method](space, budget=budget, seed=seed)
+
+
+def recorded(method, executor, *, budgets=(200,), record=None, seed=1, **options):
+    """A race of it, run with an executor and noted."""
+    record = Record() if record is None else record
+    with executor:
+        one = runner(record, executor, race=race_of(method, SPACE, budgets[0], seed), seed=seed, **options)
+        record.budgets += budgets[1:][len(record.budgets) - 1 :]
+        one.run()
+    return record
+
+
+def run_in(record):
+    """What has run, asked for or not."""
+    return {*record.ahead, *((one.configuration, one.instance) for one in record.experiments.values())}
+
+
+def test_the_command_line_has_them_all():
+    (choices,) = (p.type.choices for p in command.params if p.name == "method")
+    assert list(choices) == list(METHODS)
+
+
+@pytest.mark.parametrize("method", METHODS)
+class TestConformance:
+    def test_the_whole_budget_is_used_and_never_more(self, method):
+        for budget in (90, 311, 1000):
+            race = race_of(method, budget=budget)
+            told = run(race)  # checks each batch
+            assert race.used == len(told) <= budget
+            assert race.used > 0.95 * budget
+            assert sum(iteration.used for iteration in race.iterations) == race.used
+            assert len({e for e, _ in told}) == len(told)  # nothing runs twice
+
+    def test_it_finds_something_good(self, method):
+        """Random configurations cost 5.6 in the mean; a tenth of them less than 1.7."""
+        race = race_of(method, budget=1000)
+        run(race)
+        assert mixed_cost(race.configurations[race.best.configuration]) < 1.7
+
+    def test_same_seed_same_race(self, method):
+        told = [run(race_of(method, seed=seed)) for seed in (1, 1, 2)]
+        assert told[0] == told[1] != told[2]
+
+    def test_configurations_are_valid_and_have_parents(self, method):
+        race = race_of(method, Space.from_text(machines_text()), budget=400)
+        run(race, cost=len)
+        for configuration in race.configurations:
+            race.space.check(configuration)
+        assert len(race.parents) == len(race.configurations)
+        assert all(parent is None or parent < number for number, parent in enumerate(race.parents))
+
+    def test_what_it_tells_of_itself(self, method):
+        race = race_of(method)
+        with pytest.raises(RaceError, match="expected an iteration to have ended"):
+            _ = race.best
+        assert (race.used, race.iteration, race.elites, race.stop_reason) == (0, 0, [], None)
+        told, iterations = [], []
+        while batch := race.ask():
+            assert race.ask() == batch
+            before = race.progress
+            assert (before.iteration, before.used, before.budget) == (race.iteration, len(told), 300)
+            assert before.alive >= 1
+            iterations.append(before.iteration)
+            costs = [mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch]
+            told += zip(batch, costs, strict=True)
+            race.tell(costs)
+        assert iterations == sorted(iterations)
+        assert sorted({*iterations}) == [summary.iteration for summary in race.iterations]
+        assert race.stop_reason
+        assert race.best == race.elites[0] == race.iterations[-1].elites[0] == race.progress.best
+        own = {e.instance: cost for e, cost in told if e.configuration == race.best.configuration}
+        assert race.costs(race.best.configuration) == own
+        assert race.best.n_results == len(own)
+        assert race.best.mean == pytest.approx(sum(own.values()) / len(own))
+
+    def test_what_it_foresees_comes(self, method):
+        race, foreseen, hits = race_of(method), set(), 0
+        while batch := race.ask():
+            likely = race.foresee(20)
+            assert len(likely) <= 20
+            assert not {*likely} & {*batch}
+            hits += len(foreseen & {*batch})
+            foreseen |= {*likely}
+            race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
+        assert hits > 0.3 * race.used
+        assert race.foresee(20) == []
+
+    def test_any_executor_gives_the_same(self, method):
+        digests = {recorded(method, executor).digest() for executor in (ThreadExecutor(1), ThreadExecutor(5))}
+        digests.add(recorded(method, ProcessExecutor(2)).digest())
+        assert len(digests) == 1
+
+    def test_a_race_that_was_killed_is_resumed(self, method, tmp_path):
+        """At any byte; no finished experiment is run again."""
+        whole = tmp_path / "whole.jsonl"
+        with Journal(whole, new=True) as journal:
+            expected = recorded(method, ThreadExecutor(2), record=journal).digest()
+        text = whole.read_bytes()
+        for n in (len(text) // 7, len(text) // 2, len(text) - 300):
+            cut = tmp_path / f"{n}.jsonl"
+            cut.write_bytes(text[:n])
+            anew = []
+
+            def counted(item, anew=anew):
+                anew.append(item)
+                return measure(item)
+
+            with Journal(cut, new=False) as journal:
+                known = run_in(journal)
+                assert len(known) > 5
+                assert recorded(method, ThreadExecutor(1), record=journal, function=counted).digest() == expected
+                assert len(anew) == len(run_in(journal) - known)
+
+    def test_its_budget_can_be_extended(self, method):
+        at_once = recorded(method, ThreadExecutor(1), budgets=(150, 260))
+        later = recorded(method, ThreadExecutor(1), budgets=(150,))
+        assert [end.budget for end in later.ends] == [150]
+        recorded(method, ThreadExecutor(2), budgets=(150, 260), record=later)
+        assert later.digest() == at_once.digest()
+        assert [end.budget for end in later.ends] == [150, 260]
+        assert 150 < later.ends[-1].experiments <= 260
+
+    def test_an_extended_race_goes_on(self, method):
+        race = race_of(method, budget=150)
+        with pytest.raises(RaceError, match="expected the race to have ended"):
+            race.extend(400)
+        told = run(race)
+        n = len(race.configurations)
+        with pytest.raises(RaceError, match="budget: expected a whole number, 151 or more, found 150"):
+            race.extend(150)
+        race.extend(400)
+        assert race.stop_reason is None
+        told += run(race)
+        assert 380 < race.used <= 400
+        assert len(race.configurations) > n
+        assert len({e for e, _ in told}) == len(told)
+
+    def test_what_is_rejected_is_not_run_again_and_does_not_win(self, method):
+        race = race_of(method, budget=400)
+        rejected = {}
+        while batch := race.ask():
+            assert not {e.configuration for e in batch} & rejected.keys()
+            values = [race.configurations[e.configuration] for e in batch]
+            costs = [math.inf if c["x"] > 0.5 else mixed_cost(c) for c in values]
+            race.tell(costs)
+            for experiment, c, cost in zip(batch, values, costs, strict=True):
+                if math.isinf(cost):
+                    assert race.space.key(c) not in rejected.values()
+                    rejected[experiment.configuration] = race.space.key(c)
+        assert rejected
+        assert all(race.configurations[elite.configuration]["x"] <= 0.5 for elite in race.elites)
+
+    def test_it_is_an_error_if_all_are_rejected(self, method):
+        race = race_of(method)
+        batch = race.ask()
+        with pytest.raises(RaceError, match="all were rejected"):
+            race.tell([math.inf] * len(batch))
+
+    def test_forbidden_configurations_do_not_run(self, method):
+        space = Space([real("x", 0, 1), integer("n", 1, 9)], forbidden=["n > 3 & x < 0.5"])
+        race = race_of(method, space)
+        run(race, cost=lambda c: -c["n"] + c["x"])
+        assert not any(c["n"] > 3 and c["x"] < 0.5 for c in race.configurations)
+        assert race.configurations[race.best.configuration]["n"] == 9
+
+    def test_a_small_space_is_raced_to_its_best(self, method):
+        space = Space([ordered("a", range(1, 4)), integer("b", 0, 2)])
+        race = race_of(method, space)
+        run(race, cost=lambda c: abs(int(c["a"]) - 3) + abs(c["b"] - 1))
+        assert race.configurations[race.best.configuration] == {"a": "3", "b": 1}
+        assert race.used <= 300
+
+    def test_bounds_that_depend_on_others(self, method):
+        space = Space(
+            [integer("n", 1, 20), integer("k", 0, "n"), real("w", "k", "n + 1"), real("v", 0, 1, condition="k > 5")]
+        )
+        race = race_of(method, space, budget=600)
+        run(race, cost=lambda c: abs(c["n"] - 15) + abs(c["k"] - 10) + abs(c["w"] - 12) / 2)
+        for configuration in race.configurations:
+            space.check(configuration)
+        best = race.configurations[race.best.configuration]
+        assert abs(best["n"] - 15) + abs(best["k"] - 10) < 9
+
+    def test_equal_costs(self, method):
+        """Nothing can be told apart, and nothing goes wrong."""
+        race = race_of(method)
+        while batch := race.ask():
+            race.tell([0.0] * len(batch))
+        assert race.best.mean == 0
+
+    def test_costs_that_are_none(self, method):
+        race = race_of(method)
+        with pytest.raises(RaceError, match="found none asked for"):
+            race.tell([1.0])
+        batch = race.ask()
+        with pytest.raises(RaceError, match="expected a number, found nan"):
+            race.tell([math.nan] * len(batch))
+        with pytest.raises(RaceError, match=f"expected {len(batch)}, one for each"):
+            race.tell([])
+        assert race.ask() == batch
+
+    def test_what_it_refuses(self, method):
+        for wrong in ({"budget": 12.5}, {"budget": 0}, {"budget": 12}, {"seed": -1}):
+            with pytest.raises(RaceError, match=next(iter(wrong))):
+                METHODS[method](MIXED, **({"budget": 300, "seed": 1} | wrong))
+        with pytest.raises(RaceError, match="more than one value"):
+            race_of(method, Space([categorical("a", [1])]))
+        space = Space([integer("a", 1, 2), integer("b", 1, 2)], forbidden=["a == 2", "b == 2"])
+        with pytest.raises(RaceError, match="expected several different configurations to be allowed, found one"):
+            race_of(method, space).ask()
+
+
+SEARCHES = ["random", "tpe", "cma-es"]
+
+
+def search_of(method, space=MIXED, budget=300, seed=1, **options):
+    """One with options of its own."""
+    search = METHODS[method]
+    return search(space, budget=budget, seed=seed, options=replace(search.keywords["options"], **options))
+
+
+@pytest.mark.parametrize("method", SEARCHES)
+class TestSearch:
+    def test_all_is_spent_and_what_is_left_goes_to_the_best(self, method):
+        race = search_of(method, budget=317, instances=10, generation=7)
+        told = run(race)
+        assert race.used == 317
+        last = race.iterations[-1]
+        assert last.postselection
+        finals = [e for e, _ in told[-last.used :]]
+        before = race.iterations[-2].elites
+        assert {e.configuration for e in finals} <= {elite.configuration for elite in before}
+        assert before[0].configuration in {e.configuration for e in finals}
+        assert race.best.n_results == 12  # of 7 experiments, 5 are on one instance, and 2 on the next
+
+    def test_the_winner_has_the_least_mean_of_those_that_have_seen_most(self, method):
+        race = search_of(method, budget=400, instances=8, generation=8)
+        run(race)
+        found = [race.statistics(number) for number in range(len(race.configurations))]
+        most = max(one.n_results for one in found)
+        assert race.best == min((one for one in found if one.n_results == most), key=lambda one: one.mean)
+
+    def test_configurations_of_an_extended_search_see_what_the_best_have_seen(self, method):
+        race = search_of(method, budget=317, instances=10, generation=7)
+        run(race)
+        most, n = race.best.n_results, len(race.configurations)
+        race.extend(600)
+        run(race)
+        seen = {race.statistics(number).n_results for number in range(n, len(race.configurations))}
+        assert max(seen) >= most > 10
+
+    def test_it_begins_with_given_configurations(self, method):
+        given = [
+            {"x": 2.0, "n": 30, "size": "10", "rule": "fast", "rate": 0.25},
+            {"x": -1.2345, "n": 999, "size": "1", "rule": "slow"},
+        ]
+        race = METHODS[method](MIXED, budget=300, seed=1, initial=given)
+        run(race)
+        assert race.configurations[:2] == given
+        assert race.configurations[race.best.configuration] == given[0]
+
+    def test_given_configurations_with_dependent_bounds(self, method):
+        space = Space([integer("n", 1, 20), integer("k", 0, "n"), real("w", "k", "n + 1")])
+        given = [{"n": n, "k": k, "w": w} for n, k, w in ((1, 0, 0.5), (7, 7, 7.25), (20, 3, 21.0))]
+        race = METHODS[method](space, budget=300, seed=1, initial=given)
+        race.ask()
+        assert race.configurations[:3] == given
+
+
+@pytest.mark.parametrize("method", ["tpe", "cma-es"])
+def test_optuna_prunes_what_is_worse(method):
+    race = search_of(method, budget=600)
+    run(race)
+    seen = [race.statistics(number).n_results for number in range(len(race.configurations))]
+    assert sum(n < 20 for n in seen) > len(seen) / 2
+    assert min(seen) >= 4  # the least that its test can tell apart at 0.1
+
+
+@pytest.mark.parametrize("method", ["tpe", "cma-es"])
+def test_optuna_learns(method):
+    """Its last configurations are better than its first: by luck with a chance of 1e-7, as of 30 beside 30."""
+    race = race_of(method, budget=2000)
+    run(race)
+    costs = [mixed_cost(c) for c in race.configurations]
+    from scipy.stats import mannwhitneyu
+
+    assert mannwhitneyu(costs[:30], costs[-30:], alternative="greater").pvalue < 1e-7
+
+
+@pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
+def test_optuna_s_own_pruner_does_the_same():
+    """On a few differences, where scipy's test is exact with ties, too."""
+    import optuna
+
+    draws = np.random.default_rng(1)
+    decisions = []
+    for _ in range(40):
+        race = search_of("random", budget=400, instances=8, generation=2, pruning=0.1)
+        study = optuna.create_study(pruner=optuna.pruners.WilcoxonPruner())
+        best = draws.integers(0, 4, 8)
+        other = best + draws.integers(-1, 3, 8)
+        for costs in (best, other):
+            trial = study.ask()
+            (number,) = race._add([({}, None)])
+            for instance, cost in enumerate(costs.tolist()):
+                trial.report(cost, instance)
+                race._costs[number][instance] = cost
+                decisions.append((race._is_worse(number), trial.should_prune()))
+            study.tell(trial, costs.mean())
+            race.elites = [race.statistics(0)]
+    assert all(ours == theirs for ours, theirs in decisions)
+    assert 20 < sum(ours for ours, _ in decisions) < 300
+
+
+def test_cma_es_needs_numbers():
+    with pytest.raises(RaceError, match="method cma-es: expected at least two numeric or ordered parameters, found 1"):
+        race_of("cma-es", Space([integer("n", 1, 9), categorical("a", "xyz")]))

@@ -1,0 +1,130 @@
+"""A race that no longer finds anything better says so, and one that does says nothing."""
+
+import math
+import random
+import re
+
+import pytest
+
+from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.journal import Record, read
+from mercator_design.race.stagnation import PATIENCE, agreement, is_better
+from tests.race.racing import resumed, runner
+
+SPACE = Space.from_text('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')
+
+
+def distance(configuration):
+    x, y, z, rule = configuration.values()
+    return (x - 1) ** 2 + (y + 1) ** 2 + (z - 2) ** 2 + (rule != "b")
+
+
+def notes(cost, options, seed, space=SPACE, of=distance):
+    """Of the iterations of a race; a cost is of the distance from the optimum and a standard normal draw."""
+    race = IteratedRace(space, budget=1000, seed=seed, options=options)
+    rng = random.Random(seed)
+    while batch := race.ask():
+        race.tell([cost(of(race.configurations[e.configuration]), rng.gauss(0, 1)) for e in batch])
+    return [(one.iteration, one.note) for one in race.iterations if one.note]
+
+
+@pytest.mark.parametrize("options", [RaceOptions(), RaceOptions.irace()])
+class TestRaces:
+    """Of fixed seeds: nothing is left to luck."""
+
+    def test_most_that_improve_say_nothing(self, options):
+        """Of ten parameters, there is more to improve than the budget is enough for."""
+        space = Space.from_text("\n".join(f'x{k} "" r (-5, 5)' for k in range(10)))
+
+        def far(configuration):
+            return sum((x - 1) ** 2 for x in configuration.values())
+
+        found = [notes(lambda d, noise: d + 0.1 * d * noise, options, seed, space, far) for seed in range(8)]
+        assert sum(map(bool, found)) <= 2
+        assert all("first iteration" not in note for few in found for _, note in few)
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_one_that_has_reached_the_best_there_is(self, options, seed):
+        [(iteration, note)] = notes(lambda d, _: float(d > 8), options, seed)
+        assert iteration <= 2 + PATIENCE
+        assert re.match(r"no gain in [34] iterations, since iteration 1: the best is still configuration \d+", note)
+
+    def test_most_that_see_noise_only_say_so(self, options):
+        found = [dict(notes(lambda _, noise: noise, options, seed)) for seed in range(8)]
+        first = "the instances rank the configurations of the first iteration no more alike than chance would"
+        assert sum(few.get(1, "").startswith(first) for few in found) >= 6
+        later = [note for few in found for iteration, note in few.items() if iteration > 1]
+        assert len(later) >= 6
+        assert any("the instances could not tell the newcomers apart" in note for note in later)
+
+    def test_one_that_sees_nothing(self, options):
+        found = dict(notes(lambda *_: 1.0, options, 1))
+        assert found[1] == "all configurations of the first iteration cost the same: there is nothing to learn from yet"
+        assert 4 in found
+
+
+def test_soft_restarts_are_told():
+    """A space so small that newcomers repeat what there was."""
+    small = Space.from_text('a "" c (a, b, c, d)\nb "" c (a, b, c, d)')
+    race = IteratedRace(small, budget=600, seed=1, options=RaceOptions.irace())
+    rng = random.Random(1)
+    while batch := race.ask():
+        race.tell([(race.configurations[e.configuration]["a"] != "a") + 0.1 * rng.gauss(0, 1) for e in batch])
+    [note] = [one.note for one in race.iterations if one.note]
+    assert "newcomers repeated what there was (soft restarts)" in note
+
+
+class TestGain:
+    def test_on_common_instances_only(self):
+        earlier = {0: 3.0, 1: 5.0, 2: 4.0}
+        assert is_better({0: 2.0, 1: 4.1, 2: 2.9, 9: 100.0}, earlier)
+        assert not is_better({0: 2.0, 1: 6.0, 2: 4.0}, earlier)
+        assert not is_better(earlier, earlier)
+        assert not is_better({2: 0.0, 9: 0.0}, earlier)  # one instance tells nothing
+
+    def test_how_often_there_is_one_by_chance(self):
+        """At 5 %: of 2000 pairs without a difference 100 on average, and fewer than 50 or more than 150 by luck with a
+        probability below 1e-6."""
+        rng = random.Random(1)
+
+        def costs():
+            return {k: rng.gauss(0, 1) for k in range(10)}
+
+        assert 50 <= sum(is_better(costs(), costs()) for _ in range(2000)) <= 150
+
+
+def test_agreement():
+    concordance, p_value = agreement([{0: 1.0, 1: 10.0}, {0: 2.0, 1: 20.0, 5: 0.0}, {0: 3.0, 1: 30.0}])
+    assert concordance.kendall == 1
+    assert p_value == pytest.approx(math.exp(-2))  # of chi-square 4 with 2 degrees of freedom
+    for costs in ([], [{0: 1.0}], [{0: 1.0}, {1: 1.0}], [{0: 1.0, 1: 2.0}, {0: 1.0, 1: 2.0}]):
+        assert math.isnan(agreement(costs)[1])
+
+
+class TestRecord:
+    """Iterations are noted as they end."""
+
+    def test_they_are_as_the_race_has_them(self):
+        record, told = Record(), []
+        with ThreadExecutor(1) as executor:
+            one = runner(record, executor, watch_iterations=told.append)
+            one.run()
+        assert told == list(record.iterations.values())
+        assert [ended.iteration for ended in told] == [ended.iteration for ended in one.race.iterations]
+        assert [ended.elites[0] for ended in told] == [ended.best for ended in one.race.iterations]
+        assert sum(ended.used for ended in told) == len(record.experiments)
+
+    def test_once_however_often_the_race_is_stopped(self, tmp_path):
+        path = tmp_path / "journal.jsonl"
+        resumed(path)
+        data = path.read_bytes()
+        lines = data.splitlines(keepends=True)
+        places = [k for k, line in enumerate(lines) if b'"event":"iteration"' in line]
+        assert len(places) > 3
+        for place in places:
+            for n in (place, place + 1):
+                path.write_bytes(b"".join(lines[:n]))
+                resumed(path)
+                assert path.read_bytes() == data
+        assert len(read(path).record.iterations) == len(places)

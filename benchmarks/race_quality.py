@@ -110,10 +110,11 @@ class Mission:
 
     def __init__(self, name: str) -> None:
         from mercator_design.fsm.grammar import parameters_text
+        from mercator_design.fsm.structure import PfsmStructure
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.simulate import Simulator
 
-        self.space = Space.from_text(parameters_text("watermelon"), "grammar")
+        self.space = Space.from_text(parameters_text("watermelon"), "grammar", structure=PfsmStructure("watermelon"))
         self._simulator = Simulator(load_mission(name))
         self._seed = 0
 

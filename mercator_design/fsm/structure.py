@@ -50,7 +50,8 @@ class PfsmStructure:
 def canonical(pfsm: Pfsm) -> Pfsm:
     """The same PFSM, its states in the order in which a search from the initial one finds them.
 
-    States that cannot be reached are dropped. Transitions are sorted: they are tested in random order.
+    States that cannot be reached are dropped. Transitions are sorted, as they are tested in random order; only if two
+    are alike, and lead to states of the same behaviour, does the order of these decide.
     """
     states = [replace(state, transitions=tuple(sorted(state.transitions, key=_rank(pfsm)))) for state in pfsm.states]
     order = [0]

@@ -29,6 +29,8 @@ from mercator_design.race.tests import concordance
 
 Parent = TypeVar("Parent", int, None)
 
+_LEARNT_FROM = 3.0
+"""Configurations a parameter before the surrogate has its whole share."""
 _MOST_FINALISTS = 8
 """Of the confirmation."""
 
@@ -259,7 +261,8 @@ class IteratedRace(Asking):
             iterations=self._n_iterations,
         )
         generator = self._generator("sampling")
-        n_drawn = n_new - round(self.options.surrogate * n_new)
+        known = len(self.configurations) / (_LEARNT_FROM * self.space.n_variable)
+        n_drawn = n_new - round(self.options.surrogate * min(known, 1.0) * n_new)
         children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
         to_restart = self._too_narrow(children) if self.options.soft_restart else []
         if to_restart:

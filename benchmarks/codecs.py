@@ -1,11 +1,11 @@
 """What decoding the three devices' data costs: CPU time for each second of what they send.
 
 The lidar sends 5000 samples a second in 7 turns, of which all points are computed; the RVR streams the eight services
-of the original robot, and the hub measures, at the rates given. Bytes are handed over in pieces, as a serial port does.
-Run: python benchmarks/codecs.py [--period MS] [--hub HZ] [--piece BYTES] [--seconds N]
+of the original robot every 100 ms; the hub sends 50 frames a second. Bytes are handed over in pieces of 64, as a serial
+port might. Needs nothing but Python, so that it can be run on a robot.
+Run: python benchmarks/codecs.py
 """
 
-import argparse
 import math
 import sys
 import time
@@ -19,16 +19,11 @@ from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
 
 SAMPLES, TURNS, PACKET = 5000, 7, 40
-STREAMED = [
-    "accelerometer",
-    "gyroscope",
-    "imu",
-    "quaternion",
-    "locator",
-    "velocity",
-    "color_detection",
-    "ambient_light",
-]
+PERIOD = 100
+FRAMES = 50
+PIECE = 64
+SECONDS = 100
+STREAMED = [name for name in SERVICES if name not in {"speed", "core_time", "encoders"}]
 
 
 def lidar_second() -> bytes:
@@ -42,10 +37,10 @@ def lidar_second() -> bytes:
     return b"".join(packet.encode() for packet in turn) * TURNS
 
 
-def rvr_second(period: int) -> tuple[rvr.Host, bytes]:
+def rvr_second() -> tuple[rvr.Host, bytes]:
     """The computer, which has asked for it, and what the robot streams."""
     host, device = rvr.Host(), rvr.Device()
-    for name, target, values in streaming(STREAMED, period):
+    for name, target, values in streaming(STREAMED, PERIOD):
         device.receive(host.send(name, target=target, **values))
     told = [
         device.stream(
@@ -54,31 +49,23 @@ def rvr_second(period: int) -> tuple[rvr.Host, bytes]:
         for processor in Processor
         for slot, names in device.slots.of(processor).items()
     ]
-    return host, b"".join(told) * (1000 // period)
+    return host, b"".join(told) * (1000 // PERIOD)
 
 
-def milliseconds(receive: Callable[[bytes], object], data: bytes, piece: int, seconds: int) -> float:
-    """CPU time for each of so many seconds."""
+def milliseconds(receive: Callable[[bytes], object], data: bytes, piece: int = PIECE) -> float:
+    """CPU time for a second of data, on average over SECONDS."""
     pieces = [data[i : i + piece] for i in range(0, len(data), piece)]
     start = time.process_time()
-    for _ in range(seconds):
+    for _ in range(SECONDS):
         for each in pieces:
             receive(each)
-    return 1e3 * (time.process_time() - start) / seconds
+    return 1e3 * (time.process_time() - start) / SECONDS
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--period", type=int, default=100, metavar="MS", help="of the RVR's streaming")
-    parser.add_argument("--hub", type=int, default=50, metavar="HZ", help="frames of the hub a second")
-    parser.add_argument("--piece", type=int, default=64, metavar="BYTES")
-    parser.add_argument("--seconds", type=int, default=100, metavar="N", help="of data")
-    given = parser.parse_args()
-
     scan, decoder = lidar_second(), ydlidar.decoder()
-    packets = ydlidar.decoder().receive(scan)
-    host, streamed = rvr_second(given.period)
-    hub = multiflex.Distances(tuple(range(100, 900, 100))).encode() * given.hub
+    host, streamed = rvr_second()
+    hub = multiflex.Distances(tuple(range(100, 900, 100))).encode() * FRAMES
     rows = {
         "lidar, packets": (decoder.receive, scan),
         "rvr": (host.receive, streamed),
@@ -86,10 +73,9 @@ def main() -> None:
     }
     print("| data | bytes/s | CPU ms for a second of it |\n|---|---|---|")
     for name, (receive, data) in rows.items():
-        print(f"| {name} | {len(data)} | {milliseconds(receive, data, given.piece, given.seconds):.2f} |")
-    points = milliseconds(
-        lambda _: [p.points() for p in packets if isinstance(p, ydlidar.Packet)], b"0", 1, given.seconds
-    )
+        print(f"| {name} | {len(data)} | {milliseconds(receive, data):.2f} |")
+    packets = [event for event in ydlidar.decoder().receive(scan) if isinstance(event, ydlidar.Packet)]
+    points = milliseconds(lambda _: [packet.points() for packet in packets], b"once", len(b"once"))
     print(f"| lidar, points of the packets | | {points:.2f} |")
 
 

@@ -6,6 +6,7 @@
       RaceError             1   a race cannot be run as asked
       SimulationError       1   an experiment cannot be set up or went wrong
       ProtocolError         1   a device cannot be told what was asked
+      RobotError            1   a device of the robot cannot be used
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.
@@ -55,3 +56,7 @@ class SimulationError(MercatorError):
 
 class ProtocolError(MercatorError):
     """A device cannot be told what was asked."""
+
+
+class RobotError(MercatorError):
+    """A device of the robot cannot be used."""

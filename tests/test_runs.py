@@ -113,6 +113,23 @@ class TestResume:
         assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
         assert digest(elsewhere / "moved") == digest(undisturbed)
 
+    @pytest.mark.parametrize("method", ["surrogate", "random", "tpe", "cma-es"])
+    def test_whatever_its_method(self, mdesign, tmp_path, method):
+        """Which is what the race began with."""
+        folder = tmp_path / "r"
+        code, out, _ = mdesign("race", "aggregation", "--budget", 100, "--method", method, "-o", folder)
+        expected = digest(folder)
+        assert code == 0
+        assert f"Race       {method}, 100 of 100 experiments" in out
+        stop(folder, 40)
+        assert mdesign("race", "--resume", folder)[0] == 0
+        assert digest(folder) == expected
+        assert f"Race       {method}, 100 of 100" in mdesign("runs", "show", folder)[1]
+        assert mdesign("runs", "verify", folder, "-n", 3)[0] == 0
+        code, _, err = mdesign("race", "--resume", folder, "--method", method)
+        assert code == 2
+        assert "--method is what the race began with" in err
+
     def test_by_processes(self, mdesign, folder, undisturbed):
         stop(folder, 70)
         assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0

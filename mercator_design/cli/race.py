@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
-from mercator_design.cli.racing import ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, run
+from mercator_design.cli.racing import ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, reopen, run
 from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -107,13 +107,11 @@ def race(
     --budget.
     """
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("mission", "budget"))
-    from mercator_design.run_folder import RunFolder
-
     executor = _executor(executor_name, jobs, scheduler, timeout)
     how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
-        folder = RunFolder.reopen(resume)
+        folder = reopen(resume, "mission")
     else:
         assert mission is not None  # noqa: S101 - as was checked
         assert budget is not None  # noqa: S101
@@ -121,7 +119,7 @@ def race(
         folder = _new_folder(
             mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
         )
-    with folder, Interrupt(terminable=True) as interrupt:
+    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)

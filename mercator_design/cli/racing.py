@@ -76,6 +76,17 @@ def _hint(parameter: click.Parameter) -> str:
     return parameter.human_readable_name if isinstance(parameter, click.Argument) else parameter.opts[-1]
 
 
+def reopen(path: Path, task: str) -> "RunFolder":
+    """The folder of a race to go on with, which is of such a task."""
+    from mercator_design.run_folder import RunFolder, read_provenance
+
+    found = read_provenance(path)["race"]["task"]
+    if found != task:
+        verb = {"mission": "race", "scenario": "tune"}[found]
+        raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")
+    return RunFolder.reopen(path)
+
+
 def free_folder(name: str) -> Path:
     """The first of runs/NAME-1, -2, ... that did not exist; it does now."""
     number = 1

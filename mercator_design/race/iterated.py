@@ -23,7 +23,6 @@ from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
-from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import IterationSummary, Progress
 from mercator_design.race.tests import concordance
 
@@ -470,10 +469,7 @@ class IteratedRace(Asking):
             stop_reason=race.stop_reason or "",
             concordance=race.concordance(),
         )
-        if not postselection:
-            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
-            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
-        self.iterations.append(summary)
+        self._conclude(summary, newcomers)
 
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}

@@ -36,13 +36,14 @@ def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
     return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
 
 
+RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
+"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all."""
 METHODS: Mapping[str, Method] = {
-    "irace": partial(IteratedRace, options=RaceOptions.irace()),
-    "surrogate": partial(IteratedRace, options=RaceOptions()),
+    **{name: partial(IteratedRace, options=options) for name, options in RACES.items()},
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
 }
-"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all. Searches: uniform; and
-Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's rule.
+"""Races, and searches: uniform; and Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's
+rule.
 """

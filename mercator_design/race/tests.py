@@ -237,7 +237,8 @@ def _bonferroni(p_values: Floats) -> Floats:
     return np.minimum(1.0, len(p_values) * p_values)
 
 
-def _holm(p_values: Floats) -> Floats:
+def holm(p_values: Floats) -> Floats:
+    """Holm's correction of p-values."""
     order = p_values.argsort(kind="stable")
     factors = np.arange(len(p_values), 0, -1)
     adjusted = np.empty_like(p_values)
@@ -248,6 +249,6 @@ def _holm(p_values: Floats) -> Floats:
 _TESTS: dict[TestName, Callable[[Floats, float], Verdict]] = {
     "friedman": _friedman,
     "t-test": partial(_t_test, adjust=lambda p_values: p_values),
-    "t-test-holm": partial(_t_test, adjust=_holm),
+    "t-test-holm": partial(_t_test, adjust=holm),
     "t-test-bonferroni": partial(_t_test, adjust=_bonferroni),
 }

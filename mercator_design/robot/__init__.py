@@ -4,7 +4,8 @@
     rvr         the Sphero RVR: frames, commands, responses, notifications; rvr_messages, rvr_streaming: its tables
     ydlidar     the YDLIDAR X4
     multiflex   the Teraranger Hub Multiflex
+    ports       the serial ports: finding and opening them
 
-These do no input or output: bytes in, events out, commands to bytes; and both ends of each line from one definition.
-Plain Python on the standard library.
+All but the last do no input or output: bytes in, events out, commands to bytes; both ends of each line from one
+definition. Plain Python on the standard library; ports also needs pyserial and PyYAML.
 """

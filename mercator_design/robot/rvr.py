@@ -225,11 +225,9 @@ class Host:
             return Unknown(frame, Error.BAD_TARGET)
         del self._awaited[frame.seq]
         values = message.returns.unpack(frame.data) if message.returns and error == Error.SUCCESS else {}
-        return (
-            Unknown(frame, Error.BAD_DATA_LENGTH)
-            if values is None
-            else Response(message.name, processor, values, error)
-        )
+        if values is None:
+            return Unknown(frame, Error.BAD_DATA_LENGTH)
+        return Response(message.name, processor, values, error)
 
 
 class Device:

@@ -74,7 +74,7 @@ class Layout:
             if kind == "text":
                 return bytes(value, "ascii") + b"\0"
             if kind in _CODES:
-                if math.isfinite(value):
+                if math.isfinite(value) and (kind != "bool" or value in (0, 1)):
                     return struct.pack(f">{_CODES[kind]}", value)
             elif len(value) == (_lit(values) if kind == "levels" else len(value)):
                 return bytes([*value])

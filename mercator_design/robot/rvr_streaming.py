@@ -142,10 +142,10 @@ class Slots:
         return {slot: names for (of, slot), names in self._services.items() if of == processor}
 
     def read(self, processor: Processor, token: int, data: bytes) -> StreamData | None:
-        """What a slot measured; None if nobody knows what is in it, or there are too few bytes."""
+        """What a slot measured; None if nobody knows what is in it, or it cannot be that for its length."""
         slot = token & ~_INVALID
         names = self._services.get((processor, slot))
-        if names is None or len(data) < sum(SERVICES[name].n_bytes for name in names):
+        if names is None or len(data) != sum(SERVICES[name].n_bytes for name in names):
             return None
         values: dict[str, dict[str, float]] = {}
         for name in names:

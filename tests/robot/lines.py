@@ -9,16 +9,7 @@ from mercator_design.robot.rvr_messages import Processor, lights
 from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
 from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 
-STREAMED = [
-    "accelerometer",
-    "gyroscope",
-    "imu",
-    "quaternion",
-    "locator",
-    "velocity",
-    "color_detection",
-    "ambient_light",
-]
+STREAMED = [name for name in SERVICES if name not in {"speed", "core_time", "encoders"}]
 COLOR = ("red", "green", "blue", "confidence", "color_classification_id")
 
 

@@ -131,6 +131,7 @@ class TestWhatIsNotSent:
             ("set_custom_control_system_timeout", {"command_timeout": 0.3}, "command_timeout: expected u16, found 0.3"),
             ("set_custom_control_system_timeout", {"command_timeout": -1}, "command_timeout: expected u16, found -1"),
             ("set_custom_control_system_timeout", {}, "expected command_timeout, found no values"),
+            ("enable_motor_stall_notify", {"is_enabled": 2}, "is_enabled: expected bool, found 2"),
             ("drive_stop", {"hard": True}, "drive_stop: expected no values, found hard"),
             ("set_all_leds", {"led_group": 7, "led_brightness_values": [1, 2]}, r"levels, found \[1, 2\]"),
             ("set_all_leds", {"led_group": 7, "led_brightness_values": [1, 2, 256]}, "expected levels, found"),
@@ -291,9 +292,10 @@ class TestStreaming:
         assert device.slots.of(Processor.ST) == {}
         assert device.slots.of(Processor.NORDIC) == {1: ("color_detection",)}
 
-    def test_too_few_bytes_of_a_slot_are_not_understood(self):
+    @pytest.mark.parametrize("n_bytes", [0, 7, 9, 16])
+    def test_another_number_of_bytes_is_of_another_slot(self, n_bytes):
         host, device = self.ends("velocity")
-        told = device.notify("streaming_service_data", Processor.ST, token=2, sensor_data=bytes(7))
+        told = device.notify("streaming_service_data", Processor.ST, token=2, sensor_data=bytes(n_bytes))
         assert [type(event) for event in host.receive(told)] == [Unknown]
 
     @pytest.mark.parametrize(

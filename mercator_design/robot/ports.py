@@ -1,0 +1,120 @@
+"""The three serial ports of a robot: which they are, and opening them; nothing else opens one."""
+
+import contextlib
+import errno
+import getpass
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from mercator_design.errors import RobotError
+from mercator_design.loading import Pattern, read
+
+PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
+BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+TIMEOUT = 0.1
+"""How long reading and writing wait [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortNames:
+    """Where the devices are: paths, or what they are on the USB as lsusb tells it, with a serial number if need be."""
+
+    rvr: PortName = "/dev/serial0"  # the Sphero RVR, on the header of the Raspberry Pi
+    lidar: PortName = "usb:10c4:ea60"  # the YDLIDAR X4's adapter, a CP2102
+    proximity: PortName = "/dev/ttyACM0"  # the Teraranger Hub Multiflex
+
+
+class Ports(NamedTuple):
+    """The open ports."""
+
+    rvr: serial.Serial
+    lidar: serial.Serial
+    proximity: serial.Serial
+
+
+def read_port_names(path: str | Path) -> PortNames:
+    """The names in a YAML file; those that it leaves out are the usual ones.
+
+    Raises:
+        RobotError: with file, line, key, what was expected and what was found.
+    """
+    return read(path, PortNames, error=RobotError)
+
+
+@contextlib.contextmanager
+def open_ports(names: PortNames) -> Iterator[Ports]:
+    """The three ports, for this program alone; closed on the way out.
+
+    Raises:
+        RobotError: naming the device and the port, what is wrong with it, and what to do.
+    """
+    with contextlib.ExitStack() as stack:
+        yield Ports(*(stack.enter_context(_open(device, getattr(names, device))) for device in Ports._fields))
+
+
+def find_port(device: str, name: str) -> str:
+    """The path of a port.
+
+    Raises:
+        RobotError: if no such USB device is connected, or several are.
+    """
+    if not name.startswith("usb:"):
+        return name
+    connected = list_ports.comports()
+    found = [port for port in connected if f"{_usb_name(port)}:".startswith(f"{name}:")]
+    if len(found) == 1:
+        return str(found[0].device)
+    if found:
+        raise RobotError(f"{device}: expected one {name}, found {_listed(found)}; name it by serial number or path")
+    raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
+
+
+def _open(device: str, name: str) -> serial.Serial:
+    path = find_port(device, name)
+    try:
+        return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
+    except serial.SerialException as error:
+        raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
+
+
+def _wrong(path: str, error: serial.SerialException) -> str:
+    """What is wrong with a port that cannot be opened, and what to do."""
+    match error.errno:
+        case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+            return f"no such port; connected are {_listed(list_ports.comports())}"
+        case errno.EACCES | errno.EPERM:
+            return f"no permission; `sudo usermod -aG {Path(path).group()} {getpass.getuser()}`, and log in again"
+        case errno.EBUSY | errno.EAGAIN:
+            return f"in use by another program{_users(path)}; end it first"
+        case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
+            return "not a serial port"
+    return str(error)
+
+
+def _users(path: str) -> str:
+    """Other programs that have a port open, of those that this user may look at."""
+    port, users = Path(path).resolve(), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # another user's, or one that has just ended
+            is_other = process.name != str(os.getpid())
+            if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
+                users.append(f"{(process / 'comm').read_text().strip()}, process {process.name}")
+    return f" ({'; '.join(users)})" if users else ""
+
+
+def _listed(ports: Iterable[ListPortInfo]) -> str:
+    return ", ".join(sorted(f"{port.device} ({_usb_name(port) or 'not on the USB'})" for port in ports)) or "none"
+
+
+def _usb_name(port: ListPortInfo) -> str:
+    """What it may be called in a file of port names; empty if it is not on the USB."""
+    if port.vid is None:
+        return ""
+    return f"usb:{port.vid:04x}:{port.pid:04x}" + (f":{port.serial_number}" if port.serial_number else "")

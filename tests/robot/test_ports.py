@@ -1,0 +1,163 @@
+"""Opening a robot's ports, on pseudo-terminals, and what is said when one cannot be used."""
+
+import contextlib
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.ports import PortNames, find_port, open_ports, read_port_names
+
+
+@pytest.fixture
+def terminals():
+    """Three pseudo-terminals: ends of the devices, and names of the ports."""
+    pairs = [os.openpty() for _ in range(3)]
+    paths = dict(zip(("rvr", "lidar", "proximity"), (os.ttyname(port) for _, port in pairs), strict=True))
+    yield [device for device, _ in pairs], PortNames(**paths)
+    for ends in pairs:
+        for end in ends:
+            with contextlib.suppress(OSError):
+                os.close(end)
+
+
+@pytest.fixture
+def connected(monkeypatch):
+    """A list of what is connected, to be filled."""
+    ports = []
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    return ports
+
+
+def usb(path, vid=0x10C4, pid=0xEA60, serial_number=None):
+    port = ListPortInfo(path)
+    port.vid, port.pid, port.serial_number = vid, pid, serial_number
+    return port
+
+
+def test_bytes_go_both_ways_and_ports_are_closed(terminals):
+    devices, names = terminals
+    with open_ports(names) as ports:
+        for device, port in zip(devices, ports, strict=True):
+            port.write(b"\xa5\x60")
+            assert os.read(device, 10) == b"\xa5\x60"
+            os.write(device, b"\xa5\x5a\0\n\r\x03")  # nothing is taken for a key
+            assert port.read(6) == b"\xa5\x5a\0\n\r\x03"
+        assert [port.baudrate for port in ports] == [115200, 128000, 115200]
+    assert not any(port.is_open for port in ports)
+
+
+def test_a_second_program_gets_none_and_hears_who_has_it(terminals):
+    _, names = terminals
+    code = f"""
+import serial, sys
+port = serial.Serial({names.lidar!r}, exclusive=True)
+print("open", flush=True)
+sys.stdin.read()
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout.readline() == b"open\n"
+        expected = rf"^lidar: {names.lidar}: in use by another program \(.*, process {other.pid}\); end it first$"
+        with pytest.raises(RobotError, match=expected), open_ports(names):
+            pass
+        other.stdin.close()
+        other.wait()
+    with open_ports(names), pytest.raises(serial.SerialException):
+        serial.Serial(names.rvr, exclusive=True)
+
+
+def test_what_was_opened_before_one_that_fails_is_closed(terminals, connected):
+    _, names = terminals
+    missing = PortNames(rvr=names.rvr, lidar=names.lidar, proximity="/dev/no_such_port")
+    with (
+        pytest.raises(RobotError, match=r"^proximity: /dev/no_such_port: no such port; connected are none$"),
+        open_ports(missing),
+    ):
+        pass
+    with open_ports(names):
+        pass
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/", __file__])
+def test_what_is_no_serial_port(terminals, path):
+    _, names = terminals
+    wrong = PortNames(rvr=path, lidar=names.lidar, proximity=names.proximity)
+    with pytest.raises(RobotError, match=rf"^rvr: {path}: not a serial port$"), open_ports(wrong):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.EACCES, r"no permission; `sudo usermod -aG \w+ \w+`, and log in again"),
+        (errno.EBUSY, r"in use by another program.*; end it first"),
+        (errno.EIO, r".*could not open.*"),
+    ],
+)
+def test_what_the_system_refuses(terminals, monkeypatch, number, words):
+    _, names = terminals
+
+    def refuse(*_, **__):
+        raise serial.SerialException(number, "could not open")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(RobotError, match=rf"^rvr: {names.rvr}: {words}$"), open_ports(names):
+        pass
+
+
+class TestPortsByWhatTheyAre:
+    def test_the_one_that_is_connected(self, connected):
+        connected += [
+            usb("/dev/ttyACM0", 0x0483, 0x5740),
+            usb("/dev/ttyUSB3", serial_number="0001"),
+            ListPortInfo("/dev/ttyS0"),
+        ]
+        assert find_port("lidar", "usb:10c4:ea60") == "/dev/ttyUSB3"
+        assert find_port("lidar", "usb:10c4:ea60:0001") == "/dev/ttyUSB3"
+        assert find_port("rvr", "/dev/serial0") == "/dev/serial0"
+
+    def test_none_or_another(self, connected):
+        connected += [usb("/dev/ttyUSB0", serial_number="00012"), ListPortInfo("/dev/ttyS0")]
+        with pytest.raises(
+            RobotError,
+            match=r"^lidar: usb:10c4:ea60:0001 is not connected; connected are /dev/ttyS0 \(not on the USB\), "
+            r"/dev/ttyUSB0 \(usb:10c4:ea60:00012\)$",
+        ):
+            find_port("lidar", "usb:10c4:ea60:0001")
+
+    def test_two(self, connected):
+        connected += [usb("/dev/ttyUSB0", serial_number="7"), usb("/dev/ttyUSB1", serial_number="8")]
+        with pytest.raises(
+            RobotError,
+            match=r"^lidar: expected one usb:10c4:ea60, found /dev/ttyUSB0 \(usb:10c4:ea60:7\), /dev/ttyUSB1 "
+            r"\(usb:10c4:ea60:8\); name it by serial number or path$",
+        ):
+            find_port("lidar", "usb:10c4:ea60")
+        assert find_port("lidar", "usb:10c4:ea60:8") == "/dev/ttyUSB1"
+
+
+class TestNamesInAFile:
+    def test_those_left_out_are_the_usual_ones(self, tmp_path):
+        file = tmp_path / "ports.yaml"
+        file.write_text("proximity: usb:0483:5740:A1\n")
+        assert read_port_names(file) == PortNames(proximity="usb:0483:5740:A1")
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("lider: /dev/ttyUSB0", "lider"),
+            ("lidar: ttyUSB0", r'lidar: expected text: a path or usb:VENDOR:PRODUCT\[:SERIAL\], found "ttyUSB0"'),
+            ("lidar: usb:10C4:EA60", "lidar: expected text: a path or"),
+        ],
+    )
+    def test_others_are_refused_with_their_line(self, tmp_path, text, words):
+        file = tmp_path / "ports.yaml"
+        file.write_text(f"# the robot\n{text}\n")
+        with pytest.raises(RobotError, match=rf"ports.yaml:2: {words}"):
+            read_port_names(file)

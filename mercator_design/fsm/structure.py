@@ -4,7 +4,7 @@ The grammar numbers states and transitions, so that one PFSM has many configurat
 (drop a state, and lead what led to it to where it led) changes half of the numbers. Here a step is one of the PFSM.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -44,7 +44,7 @@ class PfsmStructure:
 
     def neighbour(self, configuration: Mapping[str, Value], draws: Draws) -> dict[str, Value]:
         """A configuration whose PFSM is one move or a few away, in canonical form."""
-        return from_pfsm(canonical(neighbour(to_pfsm(configuration, self._flavour), draws)))
+        return from_pfsm(neighbour(to_pfsm(configuration, self._flavour), draws))
 
 
 def canonical(pfsm: Pfsm) -> Pfsm:
@@ -53,29 +53,35 @@ def canonical(pfsm: Pfsm) -> Pfsm:
     States that cannot be reached are dropped. Transitions are sorted, as they are tested in random order; only if two
     are alike, and lead to states of the same behaviour, does the order of these decide.
     """
-    states = [replace(state, transitions=tuple(sorted(state.transitions, key=_rank(pfsm)))) for state in pfsm.states]
-    order = [0]
-    for i in order:
-        order += dict.fromkeys(t.target for t in states[i].transitions if t.target not in order)
-    place = {old: new for new, old in enumerate(order)}
-    found = (
-        replace(states[i], transitions=tuple(replace(t, target=place[t.target]) for t in states[i].transitions))
-        for i in order
-    )
-    return replace(pfsm, states=tuple(found))
-
-
-def _rank(pfsm: Pfsm) -> Callable[[Transition], tuple[object, ...]]:
-    return lambda t: (t.condition, t.parameters, pfsm.states[t.target].behaviour, t.target)
+    return replace(pfsm, states=_canonical(pfsm.states))
 
 
 def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
-    """A PFSM that is one move away, or with decreasing probability more."""
-    states = _States(pfsm, draws)
-    states.move()
+    """A PFSM that is one move away, or with decreasing probability more, in canonical form."""
+    changed = _States(pfsm, draws)
+    changed.move()
     while draws.random() < _ANOTHER_MOVE:
-        states.move()
-    return replace(pfsm, states=tuple(states.states))
+        changed.move()
+    return replace(pfsm, states=_canonical(changed.states))
+
+
+def _canonical(states: Sequence[State]) -> tuple[State, ...]:
+    def rank(edge: Transition) -> tuple[object, ...]:
+        return edge.condition, edge.parameters, states[edge.target].behaviour, edge.target
+
+    edges = [sorted(state.transitions, key=rank) for state in states]
+    order = [0]
+    for i in order:
+        order += dict.fromkeys(edge.target for edge in edges[i] if edge.target not in order)
+    place = {old: new for new, old in enumerate(order)}
+    return tuple(
+        State(
+            states[i].behaviour,
+            states[i].parameters,
+            tuple(Transition(edge.condition, edge.parameters, place[edge.target]) for edge in edges[i]),
+        )
+        for i in order
+    )
 
 
 class _States:

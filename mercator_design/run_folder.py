@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 JOURNAL = "journal.jsonl"
-_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
+_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
 _START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}

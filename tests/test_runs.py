@@ -16,7 +16,8 @@ import pytest
 from mercator_design import run_folder
 from mercator_design.errors import RaceError
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import Journal, read, to_line
+from mercator_design.race.journal import Finished, Iteration, Journal, Record, read, to_line
+from mercator_design.report.iterations import iterations_table
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 
@@ -507,3 +508,29 @@ class TestRuns:
     def test_tables_of_nothing(self, tmp_path):
         with pytest.raises(RaceError, match="cannot be read: No such file"):
             experiments_table(tmp_path)
+
+
+def test_of_many_iterations_the_first_and_the_last_are_told():
+    record = Record()
+    record.begin({"budget": 40})
+    for k in range(40):
+        one = Finished(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
+        record.note([{"event": "configuration", "configuration": k, "parent": None, "values": {}}])
+        record.note_experiments([one])
+        summary = Iteration(
+            iteration=k + 1,
+            postselection=False,
+            budget=1,
+            used=1,
+            configurations=1,
+            instances=1,
+            alive=1,
+            elites=(k,),
+            stagnant=0,
+            note="",
+        )
+        record.note_iteration(summary)
+    names = [line.split()[0] for line in iterations_table(record)[1:]]
+    assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
+    del record.iterations[40]
+    assert len(iterations_table(record)) == 1 + 10 + 1 + 20

@@ -329,6 +329,23 @@ class TestExport:
         assert (done.returncode, done.stdout) == (3, "")
         assert "--nstates" in done.stderr
 
+    @pytest.mark.usefixtures("registries")
+    def test_plugins_come_along(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        plugin, folder = tmp_path / "mine.py", tmp_path / "its own"
+        plugin.write_text(
+            "from mercator_design.missions.plugins import objective\n\n"
+            "@objective\ndef always(trace, *, score: float) -> float:\n    return score\n"
+        )
+        objective = "objective={name: always, score: 2.5, direction: maximise}"
+        code, _, _ = mdesign("export", "irace", "aggregation", "-o", folder, "--plugin", plugin,
+                             "--set", objective, "--set", "duration=1", "--set", "robots=1")  # fmt: skip
+        assert code == 0
+        plugin.unlink()
+        call = [folder / "target-runner", "1", "1", "5", "mission.yaml", "--nstates", "1", "--s0", "1"]
+        done = subprocess.run(call, capture_output=True, text=True, check=True)
+        assert (done.stdout, done.stderr) == ("-2.5\n", "")
+
     def test_results_are_never_mixed(self, mdesign, exported):
         code, _, err = mdesign("export", "irace", "aggregation", "-o", exported)
         assert code == 1

@@ -25,7 +25,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run; at least 60. With --resume, a larger one to go on to.",
+    help="Experiments that may be run; at least 60 with irace. With --resume, a larger one to go on to.",
 )
 @SEED
 @JOBS
@@ -98,7 +98,7 @@ def race(
     optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
-    """Design control software for MISSION by iterated F-race.
+    """Design control software for MISSION, by iterated F-race unless another method is chosen.
 
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
     fsm.txt in the results' folder, and a summary to stdout.

@@ -312,7 +312,7 @@ class _Reader:
         try:
             return replace(base, **changes)  # type: ignore[arg-type]
         except RaceError as error:
-            message = in_irace_s_names(error)
+            message = in_names_of_irace(error)
             raise RaceError(f"{self.place(message.partition(':')[0])}: {message}") from None
 
     def budget(self, space: Space, options: RaceOptions) -> int:
@@ -396,7 +396,7 @@ class _Reader:
         return file
 
 
-def in_irace_s_names(error: RaceError) -> str:
+def in_names_of_irace(error: RaceError) -> str:
     """What is wrong with an option of the race, for who knows it by irace's name."""
     message = str(error)
     if not message.startswith("race option "):

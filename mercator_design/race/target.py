@@ -149,11 +149,12 @@ class Target:
             why = f"{error.filename or command[0]}: {error.strerror}"
             raise TargetFailed(f"cannot be run: {why}; the command was: {shlex.join(command)}") from None
         deadline = time.monotonic() + self.timeout if self.timeout else math.inf
-        try:
-            out, err = self._wait(process, deadline)
-        except BaseException:
-            _kill(process)
-            raise
+        with process:
+            try:
+                out, err = self._wait(process, deadline)
+            except BaseException:
+                _kill(process)
+                raise
         if self.stop.is_set() and process.returncode:
             raise TargetFailed("was stopped")
         if process.returncode < 0 and time.monotonic() >= deadline:
@@ -164,12 +165,17 @@ class Target:
         return out
 
     def _wait(self, process: "subprocess.Popen[str]", deadline: float) -> tuple[str, str]:
+        """What a program prints on stdout and stderr until it ends, or is ended."""
+        killed = False
         while True:
             try:
                 return process.communicate(timeout=_GLANCE)
             except subprocess.TimeoutExpired:
+                if killed and process.poll() is not None:  # what has left its group may hold them open for ever
+                    return "", ""
                 if self.stop.is_set() or time.monotonic() >= deadline:
                     _kill(process)
+                    killed = True
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -15,10 +15,10 @@ from mercator_design.race import configurations_text, scenario_text
 from mercator_design.race.asking import Asking
 from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.journal import Finished, Tested
-from mercator_design.race.methods import METHODS, RACES
+from mercator_design.race.methods import METHODS, RACES, Method
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
-from mercator_design.race.scenario import Scenario, in_irace_s_names, of_races, read_scenario
+from mercator_design.race.scenario import Scenario, in_names_of_irace, of_races, read_scenario
 from mercator_design.race.target import Call
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import generator, instance_seed
@@ -50,18 +50,16 @@ class Tuner(Task[Call]):
         try:
             self.race = self._race()
         except RaceError as error:
-            raise RaceError(f"{scenario.path}: {in_irace_s_names(error)}") from None
+            raise RaceError(f"{scenario.path}: {in_names_of_irace(error)}") from None
         self.race.notes += scenario.notes
 
     def _race(self) -> Asking:
         scenario = self.scenario
-        asked = {"budget": scenario.budget, "seed": scenario.seed}
-        if self.method in RACES:
-            return IteratedRace(scenario.space, **asked, options=scenario.options, initial=scenario.initial)
-        if scenario.initial:
-            raise RaceError(f"configurationsFile: expected none with the method {self.method}, found some")
-        race = METHODS[self.method](scenario.space, **asked)
-        race.notes += [f"{name} makes no difference to {self.method}" for name in of_races(scenario.settings)]
+        is_race = self.method in RACES
+        make: Method = partial(IteratedRace, options=scenario.options) if is_race else METHODS[self.method]
+        race = make(scenario.space, budget=scenario.budget, seed=scenario.seed, initial=scenario.initial)
+        if not is_race:
+            race.notes += [f"{name} makes no difference to {self.method}" for name in of_races(scenario.settings)]
         return race
 
     @classmethod

@@ -1,4 +1,7 @@
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -119,11 +122,10 @@ def test_the_evaluator_gives_the_cost(tmp_path, program):
 
 
 def is_running(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    state = subprocess.run(
+        ["/bin/ps", "-o", "stat=", "-p", str(process)], capture_output=True, text=True, check=False
+    ).stdout
+    return bool(state.strip()) and not state.startswith("Z")
 
 
 def gone(process):
@@ -145,8 +147,8 @@ def test_too_long_ends_the_whole_group(tmp_path, program):
     assert gone(int((tmp_path / "child").read_text()))
 
 
-def test_stopped_ends_the_whole_group(tmp_path, program):
-    target = Target(runner=program(SLOW), folder=tmp_path, retries=5)
+def stopped(target, child):
+    """What a run says that is stopped when its child is there, and the child."""
     failures = []
 
     def run():
@@ -156,8 +158,21 @@ def test_stopped_ends_the_whole_group(tmp_path, program):
 
     thread = threading.Thread(target=run)
     thread.start()
-    child = int(waiting_for(tmp_path / "child"))
+    process = int(waiting_for(child))
     target.stop.set()
     thread.join(timeout=60)
+    return failures, process
+
+
+def test_stopped_ends_the_whole_group(tmp_path, program):
+    failures, child = stopped(Target(runner=program(SLOW), folder=tmp_path, retries=5), tmp_path / "child")
     assert failures == ["was stopped"]
     assert gone(child)
+
+
+def test_what_left_the_group_is_not_waited_for(tmp_path, program):
+    leave = "import os, time; os.setsid(); print(os.getpid(), file=open('child', 'w'), flush=True); time.sleep(600)"
+    runner = program(f'{sys.executable} -c "{leave}" & sleep 600')
+    failures, child = stopped(Target(runner=runner, folder=tmp_path), tmp_path / "child")
+    os.kill(child, signal.SIGKILL)
+    assert failures == ["was stopped"]

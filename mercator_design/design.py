@@ -22,6 +22,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
@@ -102,7 +103,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
-        space = Space.from_text(parameters_text(flavour), "grammar")
+        space = Space.from_text(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
         self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 

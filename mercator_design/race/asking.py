@@ -114,7 +114,7 @@ class Asking(ABC):
         return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
 
     def ask(self) -> list[Experiment]:
-        """The next experiments, all on one instance; the same until their costs are told; none at the end.
+        """The next experiments, the same until their costs are told; none at the end.
 
         Raises:
             RaceError: The options leave the first iteration too small a budget, or too little is allowed.

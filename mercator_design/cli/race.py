@@ -41,7 +41,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--method",
     type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
-    default="irace",
+    default="surrogate",
     show_default=True,
     help="What proposes controllers and decides which of them run on.",
 )

@@ -386,8 +386,8 @@ class IteratedRace(Asking):
         Who was merely lucky in a race loses here. All experiments of a halving are asked for at once.
         """
         budget, n_seen, order = self.budget - self._used, self._n_seen, self._by_expectation(self._former_elites())
-        n_finalists = n_alive = min(len(order), _MOST_FINALISTS)
-        if n_alive < 2 or budget < n_alive * self.options.block_size:
+        n_finalists = n_alive = min(len(order), _MOST_FINALISTS, budget // self.options.block_size)
+        if n_alive < 2:
             return
         self._iteration += 1
         while n_alive > 1 and (n_blocks := (self.budget - self._used) // (n_alive * self.options.block_size)) > 0:

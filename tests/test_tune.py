@@ -1,5 +1,6 @@
 """mdesign tune and mdesign export irace, as a user runs them."""
 
+import io
 import json
 import os
 import signal
@@ -120,6 +121,18 @@ class TestTune:
         for name in ("best.txt", "results.csv"):
             assert (run / name).read_bytes() == (whole / name).read_bytes()
 
+    def test_which_changes_led_to_the_best(self, mdesign, undisturbed):
+        _, run = undisturbed
+        code, out, _ = mdesign("runs", "ablation", run, "--from-first", "-n", 2, "--csv")
+        assert code == 0
+        table = pd.read_csv(io.StringIO(out))
+        best = read(run / JOURNAL).record
+        assert table.x.iloc[-1] == best.configurations[best.ends[-1].winner]["x"]
+        assert table["mean"].iloc[-1] <= table["mean"][0]
+        code, _, err = mdesign("runs", "ablation", run)
+        assert code == 1
+        assert "expected a configuration to begin with (--from)" in err
+
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"
         assert mdesign("tune", folder / "scenario.txt", "-o", run, "--max-experiments", 100)[0] == 0
@@ -150,9 +163,12 @@ class TestTune:
 
     @pytest.mark.parametrize("method", ["surrogate", "random"])
     def test_other_methods(self, mdesign, folder, tmp_path, method):
+        (folder / "scenario.txt").write_text(f"{SCENARIO}configurationsFile = 'c.txt'\n")
+        (folder / "c.txt").write_text("x rule y\n7 fast 0.5\n")
         code, out, _ = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r", "--method", method)
         assert code == 0
         assert f"Race       {method}, " in out
+        assert read(tmp_path / "r" / JOURNAL).record.configurations[0] == {"x": 7, "rule": "fast", "y": 0.5}
 
 
 def one_x(record, one):
@@ -268,14 +284,12 @@ class TestFailures:
         (SCENARIO, ["--target-runner", "none"], 1, "the command line: targetRunner: expected a file, found none at "),
         (SCENARIO, ["--max-experiments", "0"], 2, "--max-experiments"),
         (SCENARIO, ["--resume", "r"], 2, "SCENARIO is what the race began with"),
-        (SCENARIO + "configurationsFile = 'c.txt'", ["--method", "tpe"], 1, "configurationsFile: expected none with"),
         ("nbConfigurations = 2\n" + SCENARIO, [], 1, "nbConfigurations: expected more than the 3 survivors"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(mdesign, folder, tmp_path, monkeypatch, text, options, code, message):
     monkeypatch.chdir(tmp_path)
     (folder / "scenario.txt").write_text(text)
-    (folder / "c.txt").write_text("x rule y\n7 fast 0.5\n")
     found, out, err = mdesign("tune", folder / "scenario.txt", *options)
     assert (found, out) == (code, "")
     assert message in err

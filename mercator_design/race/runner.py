@@ -141,6 +141,9 @@ class Runner(Generic[T]):
 
     def _note_iterations(self) -> None:
         for ended in self.race.iterations[self._n_iterations :]:
+            self._n_iterations += 1
+            if ended.iteration in self.record.iterations:
+                continue
             iteration = Iteration(
                 iteration=ended.iteration,
                 postselection=ended.postselection,
@@ -153,12 +156,8 @@ class Runner(Generic[T]):
                 stagnant=ended.stagnant,
                 note=ended.note,
             )
-            self._n_iterations += 1
-            if iteration.iteration not in self.record.iterations:
-                self.record.note_iteration(iteration)
-                self.watch_iterations(iteration)
-            elif self.record.iterations[iteration.iteration] != iteration:
-                raise _another(f"{iteration}", f"{self.record.iterations[iteration.iteration]}")
+            self.record.note_iteration(iteration)
+            self.watch_iterations(iteration)
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""

@@ -80,8 +80,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         budget: Experiments to run at most.
         seed: Of all that is random.
         flavour: What modules there are.
-        method: Name of one of `METHODS`. On missions, the library's own has shown no gain over irace
-            (docs/benchmarks.md), and costs time.
+        method: Name of one of `METHODS`.
 
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
@@ -92,7 +91,7 @@ class Designer(Task[tuple[Pfsm, int]]):
     START: ClassVar = {"flavour": str, "robot_model": str, "plugins": dict}
 
     def __init__(
-        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "irace"
+        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "surrogate"
     ) -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():

@@ -51,7 +51,8 @@ def irace(
     from mercator_design.race.executors import available_jobs
     from mercator_design.sim.simulate import Simulator
 
-    designer = Designer(Simulator(load_mission(mission, overrides)), budget=budget, seed=seed, flavour=flavour)
+    simulator = Simulator(load_mission(mission, overrides))
+    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(tell)
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
     for note in designer.race.notes:

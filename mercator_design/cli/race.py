@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
-from mercator_design.cli.racing import METHOD, ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, reopen, run
+from mercator_design.cli.racing import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
 from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -38,7 +48,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     show_default=True,
     help="Modules to design with.",
 )
-@METHOD
+@method_option("surrogate")
 @click.option(
     "--executor",
     "executor_name",

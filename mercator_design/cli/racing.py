@@ -1,7 +1,7 @@
 """What the verbs that race have in common: new and resumed races, their folders, failures, signals."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,13 +37,6 @@ OUTPUT = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the results, new or empty.  [default: the next free runs/NAME-N]",
 )
-METHOD = click.option(
-    "--method",
-    type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
-    default="irace",
-    show_default=True,
-    help="What proposes configurations and decides which of them run on.",
-)
 ON_FAILURE = click.option(
     "--on-failure",
     type=click.Choice(["stop", "reject"]),
@@ -56,6 +49,17 @@ OPTUNA = click.option(
     metavar="URL",
     help="Show the race in an Optuna storage too, e.g. sqlite:///race.db, for optuna-dashboard.",
 )
+
+
+def method_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --method of a verb."""
+    return click.option(
+        "--method",
+        type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
+        default=default,
+        show_default=True,
+        help="What proposes configurations and decides which of them run on.",
+    )
 
 
 def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[str], needed: Sequence[str]) -> None:

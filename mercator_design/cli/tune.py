@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import FILE
-from mercator_design.cli.racing import METHOD, ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, reopen, run
+from mercator_design.cli.racing import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
 from mercator_design.cli.terminal import Interrupt, tell
 from mercator_design.errors import MercatorError, printable
 
@@ -34,7 +44,7 @@ _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "targ
 )
 @click.option("--exec-dir", type=click.Path(path_type=Path), help="Folder that they run in.  [default: the scenario's]")
 @click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
-@METHOD
+@method_option("irace")
 @click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
 @OUTPUT
 @RESUME

@@ -386,18 +386,19 @@ class IteratedRace(Asking):
         Who was merely lucky in a race loses here. All experiments of a halving are asked for at once.
         """
         budget, n_seen, order = self.budget - self._used, self._n_seen, self._by_expectation(self._former_elites())
-        n_finalists = n_alive = min(len(order), _MOST_FINALISTS)
-        if n_alive < 2 or budget < n_alive * self.options.block_size:
+        size = self.options.block_size
+        n_finalists = n_alive = min(len(order), _MOST_FINALISTS, budget // size)
+        if n_alive < 2:
             return
         self._iteration += 1
-        while n_alive > 1 and (n_blocks := (self.budget - self._used) // (n_alive * self.options.block_size)) > 0:
-            alive = order[:n_alive]
-            n_blocks = max(n_blocks // math.ceil(math.log2(n_alive)), 1)
-            new = range(self._n_seen, self._n_seen + n_blocks * self.options.block_size)
+        while n_alive > 1 and (n_fitting := (self.budget - self._used) // size) > 1:
+            alive = order[: min(n_alive, n_fitting)]
+            n_blocks = max(n_fitting // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
+            new = range(self._n_seen, self._n_seen + n_blocks * size)
             yield [Experiment(configuration, instance) for instance in new for configuration in alive]
             self._n_seen = new.stop
-            order = self._by_expectation(alive) + order[n_alive:]
-            n_alive = math.ceil(n_alive / 2)
+            order = self._by_expectation(alive) + order[len(alive) :]
+            n_alive = math.ceil(len(alive) / 2)
         order = [number for number in order if not self._is_rejected(number)]
         self.elites = [self.statistics(number) for number in order[: self._survivors]]
         accepted = [number for number in alive if not self._is_rejected(number)]

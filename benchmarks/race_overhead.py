@@ -96,7 +96,7 @@ def executors(budget: int) -> None:
     report("this thread", ThreadExecutor(1))
     report("2 threads", ThreadExecutor(2))
     report("2 processes", ProcessExecutor(2))
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         report("2 Dask workers", DaskExecutor(cluster.scheduler_address))
 
 

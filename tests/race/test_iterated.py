@@ -266,6 +266,15 @@ def test_a_finalist_that_is_rejected_does_not_win():
     assert not bad & {elite.configuration for elite in race.elites}
 
 
+def test_it_is_an_error_if_all_finalists_are_rejected():
+    race = IteratedRace(MIXED, budget=300, seed=3, options=RaceOptions(iterations=3, survivors=1))
+    while (batch := race.ask()) and race.iteration <= 3:
+        race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
+    assert 2 <= len({e.configuration for e in batch}) <= 3
+    with pytest.raises(RaceError, match="all were rejected"):
+        race.tell([math.inf] * len(batch))
+
+
 def test_a_narrow_model_is_restarted():
     """Two values cannot be told apart for long."""
     space = Space([categorical("a", [1, 2]), categorical("b", [1, 2])])

@@ -557,7 +557,7 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
 def raced(tmp_path_factory):
     """The folder of a race long enough to learn something from."""
     folder = tmp_path_factory.mktemp("analysis") / "r"
-    command = ["race", "aggregation", "--budget", "1000", "-o", str(folder)]
+    command = ["race", "aggregation", "--budget", "1000", "--method", "irace", "-o", str(folder)]
     subprocess.run([*MDESIGN, *command], check=True, capture_output=True)
     return folder
 

@@ -18,9 +18,8 @@ from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
-from mercator_design.race.journal import read
 from mercator_design.race.task import Task
-from mercator_design.run_folder import JOURNAL, restored, task_of
+from mercator_design.run_folder import read_journal, restored, task_of
 
 T = TypeVar("T")
 
@@ -53,7 +52,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
     Raises:
         RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
     """
-    task, record = task_of(path), read(path / JOURNAL).record
+    task, record = task_of(path), read_journal(path).record
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -95,7 +94,7 @@ def ablation(
     Raises:
         RaceError: There is no such race or configuration, or it has not ended; see also `run_folder.restored`.
     """
-    task, record = restored(path), read(path / JOURNAL).record
+    task, record = restored(path), read_journal(path).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     winner = record.configurations[record.ends[-1].winner]

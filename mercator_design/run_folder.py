@@ -30,7 +30,7 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small, write_bytes, write_text
 from mercator_design.race import Experiment
 from mercator_design.race.executors import Executor, in_order
-from mercator_design.race.journal import Finished, Journal, Record, Tested, read
+from mercator_design.race.journal import Finished, Journal, Reading, Record, Tested, read
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
@@ -241,7 +241,7 @@ def verify(
         RaceError: if something is not as it was, or this program is not the one that ran the race.
         MissionError: as `RunFolder.reopen`.
     """
-    reading = read(path / JOURNAL)
+    reading = read_journal(path)
     record = reading.record
     task = restored(path)
     checked = [
@@ -320,16 +320,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
     file = path / "provenance.json"
     try:
         provenance = json.loads(read_small(file, _LARGEST_PROVENANCE))
-        race, request = provenance["race"], provenance["request"]
-        wanted = {
-            "mercator_design": str,
-            "name": str,
-            "method": str,
-            "budget": int,
-            "seed": int,
-            **TASKS[race["task"]].START,
-        }
-        valid = isinstance(request, dict) and all(isinstance(race[key], kind) for key, kind in wanted.items())
+        valid = isinstance(provenance["request"], dict) and _is_start(provenance["race"])
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
     except (ValueError, KeyError, TypeError):
@@ -340,6 +331,36 @@ def read_provenance(path: Path) -> dict[str, Any]:
     return found
 
 
+class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
+    """A journal was written by another version of this program, which says other things of races."""
+
+
+def read_journal(path: Path) -> Reading:
+    """The journal of a run folder as it is; others may be writing it.
+
+    Raises:
+        OtherVersion: see there.
+        RaceError: if there is none, or it is corrupt.
+    """
+    reading = read(path / JOURNAL)
+    start = reading.record.start
+    if start and not _is_start(start):
+        found = excerpt(str(start.get("mercator_design", "another version")))
+        raise OtherVersion(
+            f"{path / JOURNAL}, line 1: expected the start of a race as mercator_design {__version__} writes it, found "
+            f"that of another build ({found}), which can read it"
+        )
+    return reading
+
+
+def _is_start(start: object) -> bool:
+    """Whether it has what reports and `Task.restore` read."""
+    if not isinstance(start, dict) or str(start.get("task")) not in TASKS:
+        return False
+    wanted = {**_START, **TASKS[str(start["task"])].START}
+    return all(isinstance(start.get(key), kind) for key, kind in wanted.items())
+
+
 def experiments_table(path: Path) -> "pd.DataFrame":
     """The experiments of a run folder so far, a row each in order of their numbers.
 
@@ -348,7 +369,7 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return _experiments(read(path / JOURNAL).record)
+    return _experiments(read_journal(path).record)
 
 
 def tests_table(path: Path) -> "pd.DataFrame":
@@ -359,7 +380,7 @@ def tests_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    tests = read(path / JOURNAL).record.tests
+    tests = read_journal(path).record.tests
     return _table([tests[where] for where in sorted(tests)], ("configuration", "instance", "seed", "score", "failure"))
 
 
@@ -373,7 +394,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return _by_configuration(read(path / JOURNAL).record)
+    return _by_configuration(read_journal(path).record)
 
 
 def _experiments(record: Record) -> "pd.DataFrame":

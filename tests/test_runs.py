@@ -462,6 +462,20 @@ class TestRuns:
             assert states[str(folder)] == "running"
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
 
+    def test_the_race_of_another_version(self, mdesign, folder, tmp_path):
+        """Whose start has no name: it is told, and the others are listed."""
+        old = shutil.copytree(folder, tmp_path / "old")
+        first, *others = (old / JOURNAL).read_text().splitlines(keepends=True)
+        start = json.loads(first)
+        del start["crc"], start["name"]
+        (old / JOURNAL).write_text(to_line(start) + "".join(others))
+        code, out, err = mdesign("runs", "list", tmp_path)
+        assert (code, err, out.count("\n"), out.count("of another version\n")) == (0, "", 3, 1)
+        for options in (["show", old], ["show", old, "--csv", "experiments"], ["verify", old], ["importance", old]):
+            code, _, err = mdesign("runs", *options)
+            assert code == 1
+            assert f"{old / JOURNAL}, line 1: expected the start of a race as mercator_design" in err
+
     def test_without_a_verb_those_here_are_listed(self, mdesign, folder, tmp_path, monkeypatch):
         shutil.copytree(folder, tmp_path / "here" / "runs" / "r")
         monkeypatch.chdir(tmp_path / "here")

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.errors import RaceError
-from mercator_design.race.journal import Reading, is_locked, read
+from mercator_design.race.journal import Reading, is_locked
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_figures
-from mercator_design.run_folder import JOURNAL, TASKS
+from mercator_design.run_folder import JOURNAL, TASKS, OtherVersion, read_journal
 
 
 def runs_table(folder: Path) -> str:
@@ -42,7 +42,7 @@ def run_summary(path: Path) -> str:
     Raises:
         RaceError: if there is none, or its journal is corrupt.
     """
-    reading = read(path / JOURNAL)
+    reading = read_journal(path)
     record, run = reading.record, _run(path, reading)
     if not record.start:
         return f"{path}: no race has begun here yet"
@@ -89,9 +89,10 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     runs = []
     for journal in journals:
         try:
-            runs.append(_run(journal.parent, read(journal)))
-        except RaceError:
-            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": "damaged"})
+            runs.append(_run(journal.parent, read_journal(journal.parent)))
+        except RaceError as error:
+            state = "of another version" if isinstance(error, OtherVersion) else "damaged"
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state})
     return runs
 
 

@@ -297,7 +297,17 @@ class TestTests:
         assert len(results[results.tests == 12]) == len(set(tests.configuration)) >= 3
         low, high = evaluated["confidence_interval"]
         assert (results.test_low[winner], results.test_high[winner]) == pytest.approx((low, high))
-        assert f"Tested     configuration {winner}: mean {evaluated['mean']:.4g}" in mdesign("runs", "show", folder)[1]
+        lines = [re.split(" {2,}", line) for line in re.findall(r"^ {11}(configuration .*mean.*)$", out, re.MULTILINE)]
+        assert (lines[0][0], lines[0][2].partition(",")[0]) == (
+            f"configuration {winner}",
+            f"mean {evaluated['mean']:.4g}",
+        )
+        roles = [role for _, role, _ in lines]
+        assert roles[:3] == ["winner", "elite 2", "elite 3"]
+        assert len(roles) == len(set(tests.configuration)) == len(set(roles))
+        assert all(re.fullmatch(r"(best|elite [23]) of iteration \d+", role) for role in roles[3:])
+        tested = out.partition(":\n           configuration")[2].partition("\n           state")[0]
+        assert tested in mdesign("runs", "show", folder)[1]
         assert mdesign("runs", "show", folder, "--csv", "tests")[1] == tests.to_csv(index=False)
         n = 120 + len(tests)
         assert f"{n} of {n} experiments were run again" in mdesign("runs", "verify", folder, "-n", 1000)[1]

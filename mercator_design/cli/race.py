@@ -77,7 +77,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     metavar="N",
     help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
 )
-@click.option("--test-iterations", is_flag=True, help="Measure the best of each iteration there, too.")
+@click.option("--test-iterations", is_flag=True, help="Measure as many of each iteration's elites there, too.")
 @OPTUNA
 @SET
 @PLUGIN

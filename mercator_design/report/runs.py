@@ -9,7 +9,7 @@ from mercator_design.race.journal import Reading, is_locked
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
-from mercator_design.report.summary import test_figures
+from mercator_design.report.summary import test_lines
 from mercator_design.run_folder import JOURNAL, TASKS, OtherVersion, read_journal
 
 
@@ -70,9 +70,9 @@ def run_summary(path: Path) -> str:
         lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
         columns = task.columns(record.start, [record.configurations[run["winner"]]])
-        tests = record.test_scores()
+        tests = {number: Scores(scores) for number, scores in record.test_scores().items()}
         lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
-        lines += [f"Tested     configuration {c}: {test_figures(Scores(tests[c]))}" for c in tests]
+        lines += test_lines(record, tests, "on fresh instances")
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(lines)

@@ -14,9 +14,10 @@ import pandas as pd
 import pytest
 
 from mercator_design import run_folder
+from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import Journal, read, to_line
+from mercator_design.race.journal import Journal, read
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 

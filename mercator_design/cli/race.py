@@ -8,7 +8,8 @@ import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
 from mercator_design.cli.racing import ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, run
-from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts
+from mercator_design.command import tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:

@@ -60,7 +60,7 @@ class Log:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        why = "the duration is over" if error is None else str(error) or type(error).__name__
+        why = "The duration is over" if error is None else str(error) or type(error).__name__
         self.note("end", why=why, time=now())
         self._events.put(None)
         self._thread.join()

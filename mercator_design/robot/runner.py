@@ -1,6 +1,8 @@
 """A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
 
+import contextlib
 import math
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
+_PRIORITY = -10
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
@@ -53,6 +56,8 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         RobotError: if a device cannot be used, or the log cannot be written.
         Signalled: if a signal came.
     """
+    with contextlib.suppress(OSError):  # if it is permitted, nothing else on the Pi makes cycles late
+        os.nice(_PRIORITY)
     signals, pfsm = Signals(), what.file.pfsm
     with signals.caught(), open_ports(settings.ports) as ports:
         robot = Mercator(settings, ports, pfsm.reads, mission=what.file.header.get("mission"))

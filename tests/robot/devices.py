@@ -1,8 +1,4 @@
-"""The three devices of a robot on pseudo-terminals, as little as tests need: they answer, stream, and note what they hear.
-
-Other than the codecs' own tests know nothing of a device, these know nothing of an arena: what is sensed is what a
-test sets.
-"""
+"""The three devices of a robot on pseudo-terminals: they answer, stream what a test sets, and note what they hear."""
 
 import contextlib
 import math
@@ -63,6 +59,8 @@ class Devices(threading.Thread):
     def __enter__(self):
         for _, port in self._pairs.values():
             os.close(port)  # the robot's program opens it by name
+        for device in self._ends.values():
+            os.set_blocking(device, False)  # what nobody reads is lost
         self.start()
         return self
 
@@ -195,15 +193,14 @@ class Devices(threading.Thread):
                 self._scans = False
 
     def _scan(self, degrees):
-        """Go on by some degrees, half a degree a sample."""
-        n = max(1, min(80, round(2 * degrees)))
-        first, last = self._angle, self._angle + 32 * (n - 1)
-        turn = 360 * 64
-        if first + 32 * n >= turn:
+        """Go on by some degrees, half a degree a sample, at most to the end of the turn."""
+        if self._angle == 0:
             self._send("lidar", Packet(0, 0, (0,), is_ring_start=True).encode())
-        samples = tuple(self._sample(math.radians((first + 32 * k) / 64)) for k in range(n))
-        self._send("lidar", Packet(first % turn, last % turn, samples).encode())
-        self._angle = (last + 32) % turn
+        n = max(1, min(80, round(2 * degrees), 720 - self._angle))
+        first, last = 32 * self._angle, 32 * (self._angle + n - 1)
+        samples = tuple(self._sample(math.radians(0.5 * (self._angle + k))) for k in range(n))
+        self._send("lidar", Packet(first, last, samples).encode())
+        self._angle = (self._angle + n) % 720
 
     def _sample(self, clockwise):
         for angle, distance in self.robots:

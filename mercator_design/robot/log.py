@@ -75,8 +75,8 @@ class Log:
         try:
             while (event := self._events.get()) is not None:
                 line = to_line(event).encode()
-                if os.write(self._file, line) != len(line):
-                    raise OSError(None, "no space left")  # noqa: TRY301 - as if the system had said so
+                while line:
+                    line = line[os.write(self._file, line) :]
                 if time.monotonic() - synced > SYNC_EVERY:
                     os.fsync(self._file)
                     synced = time.monotonic()

@@ -260,8 +260,7 @@ class Mercator:
             version = self._ask("get_main_application_version", processor)
             self.facts[f"firmware_{processor.name.lower()}"] = "{major}.{minor}.{revision}".format_map(version)
         self.facts |= self._ask("get_battery_percentage")
-        if self._ask("get_battery_voltage_state")["state"] == _CRITICAL:
-            raise RobotError(f"rvr: the battery is critical, {self.facts['percentage']} %; charge it")
+        self._ask("get_battery_voltage_state")
         self._ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
         self._tell("enable_battery_voltage_state_change_notify", is_enabled=True)

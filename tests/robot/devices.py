@@ -31,7 +31,11 @@ class Devices(threading.Thread):
     millimetres: What the hub tells.
     robots: Angles [rad] and distances [m] of heads of other robots' lidars.
     battery: State; 3 is critical.
+    health: Of the lidar; 2 is an error.
     silent: Names of lines, and of services, that tell nothing.
+    refused: By name of a command, the error that answers it.
+    noise: What the RVR says in place of anything else.
+    forgets: Whether commands run out.
     commands: Of the RVR: time [s], name, values.
     wheels: Speeds of the treads [m/s] from a time on: those commanded, or zero when a command had run out.
     """
@@ -46,7 +50,7 @@ class Devices(threading.Thread):
         self.robots = []
         self.battery = 1
         self.silent = set()
-        self.refused = {}  # name of a command -> error
+        self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
         self.commands, self.wheels, self.lidar_commands = [], [], []
         self._rvr = rvr.Device()
         self._heard = {"lidar": ydlidar.command_decoder(), "proximity": multiflex.command_decoder()}
@@ -102,7 +106,7 @@ class Devices(threading.Thread):
         while not self._over.is_set():
             self._hear()
             now = time.monotonic()
-            if now > self._runs_out:
+            if now > self._runs_out and self.forgets:
                 self._runs_out, self._controller = math.inf, 0
                 self.wheels.append((now, 0.0, 0.0))
             if self._period is not None and now - streamed >= self._period:
@@ -136,7 +140,7 @@ class Devices(threading.Thread):
     def _send(self, line, data):
         if line in self._ends and line not in self.silent:
             with contextlib.suppress(OSError):
-                os.write(self._ends[line], data)
+                os.write(self._ends[line], self.noise if self.noise and line == "rvr" else data)
 
     def _obey(self, command):
         now = time.monotonic()
@@ -183,7 +187,7 @@ class Devices(threading.Thread):
         self.lidar_commands.append(command)
         match command:
             case "health":
-                self._send("lidar", Health(0).encode())
+                self._send("lidar", Health(self.health).encode())
             case "device_info":
                 self._send("lidar", DeviceInfo(6, (1, 5), 1, "8312230285877766").encode())
             case "scan":

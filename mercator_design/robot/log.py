@@ -4,8 +4,9 @@ An event a line (checked_lines.py), only ever appended:
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the start [s], the state that acted and the one after it, readings, draws,
-            wheels, the neighbours' distances [m] and bearings [rad], and of each sensor the age [s] and the values of
-            its latest sample; a distance is null where nothing is in sight, and 0 where something is too near to tell
+            wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
+            each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
+            and 0 where something is too near to tell
     note    what a device told
     end     why the run ended
 

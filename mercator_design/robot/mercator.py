@@ -260,6 +260,7 @@ class Mercator:
             version = self._ask("get_main_application_version", processor)
             self.facts[f"firmware_{processor.name.lower()}"] = "{major}.{minor}.{revision}".format_map(version)
         self.facts |= self._ask("get_battery_percentage")
+        self._polled = time.monotonic()
         self._ask("get_battery_voltage_state")
         self._ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()

@@ -1,8 +1,6 @@
 """A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
 
-import contextlib
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,12 +15,11 @@ from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.log import FORMAT, Log, now
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import open_ports
-from mercator_design.robot.safety import Signals, Watchdog
+from mercator_design.robot.safety import Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
-_PRIORITY = -10
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
@@ -56,8 +53,7 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         RobotError: if a device cannot be used, or the log cannot be written.
         Signalled: if a signal came.
     """
-    with contextlib.suppress(OSError):  # if it is permitted, nothing else on the Pi makes cycles late
-        os.nice(_PRIORITY)
+    go_first(1)
     signals, pfsm = Signals(), what.file.pfsm
     with signals.caught(), open_ports(settings.ports) as ports:
         robot = Mercator(settings, ports, pfsm.reads, mission=what.file.header.get("mission"))
@@ -112,7 +108,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
     cycle = 0
     while True:
         robot.attend(due)
-        begin = time.monotonic()
+        begin, worked = time.monotonic(), time.thread_time()
         if begin - start >= most:
             return
         if log.failure:
@@ -131,6 +127,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
             readings=readings,
             draws=draws,
             wheels=wheels,
+            cpu=round(time.thread_time() - worked, 6),
             neighbours=robot.neighbours,
             sensed={
                 name: [round(begin - sample.time, 4), *map(_plain, sample.values)]

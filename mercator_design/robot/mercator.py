@@ -235,11 +235,11 @@ class Mercator:
             self._lidar.write(b"".join(map(ydlidar.encode_command, ("force_stop", "stop"))))
             self._lidar.set_dtr(high=False)
         with contextlib.suppress(RobotError):
-            self._ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
             for processor in Processor:
                 self._tell("clear_streaming_service", processor)
             self._tell("enable_color_detection", is_enabled=False)
             self._tell("release_led_requests")
+            self._ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
             self._tell("restore_default_control_system_timeout")
 
     def _start(self) -> None:

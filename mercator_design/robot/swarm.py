@@ -47,15 +47,15 @@ class Speaker:
         Raises:
             RobotError: if a host's name is not known.
         """
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        self._socket.setblocking(False)
         self._robots = []
         for host in hosts:
             try:
                 self._robots.append((socket.gethostbyname(host), port))
             except (OSError, UnicodeError):
                 raise RobotError(f"{host}: no such host") from None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        self._socket.setblocking(False)
 
     def __enter__(self) -> Self:
         return self

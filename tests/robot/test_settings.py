@@ -1,11 +1,13 @@
 """A robot's settings: what a file may say, and which colours its floor may have."""
 
+from pathlib import Path
+
 import pytest
 
 from mercator_design.errors import SettingsError
 from mercator_design.loading import dump, parse
 from mercator_design.robot.ports import PortNames
-from mercator_design.robot.settings import Settings, nearest, read_settings
+from mercator_design.robot.settings import Limits, Settings, nearest, read_settings
 
 
 def settings(text):
@@ -17,6 +19,15 @@ def test_all_may_be_left_out(tmp_path):
     file.write_text("name: r7\n")
     assert read_settings(file) == Settings(name="r7")
     assert settings(dump(Settings())) == Settings()
+
+
+def test_the_example_in_the_documents_has_every_key():
+    document = (Path(__file__).parents[2] / "docs" / "robot.md").read_text()
+    example = document.partition("### robot.yaml")[2].split("```")[1]
+    read = settings(example)
+    assert (read.name, read.missions) == ("mercator-3", {"aggregation": ("black", "gray")})
+    keys = {line.partition(":")[0].strip() for line in example.splitlines()}
+    assert keys >= {*Settings.__dataclass_fields__, *Limits.__dataclass_fields__} - {"schema"}
 
 
 def test_ports_that_are_left_out_are_the_usual_ones():

@@ -265,15 +265,16 @@ def test_the_end_of_the_duration(tmp_path):
         check(robot, 0, "The duration is over")
         driven = [when for when, left, _ in robot.devices.wheels if left]
         assert 0.8 < robot.devices.rests_since() - driven[0] < 1.3
-        last = [name for _, name, _ in robot.devices.commands if name != "drive_tank_si_units"][-8:]
-        stopped = last.index("drive_stop")
-        assert last[stopped:] == [
-            *["drive_stop"] * (len(last) - stopped - 5),
+        names = [name for _, name, _ in robot.devices.commands]
+        stopped = len(names) - 1 - names[::-1].index("clear_streaming_service") - 1
+        assert names[stopped : stopped + 4] == [
             *["clear_streaming_service"] * 2,
             "enable_color_detection",
             "release_led_requests",
-            "restore_default_control_system_timeout",
         ]
+        assert names[stopped - 4 : stopped] == ["drive_tank_si_units", "drive_stop"] * 2
+        assert set(names[stopped + 4 : -1]) == {"drive_stop"}
+        assert names[-1] == "restore_default_control_system_timeout"
         assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
 
 

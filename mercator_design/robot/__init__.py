@@ -6,6 +6,9 @@
     multiflex   the Teraranger Hub Multiflex
     ports       the serial ports: finding and opening them
     settings    what is particular to one robot: robot.yaml
+    talk        what the devices are told and asked, and what is heard meanwhile
+    start       what each device is told before it is of use
+    samples     measurements of the RVR, with axes and units converted
     sweep       the lidar's last turn
     mercator    the robot as one object: sensors, wheels, lamps
     safety      what keeps the wheels from turning when nobody is in control of them

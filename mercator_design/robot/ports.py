@@ -47,7 +47,7 @@ def open_ports(names: PortNames) -> Iterator[Ports]:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
-        yield Ports(*(stack.enter_context(_open(device, getattr(names, device))) for device in Ports._fields))
+        yield Ports(*(stack.enter_context(open_port(device, getattr(names, device))) for device in Ports._fields))
 
 
 def find_port(device: str, name: str) -> str:
@@ -67,7 +67,8 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
-def _open(device: str, name: str) -> serial.Serial:
+def open_port(device: str, name: str) -> serial.Serial:
+    """One of the three ports, for this program alone; errors are those of `open_ports`."""
     path = find_port(device, name)
     try:
         return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)

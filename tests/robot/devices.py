@@ -16,10 +16,6 @@ from mercator_design.robot.rvr_streaming import SERVICES, StreamData
 from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 
 LINES = ("rvr", "lidar", "proximity")
-ANSWERS = {
-    "get_main_application_version": {"major": 9, "minor": 1, "revision": 462},
-    "get_battery_percentage": {"percentage": 87},
-}
 QUIET = {name: dict.fromkeys(service.attributes, 0.0) for name, service in SERVICES.items()}
 """What every service streams of a robot that stands on black, in the dark."""
 
@@ -30,7 +26,10 @@ class Devices(threading.Thread):
     sensed: What each service streams.
     millimetres: What the hub tells.
     robots: Angles [rad] and distances [m] of heads of other robots' lidars.
-    battery: State; 3 is critical.
+    battery, percentage: State, of which 3 is critical, and charge.
+    firmware: Of the RVR.
+    mask: Of the hub's sensors in use.
+    stuck: Whether the lidar's motor does not turn.
     health: Of the lidar; 2 is an error.
     silent: Names of lines, and of services, that tell nothing.
     refused: By name of a command, the error that answers it.
@@ -50,6 +49,8 @@ class Devices(threading.Thread):
         self.robots = []
         self.battery = 1
         self.silent = set()
+        self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
+        self.stuck = False
         self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
         self.commands, self.wheels, self.lidar_commands = [], [], []
         self._rvr = rvr.Device()
@@ -119,7 +120,7 @@ class Devices(threading.Thread):
                 turned = now
             if now - measured >= 0.1:
                 measured = now
-                self._send("proximity", Distances(tuple(self.millimetres)).encode())
+                self._send("proximity", Distances(tuple(self.millimetres), self.mask).encode())
 
     def _hear(self):
         ends = {end: line for line, end in self._ends.items()}
@@ -146,8 +147,12 @@ class Devices(threading.Thread):
         now = time.monotonic()
         assert isinstance(command, Command), command
         self.commands.append((now, command.name, command.values))
-        answer = ANSWERS.get(command.name, {})
+        answer = {}
         match command.name:
+            case "get_main_application_version":
+                answer = dict(zip(("major", "minor", "revision"), self.firmware, strict=True))
+            case "get_battery_percentage":
+                answer = {"percentage": self.percentage}
             case "wake":
                 self.tell("did_wake")
             case "get_battery_voltage_state":
@@ -198,6 +203,9 @@ class Devices(threading.Thread):
 
     def _scan(self, degrees):
         """Go on by some degrees, half a degree a sample, at most to the end of the turn."""
+        if self.stuck:
+            self._send("lidar", Packet(64, 64, (0,)).encode())
+            return
         if self._angle == 0:
             self._send("lidar", Packet(0, 0, (0,), is_ring_start=True).encode())
         n = max(1, min(80, round(2 * degrees), 720 - self._angle))

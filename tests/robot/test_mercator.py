@@ -9,9 +9,8 @@ import pytest
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
-from mercator_design.robot.mercator import COMMANDS_END, STREAMED, Mercator
+from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
-from mercator_design.robot.rvr_streaming import SERVICES
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -121,7 +120,7 @@ class TestStart:
     def test_commands(self, devices):
         with robot_on(devices) as robot:
             assert robot.facts["firmware_st"] == "9.1.462"
-            assert robot.facts["percentage"] == 87
+            assert robot.facts["battery"] == "87 %"
             assert robot.facts["commands_end"] == "seen after 0.3 s"
         names = [name for _, name, _ in devices.commands]
         assert names[:4] == ["disable_notifications_and_active_commands", *["clear_streaming_service"] * 2, "wake"]
@@ -131,7 +130,6 @@ class TestStart:
         assert {"reset_locator_x_and_y", "enable_battery_voltage_state_change_notify"} <= set(names)
         assert not devices.drives()
         assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
-        assert set(STREAMED) <= set(SERVICES)
 
     def test_commands_that_do_not_end_are_not_said_to(self, devices):
         devices.forgets = False

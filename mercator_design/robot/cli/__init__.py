@@ -3,7 +3,7 @@
 import click
 
 from mercator_design import __version__, command
-from mercator_design.robot.cli import replay, run, stop
+from mercator_design.robot.cli import check, replay, run, stop
 
 
 def main() -> None:
@@ -23,5 +23,5 @@ def cli() -> None:
     """  # noqa: D301 - click reads the control character
 
 
-for _verb in (run.run, stop.stop, stop.heartbeat, replay.replay):
+for _verb in (check.check, run.run, stop.stop, stop.heartbeat, replay.replay):
     cli.add_command(_verb)

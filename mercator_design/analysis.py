@@ -18,9 +18,9 @@ from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
-from mercator_design.race.journal import Record, read
+from mercator_design.race.journal import read
 from mercator_design.race.task import Task
-from mercator_design.run_folder import JOURNAL, restored
+from mercator_design.run_folder import JOURNAL, restored, task_of
 
 T = TypeVar("T")
 
@@ -32,12 +32,14 @@ class Ablation:
     start: what it begins with, in words.
     steps: see `race.ablation.ablate`.
     configurations: at each step.
+    simplifies: whether each step leaves less of a PFSM.
     """
 
     task: Task[Any]
     start: str
     steps: tuple[Step[Any], ...]
     configurations: tuple[Configuration, ...]
+    simplifies: bool
 
 
 def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tuple[Task[Any], Explanation]:
@@ -49,9 +51,9 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         seed: Of folds and shuffles.
 
     Raises:
-        RaceError: There is no such race, or too little to learn from; see also `run_folder.restored`.
+        RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
     """
-    task, record = _raced(path)
+    task, record = task_of(path), read(path / JOURNAL).record
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -93,7 +95,7 @@ def ablation(
     Raises:
         RaceError: There is no such race or configuration, or it has not ended; see also `run_folder.restored`.
     """
-    task, record = _raced(path)
+    task, record = restored(path), read(path / JOURNAL).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     winner = record.configurations[record.ends[-1].winner]
@@ -109,13 +111,13 @@ def ablation(
         flips = Flips(task.race.space, winner)
         key = task.race.space.key(record.configurations[start])
         path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
-        return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration)
+        return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
     if not isinstance(task, Designer):
         raise RaceError(f"{path}: expected a configuration to begin with (--from), as its winner is no PFSM")
     simpler = _Simpler(to_pfsm(winner, task.flavour))
     start_of = removed(simpler.pfsm, frozenset())
     steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)
-    return _ablation(task, "the winner", steps, simpler.configuration)
+    return _ablation(task, "the winner", steps, simpler.configuration, simplifies=True)
 
 
 class _Simpler:
@@ -137,16 +139,16 @@ class _Simpler:
         return from_pfsm(without(self.pfsm, out))
 
 
-def _raced(path: Path) -> tuple[Task[Any], Record]:
-    return restored(path), read(path / JOURNAL).record
-
-
 def _ablation(
-    task: Task[Any], start: str, steps: Sequence[Step[T]], configuration: Callable[[T], Configuration]
+    task: Task[Any],
+    start: str,
+    steps: Sequence[Step[T]],
+    configuration: Callable[[T], Configuration],
+    *,
+    simplifies: bool,
 ) -> Ablation:
-    return Ablation(
-        task=task, start=start, steps=tuple(steps), configurations=tuple(configuration(one.there) for one in steps)
-    )
+    configurations = tuple(configuration(one.there) for one in steps)
+    return Ablation(task=task, start=start, steps=tuple(steps), configurations=configurations, simplifies=simplifies)
 
 
 class _Measuring:

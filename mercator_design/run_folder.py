@@ -34,15 +34,16 @@ from mercator_design.race.journal import Finished, Journal, Record, Tested, read
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
+from mercator_design.race.tuner import Tuner
 
 if TYPE_CHECKING:
     import pandas as pd
 
 JOURNAL = "journal.jsonl"
-_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
+_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
 _START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
-TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer}
+TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """What can be raced, by the name that a race's start has for it."""
 
 
@@ -280,22 +281,32 @@ def verify(
     return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
 
 
-def restored(path: Path) -> Task[Any]:
-    """The task of a race that has begun, from its run folder.
+def task_of(path: Path) -> Task[Any]:
+    """The task of a run folder, as this program understands it.
 
     Raises:
-        RaceError: if it is not the race that this program would run.
+        RaceError: if there is none.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
     start = read_provenance(path)["race"]
-    task = TASKS[start["task"]].restore(path, start)
+    return TASKS[start["task"]].restore(path, start)
+
+
+def restored(path: Path) -> Task[Any]:
+    """The task of a run folder, whose experiments this program runs as they were run.
+
+    Raises:
+        RaceError: if there is none, or this program would run another race.
+        MissionError: if its mission, robot model or plugins cannot be read.
+    """
+    task, start = task_of(path), read_provenance(path)["race"]
     here = json.loads(json.dumps(task.start()))
     for key in here:
         if key != "mercator_design" and here[key] != start.get(key):  # another version may do all the same
             raise RaceError(
                 f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
                 f"{start['mercator_design']}, found {excerpt(str(here[key]))} in mercator_design {__version__}: "
-                "the race cannot be continued, verified or analysed by this"
+                "the race cannot be continued, verified or ablated by this"
             )
     return task
 
@@ -398,7 +409,7 @@ def _by_configuration(record: Record) -> "pd.DataFrame":
     results["parent"] = results["parent"].astype("Int64")
     configurations = [record.configurations[number] for number in results.index]
     columns = TASKS[record.start["task"]].columns(record.start, configurations)
-    return results.join(pd.DataFrame(columns, index=results.index))
+    return results.join(pd.DataFrame(columns, index=results.index, dtype=object))
 
 
 @contextlib.contextmanager

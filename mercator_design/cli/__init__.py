@@ -8,7 +8,7 @@ modules are imported by the verb that needs them, so that `--help` is quick.
 import click
 
 from mercator_design import __version__
-from mercator_design.cli import draw, evaluate, missions, race, record, robots, runs, schema, validate
+from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
 from mercator_design.command import run
 
 
@@ -30,8 +30,10 @@ def cli() -> None:
 
 for _verb in (
     race.race,
+    tune.tune,
     runs.runs,
     evaluate.evaluate,
+    export.export,
     record.record,
     validate.validate,
     draw.draw,

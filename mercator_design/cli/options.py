@@ -55,3 +55,10 @@ PLUGIN = click.option(
     callback=_load_plugins,
     help="Python file with more objectives or floor dynamics for missions. May be repeated.",
 )
+
+
+def picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    """What an option for the name of a picture calls."""
+    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
+        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
+    return path

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.options import JOBS, PLUGIN, seed_of
+from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, naming
 from mercator_design.command import tell
 
@@ -116,6 +116,7 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
 @click.option(
     "--plot",
     type=click.Path(path_type=Path, dir_okay=False),
+    callback=picture,
     metavar="FILE.png|FILE.svg",
     help="Draw it, too.",
 )
@@ -135,8 +136,6 @@ def ablation(
 
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
-    if plot is not None and plot.suffix.lower() not in {".png", ".svg"}:
-        raise click.UsageError(f"--plot: expected a file that ends in .png or .svg, found {plot.name}")
     with Interrupt() as interrupt, ThreadExecutor(jobs or available_jobs()) as executor, AblationDisplay() as display:
 
         def watch(step: int, done: int) -> None:

@@ -126,6 +126,6 @@ class Flips:
 
 
 def _words(name: str, here: Configuration, there: Configuration) -> str:
-    """A change of a parameter, and how many others it changes."""
+    """A change of a parameter, and how many others change with it."""
     others = sum(here.get(other) != there.get(other) for other in here.keys() | there.keys()) - 1
-    return f"{name} = {there[name]}" + (f", and {others} that depend on it" if others else "")
+    return f"{name} = {there[name]}" + (f", with {others} more" if others else "")

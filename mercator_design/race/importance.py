@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError
+from mercator_design.race.effects import effects
 from mercator_design.race.parameter import Configuration, Value
-from mercator_design.race.proposals import effects
 from mercator_design.race.space import Space
 from mercator_design.race.surrogate import Features, Floats, Surrogate
 
@@ -32,7 +32,7 @@ FEWEST = 30
 _MOST = 600
 """Configurations; of more, as many are taken evenly, since fitting takes the cube of their number."""
 _FOLDS = 5
-_FITS = 5
+_FITS = 10
 """Of the surrogate, each of which goes on from the one before."""
 _SHUFFLES = 20
 _GRID = 7

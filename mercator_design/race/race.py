@@ -21,6 +21,8 @@ from mercator_design.race.tests import Concordance, TestName, concordance, elimi
 
 Floats = NDArray[np.float64]
 
+ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
+
 
 class Experiment(NamedTuple):
     """One configuration on one instance, both counted from 0."""
@@ -106,7 +108,7 @@ class Race:
         self._survivors = survivors
         self._budget = budget
         self._limit = limit
-        self._most_instances = most_instances
+        self._most_instances = math.inf if most_instances is None else most_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
         self._row = 0  # of the instance in turn, in the order of this race
@@ -176,7 +178,7 @@ class Race:
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
         most = max(min(n, self._budget - self.used - asked), 0)
-        while len(found) < most and row != self._most_instances:
+        while len(found) < most and row < self._most_instances:
             known = row < len(self._known)
             if not known and self._alive.sum() <= self._survivors:
                 break
@@ -217,9 +219,7 @@ class Race:
         self._protection[columns] = 0
         self.rejected += [self.configurations[column] for column in columns]
         if not self._alive.any():
-            raise RaceError(
-                "race: expected some configurations to be accepted, but all were rejected by infinite costs"
-            )
+            raise RaceError(ALL_REJECTED)
 
     def _reason_to_stop(self, n_next: int) -> str | None:
         rules = self._rules

@@ -115,9 +115,10 @@ def signed_rank_p_value(differences: Floats) -> float:
     One-sided, exact, ties or not; zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
     """
     ranks = np.rint(2 * mid_ranks(np.abs(differences)[np.newaxis])[0][0]).astype(int)  # twice, so that they are whole
-    probabilities = np.ones(1)  # of the sums of the positive ranks
+    probabilities = np.zeros(ranks.sum() + 1)  # of the sums of the positive ranks
+    probabilities[0] = 1.0
     for rank in ranks[differences != 0].tolist():
-        probabilities = np.pad(probabilities, (0, rank)) + np.pad(probabilities, (rank, 0))
+        probabilities[rank:] += probabilities[:-rank].copy()
         probabilities /= 2
     return float(probabilities[ranks[differences > 0].sum() :].sum())
 

@@ -67,7 +67,8 @@ def test_whatever_the_method(url, method):
     check(url, record)
 
 
-def test_a_race_that_is_resumed_goes_on_in_its_study(url):
+def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
+    monkeypatch.setattr(optuna_mirror, "HURRY", optuna_mirror.PATIENCE)
     record = Record()
     race = IteratedRace(SPACE, budget=150, seed=1)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)

@@ -146,5 +146,5 @@ class Line:
     def _naming(self) -> Iterator[None]:
         try:
             yield
-        except (OSError, TypeError) as error:  # pyserial, of a port that was closed while it was used
+        except OSError as error:
             raise RobotError(f"{self.device}: {self._port.name} is lost: {error}") from None

@@ -78,6 +78,8 @@ class Brake:
                 raise Stopped(self.why)
             self._write(self._drive(left, right))
             self.driven = time.monotonic()
+            if self.why:  # a stop that did not wait for this command
+                self.stop(self.why)
 
     def stop(self, why: str) -> None:
         """Stop the wheels for good. Zero is sent twice, as one frame may be damaged on its way."""

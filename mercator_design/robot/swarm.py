@@ -10,7 +10,8 @@ from typing import Self
 from mercator_design.errors import RobotError
 
 STOP, HEARTBEAT, STOPPED = b"mercator-robot stop", b"mercator-robot heartbeat", b"mercator-robot stopped "
-_LONGEST = 200
+_LONGEST = 200  # bytes of a message
+_MOST = 100  # messages heard at once
 
 
 def listener(port: int) -> socket.socket:
@@ -30,10 +31,10 @@ def listener(port: int) -> socket.socket:
 
 
 def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
-    """What has been told, and by whom."""
-    told = []
+    """What has been told, and by whom; not all at once, if it is much."""
+    told: list[tuple[bytes, tuple[str, int]]] = []
     with contextlib.suppress(BlockingIOError):
-        while True:
+        while len(told) < _MOST:
             told.append(listening.recvfrom(_LONGEST))
     return told
 

@@ -9,6 +9,7 @@ import pytest
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
+from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.settings import Settings
@@ -116,6 +117,14 @@ class TestReadings:
                 robot.readings()
 
 
+@pytest.fixture
+def impatient(monkeypatch):
+    """Devices that say nothing are given up soon."""
+    monkeypatch.setattr(mercator, "_BEGIN", 1.0)
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.5)
+
+
 class TestStart:
     def test_commands(self, devices):
         with robot_on(devices) as robot:
@@ -155,6 +164,7 @@ class TestStart:
             (lambda d: setattr(d, "health", 2), r"^lidar: it reports an error"),
         ],
     )
+    @pytest.mark.usefixtures("impatient")
     def test_refused(self, devices, prepare, words):
         prepare(devices)
         with pytest.raises(RobotError, match=words) as refused, robot_on(devices):
@@ -163,7 +173,7 @@ class TestStart:
         assert not devices.drives()
         assert devices.wheels[-1][1:] == (0.0, 0.0)
 
-    def test_another_baud_rate_is_told(self, devices):
+    def test_another_baud_rate_is_told(self, devices, impatient):
         devices.noise = b"\x00\xf8\x1c" * 50
         words = r"\d+ bytes from it make no sense: another device, or another baud rate"
         with pytest.raises(RobotError, match=words), robot_on(devices):

@@ -21,9 +21,9 @@ NEAR = ReferenceModel().neighbour_range
 
 
 @contextmanager
-def robot_on(devices, reads=SENSES, mission=None, **settings):
+def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
-    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, mission=mission) as robot:
+    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, settings.labels_of({})) as robot:
         yield robot
 
 
@@ -183,7 +183,7 @@ class TestStart:
         with pytest.raises(
             RobotError, match="expected a PFSM that reads proximity, neighbours, ground, found one that"
         ):
-            Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"})
+            Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"}, {})
 
 
 def test_wheels_and_lamps(devices):

@@ -186,6 +186,16 @@ class TestStart:
             Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"}, {})
 
 
+def test_damaged_bytes(devices):
+    """One byte of a thousand is wrong: one frame of thirty, of which five in a row make the robot stop (2e-8)."""
+    devices.damage = 0.001
+    devices.robots = [(0.5, 0.5)]
+    with robot_on(devices) as robot:
+        found = [told(robot, 0.1).neighbours for _ in range(40)]
+        robot.drive(Wheels(0.5, 0.5))
+    assert found[10:].count(1.0) >= 25
+
+
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))

@@ -405,22 +405,21 @@ class IteratedRace(Asking):
             n_alive = min(math.ceil(len(alive) / 2), len(order))
         self.elites = [self.statistics(number) for number in order[: self._survivors]]
         accepted = [number for number in alive if not self._is_rejected(number)]
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=True,
-                budget=budget,
-                used=budget - self.budget + self._used,
-                n_configurations=n_finalists,
-                n_new=0,
-                n_instances=self._n_seen - n_seen,
-                n_alive=n_alive,
-                elites=tuple(self.elites),
-                soft_restart=False,
-                stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
-                concordance=concordance(self._table(accepted)[:, new.start :].T),
-            )
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=True,
+            budget=budget,
+            used=budget - self.budget + self._used,
+            n_configurations=n_finalists,
+            n_new=0,
+            n_instances=self._n_seen - n_seen,
+            n_alive=n_alive,
+            elites=tuple(self.elites),
+            soft_restart=False,
+            stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
+            concordance=concordance(self._table(accepted)[:, new.start :].T),
         )
+        self._conclude(summary, newcomers=[])
 
     def _by_expectation(self, numbers: Sequence[int]) -> list[int]:
         """The best first; those that were rejected, or have not run, are left out."""

@@ -222,7 +222,7 @@ def holm(p_values: list[float]) -> list[float]:
 
 
 def fingerprint() -> str:
-    """Of the source of races and of what they know of PFSMs, so that no other code's results are taken for this one's."""
+    """Of the source of races and of what they know of PFSMs, lest results of other code are taken for this one's."""
     folder = Path(mercator_design.__file__).parent
     files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
     return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]

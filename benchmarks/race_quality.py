@@ -32,7 +32,7 @@ from scipy.stats import mannwhitneyu
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-import mercator_design.race
+import mercator_design
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
@@ -200,9 +200,10 @@ def run(file: str | None, name: str, method: str, budget: int, seed: int) -> Row
 
 
 def fingerprint() -> str:
-    """Of the race's source, so that cached results of other code are not taken for this one's."""
-    folder = Path(mercator_design.race.__file__).parent
-    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))).hexdigest()[:12]
+    """Of the source of races and of what they know of PFSMs, so that no other code's results are taken for this one's."""
+    folder = Path(mercator_design.__file__).parent
+    files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]
 
 
 def results(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:

@@ -200,7 +200,7 @@ def run(file: str | None, name: str, method: str, budget: int, seed: int) -> Row
 
 
 def fingerprint() -> str:
-    """Of the source of races and of what they know of PFSMs, so that no other code's results are taken for this one's."""
+    """Of the source of races and of what they know of PFSMs, lest results of other code are taken for this one's."""
     folder = Path(mercator_design.__file__).parent
     files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
     return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]

@@ -71,7 +71,7 @@ def run(command: click.Command, name: str) -> None:
 
 def tell(message: str) -> None:
     """Say something that is no result."""
-    click.echo(printable(message), err=True)
+    click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
 
 
 def warn(doubts: Iterable[str]) -> None:

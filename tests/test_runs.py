@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import optuna
 import pandas as pd
@@ -17,12 +19,15 @@ import pytest
 
 from mercator_design import run_folder
 from mercator_design.checked_lines import to_line
+from mercator_design.command import tell
 from mercator_design.errors import RaceError
 from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
+from mercator_design.race.summary import Elite, Progress
 from mercator_design.report.iterations import iterations_table
+from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 
@@ -374,6 +379,53 @@ def test_options_that_do_not_go_together(mdesign, tmp_path, options, words):
     assert not (tmp_path / "r").exists()
 
 
+class TestProgress:
+    @pytest.fixture
+    def shown(self, monkeypatch, capsys):
+        """What a terminal of some width shows at last of a race that is where it is said to be."""
+
+        def shown(columns, iteration, iterations, told=""):
+            monkeypatch.setenv("FORCE_COLOR", "1")  # as if stderr were a terminal
+            monkeypatch.setenv("COLUMNS", str(columns))
+            best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
+            at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
+            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, race=SimpleNamespace(progress=at))
+            with RaceDisplay(task, 5000) as display:
+                task.race.progress = replace(at, iteration=iteration, iterations=iterations)
+                display.update(4240)
+                if told:
+                    tell(told)
+            err = re.sub(r"\x1b\[[\d?;]*[a-zA-Z]", "", capsys.readouterr().err)
+            return [line for line in re.split("[\r\n]+", err) if line.strip()]
+
+        return shown
+
+    @pytest.mark.parametrize(
+        ("columns", "text"),
+        [
+            (60, "aggregation: iteration 8/9, 17 …"),
+            (80, "aggregation: iteration 8/9, 17 alive, best 2.8"),
+            (140, "aggregation: iteration 8/9, 17 alive, best 2.8 (sd 0.414, n=15)"),
+        ],
+    )
+    def test_figures_are_whole_in_any_terminal(self, shown, columns, text):
+        line = shown(columns, 8, 9)[-1]
+        assert len(line) <= columns
+        assert line.startswith(text)
+        assert re.fullmatch(r" +([━╸╺]{10} )?4240/5000 \d+/s -:--:--", line[len(text) :])
+        assert ("━" in line) == (columns > 100)
+
+    @pytest.mark.parametrize(
+        ("iteration", "iterations", "words"),
+        [(9, 9, "iteration 9/9,"), (10, 10, "iteration 10,"), (10, 12, "iteration 10/12,"), (11, 10, "final race,")],
+    )
+    def test_iterations_beyond_the_plan(self, shown, iteration, iterations, words):
+        assert words in shown(80, iteration, iterations)[-1]
+
+    def test_what_is_told_has_a_line_of_its_own(self, shown):
+        assert "Note: of something" in shown(80, 8, 9, "Note: of something")
+
+
 class TestSignals:
     @pytest.mark.parametrize(
         ("number", "code", "word"), [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated.")]
@@ -384,6 +436,7 @@ class TestSignals:
         assert (found, out) == (code, "")
         assert err.splitlines()[-1] == word
         assert f"to go on: mdesign race --resume {folder}" in err
+        assert "Stopping when the experiments under way have ended" in err
         assert "Traceback" not in err
         assert not (folder / "fsm.txt").exists()
         reading = read(folder / JOURNAL)

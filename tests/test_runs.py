@@ -26,6 +26,7 @@ from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
 from mercator_design.race.summary import Elite, Progress
+from mercator_design.report.columns import difference
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
@@ -113,6 +114,7 @@ class TestResume:
         stop(folder, 50)
         code, out, err = mdesign("race", "--resume", folder)
         assert (code, warnings(err)) == (0, [])
+        assert re.search(r"^Winner .* score [\d.]+ \(sd [\d.]+, n=\d+\) over the race's", out, re.MULTILINE)
         assert "120 of 120 experiments" in out
         assert "69 of them now" in out
         assert digest(folder) == digest(undisturbed)
@@ -629,6 +631,15 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
     assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
     del record.iterations[40]
     assert len(iterations_table(record)) == 1 + 10 + 1 + 20
+
+
+def test_rounding_is_no_difference():
+    third = 1 / 3
+    scores = [0.1, 0.2, 0.7, 1.1]
+    assert difference([one + third for one in scores], scores) == "+0.333 ± 0"
+    assert difference([one + third - third for one in scores], scores) == "+0 ± 0"
+    assert difference([1.0, 2.0], [1.0, 1.0]) == "+0.5 ± 6.4"
+    assert difference([1.0], [2.0]) == ""
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,7 @@ class TestTune:
         monkeypatch.chdir(folder)
         code, out, err = mdesign("tune", "scenario.txt")
         assert (code, err) == (0, "")
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "of 110 experiments, " in out
         assert "Tested     on fresh instances" in out
         run = folder / "runs" / "sharpen-1"
@@ -144,7 +144,7 @@ class TestTune:
         run = undisturbed[1]
         code, out, _ = mdesign("runs", "show", run)
         assert code == 0
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "x = 7\n" in out
         assert mdesign("runs", "verify", run, "-n", 10)[0] == 0
         [listed] = json.loads(mdesign("runs", "list", run.parent, "--json")[1])

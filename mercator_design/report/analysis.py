@@ -10,7 +10,7 @@ from mercator_design.analysis import Ablation
 from mercator_design.race.importance import Explanation, Importance
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Task
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import aligned, difference
 
 _ALPHA = 0.05
 _COLOUR = "#0072b2"
@@ -60,11 +60,13 @@ def ablation_page(ablation: Ablation) -> str:
     rows: list[tuple[object, ...]] = [
         ("step", "change", "mean", f"at {CONFIDENCE:.0%}", "against the step before", "against the start", "p")
     ]
-    for number, row in enumerate(_rows(ablation)):
+    steps = list(_rows(ablation))
+    for number, row in enumerate(steps):
         low, high = row.interval
         cells = (number, row.change, f"{row.scores.mean:.4g}", f"{low:.4g} to {high:.4g}")
-        apart = (_difference(row.against_last), _difference(row.against_start), f"{row.p_value:.2g}")
-        rows.append((*cells, *(apart if number else (None, None, None))))
+        before = [steps[max(number - 1, 0)], steps[0]]
+        against = [difference(row.scores.values, one.scores.values) for one in before]
+        rows.append((*cells, *((*against, f"{row.p_value:.2g}") if number else (None, None, None))))
     return "\n".join(
         [
             f"{ablation.task.name}: on {len(ablation.steps[0].costs)} fresh instances that no change was chosen on; "
@@ -148,7 +150,6 @@ class _Row(NamedTuple):
     change: str
     scores: Scores
     against_start: Scores
-    against_last: Scores
     p_value: float
 
     @property
@@ -158,20 +159,13 @@ class _Row(NamedTuple):
 
 def _rows(ablation: Ablation) -> Iterator[_Row]:
     table = [[ablation.task.score(cost) for cost in step.costs] for step in ablation.steps]
-    for number, (step, own) in enumerate(zip(ablation.steps, table, strict=True)):
-        last = table[max(number - 1, 0)]
+    for step, own in zip(ablation.steps, table, strict=True):
         yield _Row(
             change=step.change or ablation.start,
             scores=Scores(tuple(own)),
             against_start=Scores(tuple(map(sub, own, table[0]))),
-            against_last=Scores(tuple(map(sub, own, last))),
             p_value=step.p_value,
         )
-
-
-def _difference(scores: Scores) -> str:
-    low, high = scores.confidence_interval or (scores.mean, scores.mean)
-    return f"{scores.mean:+.3g} ± {(high - low) / 2:.2g}"
 
 
 def _csv(rows: Iterable[Iterable[object]]) -> str:

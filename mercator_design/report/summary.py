@@ -76,12 +76,13 @@ def _asked(task: Task[Any]) -> list[str]:
 
 def _design(result: Result, designer: Designer, record: Record, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
+    spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
     again = [*evaluate, "-n", str(max((len(scores.values) for scores in result.tests.values()), default=0))]
     return [
-        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} ± "
-        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances"
+        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} "
+        f"({spread}n={len(scores.values)}) over the race's instances"
         f"{'' if result.tests else '; measure it on fresh ones:'}",
         *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
         *test_lines(record, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),

@@ -251,7 +251,8 @@ def verify(
         if record.digest(place) != end.digest:
             found = f"expected {end.digest}, found {record.digest(place)}"
             raise RaceError(f"{path / JOURNAL}: digest of the first {end.experiments} experiments: {found}")
-        checked.append(f"{JOURNAL}: digest of the first {end.experiments} experiments is {end.digest[:16]}")
+        which = "all" if end.experiments == len(record.experiments) else "the first"
+        checked.append(f"{JOURNAL}: the digest, of {which} {end.experiments} experiments, is {end.digest[:16]}")
     if record.is_complete:
         winner = record.ends[-1].winner
         if not task.is_winner(path / task.WINNER, record.configurations[winner]):
@@ -278,7 +279,9 @@ def verify(
                 f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
             )
-    return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
+    tests = sum(isinstance(one, Tested) for one in finished)
+    among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
+    return [*checked, f"{n} of {among} were run again: all as they were"]
 
 
 def task_of(path: Path) -> Task[Any]:

@@ -126,7 +126,7 @@ class TestResume:
         (folder / "fsm.txt").unlink()  # as if it had been stopped before that was written
         code, out, _ = mdesign("race", "--resume", folder)
         assert code == 0
-        assert "0 of them now" in out
+        assert "seed 1; it had ended: --resume with a larger budget lets it go on\n" in out
         assert (folder / "fsm.txt").read_bytes() == (undisturbed / "fsm.txt").read_bytes()
 
     def test_in_another_place_and_by_other_means(self, mdesign, folder, undisturbed, tmp_path, monkeypatch):
@@ -317,8 +317,9 @@ class TestTests:
         tested = out.partition(":\n           configuration")[2].partition("\n           state")[0]
         assert tested in mdesign("runs", "show", folder)[1]
         assert mdesign("runs", "show", folder, "--csv", "tests")[1] == tests.to_csv(index=False)
-        n = 120 + len(tests)
-        assert f"{n} of {n} experiments were run again" in mdesign("runs", "verify", folder, "-n", 1000)[1]
+        out = mdesign("runs", "verify", folder, "-n", 1000)[1]
+        assert f"{120 + len(tests)} of 120 experiments and {len(tests)} tests were run again" in out
+        assert "the digest, of all 120 experiments, is " in out
 
     def test_they_are_resumed_as_the_race_is(self, mdesign, tmp_path, undisturbed):
         whole, folder = tmp_path / "whole", tmp_path / "r"
@@ -518,14 +519,16 @@ class TestRuns:
         (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
         code, out, _ = mdesign("runs", "list", tmp_path)
         assert code == 0
-        assert {line.split()[0]: line.split()[1:6] for line in out.splitlines()[1:]} == {
-            str(folder): ["aggregation", "1", "120", "120", "finished"],
-            str(tmp_path / "s"): ["aggregation", "1", "31", "120", "stopped"],
+        assert {line.split()[0]: line.split()[1:7] for line in out.splitlines()[1:]} == {
+            str(folder): ["aggregation", "irace", "1", "120", "120", "finished"],
+            str(tmp_path / "s"): ["aggregation", "irace", "1", "31", "120", "stopped"],
             str(tmp_path / "t"): ["damaged"],
         }
         with Journal(folder / JOURNAL, new=False):
             states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
             assert states[str(folder)] == "running"
+        session = read(folder / JOURNAL).record.sessions[0]
+        assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session["time"]
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
 
     def test_the_race_of_another_version(self, mdesign, folder, tmp_path):

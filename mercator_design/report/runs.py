@@ -19,11 +19,9 @@ def runs_table(folder: Path) -> str:
     Raises:
         RaceError: if there is no such folder.
     """
-    rows: list[tuple[object, ...]] = [("run", "name", "seed", "experiments", "budget", "state", "winner")]
-    rows += [
-        (run["run"], run["name"], run["seed"], run["experiments"], run["budget"], run["state"], _score(run))
-        for run in _runs(folder)
-    ]
+    names = ("run", "name", "method", "seed", "experiments", "budget", "state", "started")
+    rows: list[tuple[object, ...]] = [(*names, "mean of winner")]
+    rows += [(*(run[name] for name in names), _score(run)) for run in _runs(folder)]
     return "\n".join(aligned(rows))
 
 
@@ -96,7 +94,7 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     return runs
 
 
-_KEYS = ("run", "name", "seed", "experiments", "budget", "state", "winner", "score")
+_KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score")
 
 
 def _run(path: Path, reading: Reading) -> dict[str, Any]:
@@ -109,7 +107,9 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
     else:
         run["state"] = "stopped"
     if record.start:
-        run |= {"name": record.start["name"], "seed": record.start["seed"], "budget": record.budget}
+        run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
+    if record.sessions:
+        run["started"] = record.sessions[0]["time"]
     if record.ends:
         winner = record.ends[-1].winner
         scores = [

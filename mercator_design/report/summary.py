@@ -41,12 +41,16 @@ def race_summary(
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in race.iterations)
+    if new + tested:
+        now = "" if new == race.used else f"{new} of them now, "
+        now += f"{seconds:.1f} s with {jobs} job{'s' * (jobs != 1)}, "
+        now += f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s"
+    else:
+        now = "it had ended: --resume with a larger budget lets it go on"
     lines = [
         *_asked(task),
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
-        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
-        f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
-        f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; {now}",
         *(f"Note       {note}" for note in race.notes),
         "",
         *iterations_table(record),

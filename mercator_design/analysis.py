@@ -104,6 +104,8 @@ def ablation(
         start = record.iterations[min(record.iterations)].elites[0]
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
+    if start is None and not isinstance(task, Designer):
+        raise RaceError(f"{path}: its winner is no PFSM to take apart: give --from CONFIGURATION or --from-first")
     task.prepare(announce)
     measured = _Measuring(task, executor, watch)
     if start is not None:
@@ -111,8 +113,7 @@ def ablation(
         key = task.race.space.key(record.configurations[start])
         path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
         return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
-    if not isinstance(task, Designer):
-        raise RaceError(f"{path}: expected a configuration to begin with (--from), as its winner is no PFSM")
+    assert isinstance(task, Designer)  # noqa: S101 - as was checked
     simpler = _Simpler(to_pfsm(winner, task.flavour))
     start_of = removed(simpler.pfsm, frozenset())
     steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)

@@ -425,6 +425,10 @@ class TestProgress:
     def test_iterations_beyond_the_plan(self, shown, iteration, iterations, words):
         assert words in shown(80, iteration, iterations)[-1]
 
+    def test_an_ablation_that_cannot_be_shows_nothing(self, mdesign, folder, monkeypatch):
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        assert "\x1b" not in mdesign("runs", "ablation", folder, "--from", 99999)[2]
+
     def test_what_is_told_has_a_line_of_its_own(self, shown):
         assert "Note: of something" in shown(80, 8, 9, "Note: of something")
 

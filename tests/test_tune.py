@@ -131,7 +131,7 @@ class TestTune:
         assert table["mean"].iloc[-1] <= table["mean"][0]
         code, _, err = mdesign("runs", "ablation", run)
         assert code == 1
-        assert "expected a configuration to begin with (--from)" in err
+        assert "no PFSM to take apart: give --from CONFIGURATION or --from-first" in err
 
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"

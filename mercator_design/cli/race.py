@@ -150,7 +150,10 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     from mercator_design.race.executors import ProcessExecutor, ThreadExecutor, available_jobs
 
     if (scheduler is not None) != (name == "dask"):
-        raise click.UsageError("--executor dask and --scheduler ADDRESS go together")
+        raise click.UsageError(
+            "--executor dask and --scheduler go together; for a scheduler of your own: "
+            "dask scheduler --scheduler-file s.json, then --scheduler s.json"
+        )
     if timeout is not None and name != "processes":
         raise click.UsageError("--timeout needs --executor processes: only a process can be stopped from outside")
     if scheduler is not None:

@@ -110,7 +110,11 @@ class AblationDisplay(_Display):
     def __init__(self) -> None:
         super().__init__("ablation", 0)
 
+    def __enter__(self) -> Self:
+        return self  # there may be nothing to do: it starts with the first experiment
+
     def update(self, step: int, done: int) -> None:
         """Show at which step it is, when a number of experiments is done."""
         if not self._is_silent():
+            self._progress.start()
             self.show(done, f"ablation: step {step + 1}")

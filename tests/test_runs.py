@@ -21,7 +21,9 @@ from mercator_design import run_folder
 from mercator_design.checked_lines import to_line
 from mercator_design.command import tell
 from mercator_design.errors import RaceError
+from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.grammar import to_pfsm
+from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
@@ -675,6 +677,17 @@ class TestAnalysis:
         table = pd.read_csv(io.StringIO(out), index_col="name")
         assert {"NumStates", "S0"} <= set(table.index)
         assert (table.error >= 0).all()
+        page = mdesign("runs", "importance", raced, "--of", "parameters")[1]
+        rows = page.partition(" gain\n")[2].splitlines()
+        assert [row.split()[0] for row in rows[:-1]] == list(table.index[:20])
+        assert rows[-1] == f"and {len(table) - 20} more, of at most {table.share.iloc[20]:z.1%}: --csv has all"
+        assert "-0.0%" not in page
+        called = {name: re.search(rf"^{name} .*  (\d+ \(.*?\))  ", page, re.MULTILINE) for name in table.index[:20]}
+        numbers = numbered(BEHAVIOURS, "watermelon")
+        for name in [name for name in called if re.fullmatch(r"S\d", name)]:
+            number = int(table.favours[name])
+            assert called[name][1] == f"{number} ({numbers[number].name})"
+        assert any(name.startswith("S") for name in called)
 
     def test_importance_of_a_race_of_another_version(self, mdesign, raced, tmp_path):
         """Nothing is run, so it need not be run as it was; ablation is refused."""

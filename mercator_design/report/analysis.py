@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mercator_design.analysis import Ablation
+from mercator_design.design import Designer
+from mercator_design.fsm.grammar import module_of
 from mercator_design.race.importance import Explanation, Importance
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Task
 from mercator_design.report.columns import aligned, difference
 
 _ALPHA = 0.05
+_MOST = 20
+"""Parameters that a page has."""
 _COLOUR = "#0072b2"
 
 
@@ -22,13 +26,14 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
     rows += [
         (
             one.name,
-            f"{one.share:.1%} ± {one.error:.1%}",
+            f"{one.share:z.1%} ± {one.error:.1%}",
             f"{one.active:.0%}",
-            _value(one),
+            _value(task, one),
             f"{one.gain:.3g}",
         )
-        for one in explanation.parameters
+        for one in explanation.parameters[:_MOST]
     ]
+    others = explanation.parameters[_MOST:]
     return "\n".join(
         [
             f"{task.name}: from {explanation.configurations} configurations that were raced, "
@@ -40,6 +45,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             ),
             "",
             *aligned(rows),
+            *([f"and {len(others)} more, of at most {others[0].share:z.1%}: --csv has all"] if others else []),
             "",
         ]
     )
@@ -51,8 +57,12 @@ def importance_csv(_: Task[Any], explanation: Explanation) -> str:
     return _csv([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
 
 
-def _value(one: Importance) -> str:
-    return one.favours if isinstance(one.favours, str) else f"{one.favours:.3g}"
+def _value(task: Task[Any], one: Importance) -> str:
+    if not isinstance(one.favours, str):
+        return f"{one.favours:.3g}"
+    if isinstance(task, Designer):
+        return f"{one.favours} ({module_of(one.name, one.favours, task.flavour).name})"
+    return one.favours
 
 
 def ablation_page(ablation: Ablation) -> str:

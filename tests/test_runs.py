@@ -705,11 +705,19 @@ class TestAnalysis:
         assert code == 1
         assert "expected at least 30 configurations that were raced, found 11" in err
 
-    def test_ablation_of_the_winner(self, mdesign, raced, tmp_path):
+    def test_ablation_of_the_winner(self, mdesign, raced, tmp_path, monkeypatch):
         code, out, _ = mdesign("runs", "ablation", raced, "-n", 5, "--plot", tmp_path / "a.svg")
         assert code == 0
         assert "0     the winner" in out
         assert "<svg" in (tmp_path / "a.svg").read_text()
+        assert "against the step before  against the start  p" in out
+        monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        narrow = mdesign("runs", "ablation", raced, "-n", 5)[1]
+        assert "against the step before" not in narrow
+        head = next(line for line in narrow.splitlines() if line.startswith("step "))
+        assert head.endswith("  against the start  p")
+        assert narrow.splitlines()[-1] == out.splitlines()[-1]
         first = (tmp_path / "a.svg").read_bytes()
         code, csv, _ = mdesign("runs", "ablation", raced, "-n", 5, "--csv", "-j", 1, "--plot", tmp_path / "a.svg")
         table = pd.read_csv(io.StringIO(csv))

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
-from mercator_design.cli.terminal import Interrupt, naming
+from mercator_design.cli.terminal import Interrupt, naming, terminal_width
 from mercator_design.command import tell
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -143,7 +143,7 @@ def ablation(
             interrupt.check(f"{done} experiments were done")
 
         result = found(directory, executor, start=start, first=first, runs=runs, announce=tell, watch=watch)
-    click.echo((ablation_csv if as_csv else ablation_page)(result), nl=False)
+    click.echo(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
         with naming(plot):
             save_ablation(plot, result)

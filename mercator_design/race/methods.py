@@ -35,7 +35,18 @@ def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: A
 
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
     options = SearchOptions(instances=20, generation=10, pruning=0.1)
-    return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
+
+    def make(space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()) -> Asking:
+        sampler = partial(OptunaSampler, name=name)
+        race = Search(space, budget=budget, seed=seed, initial=initial, options=options, sampler=sampler)
+        if budget <= options.generation * options.instances:
+            race.notes.append(
+                f"{name} learns from a first generation of {options.generation} random configurations on up to "
+                f"{options.instances} instances each: a budget of {budget} is hardly more than random search"
+            )
+        return race
+
+    return make
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}

@@ -18,6 +18,8 @@ _ALPHA = 0.05
 _MOST = 20
 """Parameters that a page has."""
 _COLOUR = "#0072b2"
+_WIDE = 120
+"""Characters that all columns of an ablation take."""
 
 
 def importance_page(task: Task[Any], explanation: Explanation) -> str:
@@ -65,8 +67,13 @@ def _value(task: Task[Any], one: Importance) -> str:
     return one.favours
 
 
-def ablation_page(ablation: Ablation) -> str:
-    """A path of changes as text, and what is left of the start as far as no difference was found."""
+def ablation_page(ablation: Ablation, width: int | None = None) -> str:
+    """A path of changes as text, and what is left of the start as far as no difference was found.
+
+    Args:
+        ablation: What was found.
+        width: Characters in a line; below 120 there is no column of differences from the step before.
+    """
     rows: list[tuple[object, ...]] = [
         ("step", "change", "mean", f"at {CONFIDENCE:.0%}", "against the step before", "against the start", "p")
     ]
@@ -77,6 +84,8 @@ def ablation_page(ablation: Ablation) -> str:
         before = [steps[max(number - 1, 0)], steps[0]]
         against = [difference(row.scores.values, one.scores.values) for one in before]
         rows.append((*cells, *((*against, f"{row.p_value:.2g}") if number else (None, None, None))))
+    if width is not None and width < _WIDE:
+        rows = [(*row[:4], *row[5:]) for row in rows]
     return "\n".join(
         [
             f"{ablation.task.name}: on {len(ablation.steps[0].costs)} fresh instances that no change was chosen on; "
@@ -150,7 +159,8 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
         axes.invert_yaxis()
         axes.grid(axis="x", linewidth=0.4)
         axes.set_xlabel(f"mean score, interval of {CONFIDENCE:.0%}; hollow: differs from the start")
-        axes.set_title(ablation.task.name)
+        what = "the winner taken apart" if ablation.simplifies else f"from {ablation.start} to the winner"
+        axes.set_title(f"{ablation.task.name}: {what}, n={len(rows[0].scores.values)}")
         save_figure(path, figure)
 
 

@@ -36,7 +36,8 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run; at least 60 with irace. With --resume, a larger one to go on to.",
+    help="Experiments that may be run; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and cma-es. "
+    "With --resume, a larger one to go on to.",
 )
 @SEED
 @JOBS

@@ -347,6 +347,6 @@ def test_cma_es_needs_numbers():
 def test_a_budget_of_which_nothing_is_learnt_is_told(name):
     space = Space([real("x", 0, 1), real("y", 0, 1)])
     [note] = METHODS[name](space, budget=200, seed=1).notes
-    assert f"{name} learns from a first generation of 10 random configurations" in note
+    assert "a budget of 200 is hardly more than random search" in note
     assert METHODS[name](space, budget=201, seed=1).notes == []
     assert METHODS["random"](space, budget=200, seed=1).notes == []

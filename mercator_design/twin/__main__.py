@@ -1,0 +1,5 @@
+"""`python -m mercator_design.twin`."""
+
+from mercator_design.twin.cli import twin
+
+twin(prog_name="twin")

@@ -109,8 +109,9 @@ class Drive:
         self._tell()
 
     def _stop(self, by: str, deceleration: float = BRAKING) -> None:
+        was_stopped = self._stopped
         self._drive(by, _STOP, lambda: _REST, deceleration)
-        self._deadline = math.inf
+        self._stopped, self._deadline = was_stopped, math.inf
 
     def _turning(self, speed: float, turn: float) -> Treads:
         """Treads of a speed [m/s] and a turn to the left [degrees/s]."""

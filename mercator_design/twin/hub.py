@@ -15,6 +15,7 @@ from mercator_design.robot.multiflex import (
     command_decoder,
     use_sensors,
 )
+from mercator_design.twin.pace import next_due
 
 RATE = 50.0
 """Measurements/s of all sensors together; a frame has one of each that is in use (data sheet of 2017)."""
@@ -43,11 +44,11 @@ class Hub:
         return said + b"".join(self._obey(command) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
-        """The frame that is due by now; what was missed is not made up for."""
+        """The frame that is due by now."""
         if now < self._due:
             return b""
         period = max(self._mask.bit_count(), 1) / RATE
-        self._due = self._due + period if self._due + period > now else now + period
+        self._due = next_due(self._due, period, now)
         used = [self._mask >> i & 1 for i in range(SENSORS)]
         distances = [_millimetres(d) if on else NOTHING for d, on in zip(self._measure(), used, strict=True)]
         frame = Distances(tuple(distances), self._mask)

@@ -12,6 +12,7 @@ from mercator_design.robot.rvr import Device
 from mercator_design.robot.rvr_messages import Error, Processor
 from mercator_design.robot.rvr_streaming import SERVICES, StreamData
 from mercator_design.twin.drive import Place, wrapped
+from mercator_design.twin.pace import next_due
 
 Measure: TypeAlias = Callable[[str], Sequence[float]]
 """What a robot's device measures now, by its name in `sim.devices`, axes with y forwards; `treads`: how far each has
@@ -55,12 +56,12 @@ class Senses:
         for processor, (period, due) in self._streams.items():
             if self.now >= due:
                 said += [self._stream(processor, slot) for slot in sorted(self._line.slots.of(processor))]
-                self._streams[processor] = period, _next(due, period, self.now)
+                self._streams[processor] = period, next_due(due, period, self.now)
         if self._colours is not None and self.now >= self._colours[1]:
             period, due, least = self._colours
             if 255 * self._confidence() >= least:
                 said.append(self._colour_notification())
-            self._colours = period, _next(due, period, self.now), least
+            self._colours = period, next_due(due, period, self.now), least
         if self.now >= self._calibrated:
             north = round(wrapped(math.degrees(math.pi / 2 - self._zero)))
             said.append(
@@ -90,7 +91,9 @@ class Senses:
         if is_enabled and interval == 0:
             return Error.BAD_DATA_VALUE
         period = interval / 1000
-        self._colours = (period, self.now + period, minimum_confidence_threshold) if is_enabled else None
+        self._colours = (
+            (period, next_due(self.now, period, self.now), minimum_confidence_threshold) if is_enabled else None
+        )
         return None
 
     def get_current_detected_color_reading(self) -> None:
@@ -106,7 +109,7 @@ class Senses:
     def start_streaming_service(self, processor: Processor, period: int) -> Error | None:
         if period == 0:
             return Error.BAD_DATA_VALUE
-        self._streams[processor] = period / 1000, self.now + period / 1000
+        self._streams[processor] = period / 1000, next_due(self.now, period / 1000, self.now)
         return None
 
     def stop_streaming_service(self, processor: Processor) -> None:
@@ -192,11 +195,6 @@ class Senses:
             case "encoders":
                 return [*self.get_encoder_counts().values()]
         return self._measure(name)
-
-
-def _next(due: float, period: float, now: float) -> float:
-    """When something is due next; what was missed is not made up for."""
-    return due + period if due + period > now else now + period
 
 
 def _turned(x: float, y: float, angle: float) -> tuple[float, float]:

@@ -99,6 +99,7 @@ class Terminals:
     def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
         """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
         start, began, latest = clock(), time.process_time(), 0.0
+        self._twin.note("clock", start=start)
         while not is_over(now := clock() - start):
             latest = max(latest, now - self._twin.next_tick)
             for number, device, said in self._twin.advance(now):

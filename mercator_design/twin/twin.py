@@ -103,7 +103,7 @@ class Robot:
 
     def _note(self, now: float) -> None:
         """Log what is new."""
-        left, right = self.rvr.told
+        left, right = (round(speed, 4) + 0.0 for speed in self.rvr.told)
         self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.told_by)
         self._note_one(now, "power", self.rvr.is_awake, awake=self.rvr.is_awake)
         self._note_one(now, "leds", bytes(self.rvr.leds), leds=list(self.rvr.leds))
@@ -141,25 +141,22 @@ class Twin:
     @property
     def next_tick(self) -> float:
         """When there is something to do [s]."""
-        return (self._arena.ticks + 1) * self._arena.period
+        return round((self._arena.ticks + 1) * self._arena.period, 9)
 
     def advance(self, now: float) -> Iterator[tuple[int, Device, bytes]]:
         """What the devices say up to now without being asked: robot, device, bytes."""
-        while self.next_tick <= now:
+        while (time := self.next_tick) <= now:
             self._arena.step([robot.rvr.treads for robot in self.robots])
-            time = self._arena.ticks * self._arena.period
             for number, robot in enumerate(self.robots):
                 for device, said in robot.advance(time):
                     yield number, device, said
             if self._arena.ticks % self._arena.cycle == 0:
                 self._note_poses()
 
+    def note(self, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
+        """Log something that concerns all robots."""
+        self._log({"time": round(self._arena.ticks * self._arena.period, 6), "event": event, **details})
+
     def _note_poses(self) -> None:
-        self._log(
-            {
-                "time": round(self._arena.ticks * self._arena.period, 6),
-                "event": "poses",
-                "poses": self._arena.poses.round(6).tolist(),
-                "treads": [robot.rvr.treads for robot in self.robots],
-            }
-        )
+        treads = [robot.rvr.treads for robot in self.robots]
+        self.note("poses", poses=self._arena.poses.round(6).tolist(), treads=treads)

@@ -29,8 +29,9 @@ _UNITS = 360 * 64  # of angles in packets, in a turn
 _MM = 4000.0  # units of ranges in a metre
 _REBOOTS = 0.5  # [s]
 _LONGEST = 0xFFFF
-_MOST_AHEAD, _MOST_BEHIND = math.radians(8.0), math.radians(5.0)  # corrections, for ranges from 0.1 m on
-_SAME = 0.05  # [m] apart at most are readings of one thing
+_LEAST, _MOST = math.radians(-5.0), math.radians(8.0)  # corrections, of ranges from 0.1 m on
+_AT, _SPREAD = 0.6, 1.2  # beams from its place, within which one is there, and within which it counts if none is
+_BEHIND = 1e6  # farther than any range [m]
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
 
 
@@ -105,7 +106,7 @@ class Lidar:
         return Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0).encode()
 
 
-def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, offs: Floats) -> None:
+def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, ranks: Floats) -> None:
     """Put ranges where a device would have them.
 
     Where several things come to the same place, the nearest hides the others; where none does, nothing comes back.
@@ -116,28 +117,25 @@ def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Fl
         samples: Of a turn.
         first: Number of the first sample, clockwise from the front.
         found: (count,) filled with the ranges of the samples from there on [m].
-        offs: (count or more,) scratch.
+        ranks: (count or more,) scratch.
     """
     beams, count = len(ranges), len(found)
     step, fine = 2.0 * math.pi / samples, 2.0 * math.pi / beams
     for j in range(count):
         found[j] = 0.0
-        offs[j] = 1.0
-    begin = math.floor((-(first + count) * step - _MOST_AHEAD) / fine)
-    end = math.ceil((-(first - 1) * step + _MOST_BEHIND) / fine)
-    for look in range(2):
-        for k in range(begin, end + 1):
-            r = ranges[k % beams]
-            if r == 0.0:
-                continue
-            place = (corrections[min(int(1000.0 * r + 0.5), len(corrections) - 1)] - k * fine) / step - first
-            j = math.floor(place + 0.5)
-            if not 0 <= j < count:
-                continue
-            off = abs(place - j)
-            if look == 0:
-                if found[j] == 0.0 or r < found[j]:
-                    found[j] = r
-            elif r < found[j] + _SAME and off < offs[j]:
-                offs[j] = off
-                found[j] = r
+        ranks[j] = math.inf
+    begin = math.floor((_LEAST - (first + count) * step) / fine)
+    end = math.ceil((_MOST - (first - 1) * step) / fine)
+    for k in range(begin, end + 1):
+        r = ranges[k % beams]
+        if r == 0.0:
+            continue
+        place = (corrections[min(int(1000.0 * r + 0.5), len(corrections) - 1)] - k * fine) / step - first
+        j = math.floor(place + 0.5)
+        off = abs(place - j) * FINE  # in beams
+        if not 0 <= j < count or off > _SPREAD:
+            continue
+        rank = r if off <= _AT else _BEHIND + off  # of things at the place the nearest, else the one beside it
+        if rank < ranks[j]:
+            ranks[j] = rank
+            found[j] = r

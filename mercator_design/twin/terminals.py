@@ -64,7 +64,7 @@ def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
 
 
 class Terminals:
-    """The ports of all robots: in `folder`/N, of robot N, links rvr, lidar, proximity, and robot.yaml, which names them."""
+    """The ports of all robots: in `folder`/N, for robot N, links to them, and robot.yaml, which names them."""
 
     def __init__(self, twin: Twin, folder: Path) -> None:
         """No ports yet: entering makes them, and leaving takes them away."""

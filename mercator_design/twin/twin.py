@@ -52,6 +52,7 @@ class Robot:
             )
             for name, device in devices.items()
         }
+        self._note(0.0)
 
     def _damage(self, seed: int, device: Device, way: Direction) -> Damage:
         faults = [fault for fault in self._faults if isinstance(fault, LineFault) and fault.device == device]

@@ -74,7 +74,7 @@ def test_the_log_has_what_happened():
     wheels = [(event["left"], event["right"], event["by"]) for event in mine if event["event"] == "wheels"]
     assert wheels == [(0.0, 0.0, "start"), (0.2, -0.1, "drive_tank_si_units"), (0.0, 0.0, "drive_stop")]
     assert [event["awake"] for event in mine if event["event"] == "power"] == [True, False]
-    assert [event["leds"][:3] for event in mine if event["event"] == "leds"] == [[1, 2, 3]]
+    assert [event["leds"][:3] for event in mine if event["event"] == "leds"] == [[0, 0, 0], [1, 2, 3]]
     poses = talk.events("poses")
     assert [event["time"] for event in poses] == [round(0.1 * k, 1) for k in range(11)]
     assert [len(event["poses"]) for event in poses] == [2] * 11

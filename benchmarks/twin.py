@@ -64,9 +64,8 @@ def main() -> None:
         line = [sys.executable, "-m", "mercator_design.twin", options.mission, "--set", f"robots={options.robots}"]
         line += ["--folder", name]
         with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            for _ in range(options.robots):
-                process.stdout.readline()
+            for _ in zip(range(options.robots), process.stdout or (), strict=False):
+                pass
             clients = [Client(folder / str(number), number, options.period) for number in range(options.robots)]
             start = time.monotonic()
             ticks = 0

@@ -1,6 +1,9 @@
 """What goes wrong by a script, and what a script may say."""
 
 import random
+import re
+from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -9,6 +12,7 @@ from mercator_design.twin.faults import (
     Battery,
     Damage,
     Double,
+    Fault,
     Flip,
     Insert,
     Lose,
@@ -88,6 +92,16 @@ faults:
                 Stall(at=1, duration=3, robot=0, motor="left"),
             ),
         )
+
+    def test_the_one_in_the_documents(self, tmp_path):
+        text = (Path(__file__).parents[2] / "docs" / "twin.md").read_text()
+        file = tmp_path / "faults.yaml"
+        file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
+        assert len(read_script(file).faults) == 5
+        kinds = {
+            kind for row in re.findall(r"^\| (`[a-z_`, ]+`) \|", text, re.MULTILINE) for kind in re.findall(r"\w+", row)
+        }
+        assert {each.__dataclass_fields__["kind"].default for each in get_args(Fault)} <= kinds
 
     @pytest.mark.parametrize(
         ("line", "words"),

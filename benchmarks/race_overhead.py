@@ -4,6 +4,7 @@ Each figure is of a process of its own; times of the race are CPU times, which d
 
     overhead     of one experiment, with an evaluator that costs nearly nothing: sampling, asking, testing, telling, and
                  the journal on disk; of the executors alone
+    methods      the same of each method, without a journal, for a tenth of the budget
     memory       at the end of a race of --large experiments
     resume       the journal of that race read, checked and told anew
     utilisation  part of the time that --jobs threads are in experiments, in a race on a mission with 20 robots
@@ -23,10 +24,11 @@ from typing import TypeVar
 
 from mercator_design.fsm.grammar import parameters_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race import Space
 from mercator_design.race.dask_executor import DaskExecutor
 from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.journal import Journal, Measured, Record
+from mercator_design.race.methods import METHODS
 from mercator_design.race.runner import Runner
 
 T = TypeVar("T")
@@ -41,11 +43,9 @@ def free(item: tuple[int, int]) -> Measured:
     return Measured((configuration * 7919 % 997) / 997 + 2 * noise, "0123456789abcdef")
 
 
-def run(record: Record, executor: Executor, budget: int) -> int:
+def run(record: Record, executor: Executor, budget: int, method: str = "irace") -> int:
     """A race with the free evaluator; gives how many experiments it had."""
-    race = IteratedRace(
-        Space.from_text(parameters_text("watermelon")), budget=budget, seed=1, options=RaceOptions.irace()
-    )
+    race = METHODS[method](Space.from_text(parameters_text("watermelon")), budget=budget, seed=1)
     if not record.start:
         record.begin({"budget": budget})
     Runner(
@@ -70,6 +70,16 @@ def overhead(budget: int) -> None:
             n = run(record, executor, budget)
             spent.append(1e6 * (time.process_time() - start) / n)
     print(f"overhead, budget {budget}: {spent[0]:.1f} us an experiment, with a journal {spent[1]:.1f} us")
+
+
+def methods(budget: int) -> None:
+    """Prints the cost of an experiment with each method, for its budget."""
+    for method in METHODS:
+        with ThreadExecutor(1) as executor:
+            run(Record(), executor, 100, method)
+            start = time.process_time()
+            n = run(Record(), executor, budget, method)
+        print(f"{method}, budget {budget}: {1e6 * (time.process_time() - start) / n:.0f} us an experiment")
 
 
 def executors(budget: int) -> None:
@@ -159,12 +169,13 @@ def main() -> None:
     given = parser.parse_args()
     if given.only:
         name, *arguments = given.only
-        what: dict[str, Callable[..., None]] = {f.__name__: f for f in (overhead, executors, memory, resuming)}
+        what: dict[str, Callable[..., None]] = {f.__name__: f for f in (overhead, methods, executors, memory, resuming)}
         what[name](int(arguments[0]), *arguments[1:])
         return
     with tempfile.TemporaryDirectory() as folder:
         for arguments in (
             ["overhead", str(given.budget)],
+            ["methods", str(given.budget // 10)],
             ["executors", str(given.budget)],
             ["memory", str(given.large), folder],
             ["resuming", str(given.large), folder],

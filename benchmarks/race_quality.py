@@ -17,17 +17,17 @@ import argparse
 import hashlib
 import importlib.util
 import json
+import multiprocessing
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.stats import mannwhitneyu
 
 import mercator_design.race
@@ -46,6 +46,8 @@ from mercator_design.race import (
 from mercator_design.race.methods import METHODS
 
 Row = dict[str, Any]
+Task = tuple[str | None, str, str, int, int]
+"""File, problem, method, budget, seed."""
 SIGNIFICANT = 0.05
 
 
@@ -110,10 +112,11 @@ class Mission:
 
     def __init__(self, name: str) -> None:
         from mercator_design.fsm.grammar import parameters_text
+        from mercator_design.fsm.structure import PfsmStructure
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.simulate import Simulator
 
-        self.space = Space.from_text(parameters_text("watermelon"), "grammar")
+        self.space = Space.from_text(parameters_text("watermelon"), "grammar", structure=PfsmStructure("watermelon"))
         self._simulator = Simulator(load_mission(name))
         self._seed = 0
 
@@ -224,7 +227,20 @@ def fingerprint() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))).hexdigest()[:12]
 
 
-def all_rows(tasks: list[tuple[str | None, str, str, int, int]], file: Path | None, jobs: int) -> list[Row]:
+def results(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
+    """Of all runs, as they come. Processes are forked, and keep the problems they have read."""
+    if jobs == 1:
+        yield from (run(*task) for task in tasks)
+        return
+    with multiprocessing.get_context("fork").Pool(jobs) as pool:
+        yield from pool.imap_unordered(_run, tasks)
+
+
+def _run(task: Task) -> Row:
+    return run(*task)
+
+
+def all_rows(tasks: Sequence[Task], file: Path | None, jobs: int) -> list[Row]:
     """The results of all runs, those from the cache first; new ones are appended to it as they come."""
     code = fingerprint()
     known: dict[tuple[Any, ...], Row] = {}
@@ -235,8 +251,7 @@ def all_rows(tasks: list[tuple[str | None, str, str, int, int]], file: Path | No
                 known[row["problem"], row["method"], row["budget"], row["seed"]] = row
     rows = [known[task[1:]] for task in tasks if task[1:] in known]
     missing = [task for task in tasks if task[1:] not in known]
-    results = Parallel(n_jobs=jobs, return_as="generator")(delayed(run)(*task) for task in missing)
-    for done, row in enumerate(results, start=1):
+    for done, row in enumerate(results(missing, jobs), start=1):
         rows.append({**row, "code": code})
         if file is not None:
             with file.open("a", encoding="utf-8") as out:

@@ -22,6 +22,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.loading import dump
@@ -79,8 +80,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         budget: Experiments to run at most.
         seed: Of all that is random.
         flavour: What modules there are.
-        method: Name of one of `METHODS`. On missions, the library's own has shown no gain over irace
-            (docs/benchmarks.md), and costs time.
+        method: Name of one of `METHODS`.
 
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
@@ -91,7 +91,7 @@ class Designer(Task[tuple[Pfsm, int]]):
     START: ClassVar = {"flavour": str, "robot_model": str, "plugins": dict}
 
     def __init__(
-        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "irace"
+        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "surrogate"
     ) -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():
@@ -102,7 +102,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
-        space = Space.from_text(parameters_text(flavour), "grammar")
+        space = Space.from_text(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
         self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 

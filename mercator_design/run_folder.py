@@ -32,17 +32,18 @@ from mercator_design.race import Experiment
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.journal import Finished, Journal, Record, Tested, read
 from mercator_design.race.summary import Scores
-from mercator_design.race.task import Result, Start, Task
+from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
+from mercator_design.race.tuner import Tuner
 
 if TYPE_CHECKING:
     import pandas as pd
 
 JOURNAL = "journal.jsonl"
-_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib")
+_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")
 _LARGEST_PROVENANCE = 1024 * 1024  # bytes
 _START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
-TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer}
+TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """What can be raced, by the name that a race's start has for it."""
 
 
@@ -114,7 +115,7 @@ class RunFolder:
         """
         provenance = read_provenance(path)
         start = provenance["race"]
-        task = _restored(path, start)
+        task = restored(path)
         with _naming(path):
             journal = Journal(path / JOURNAL, new=False)
         folder = cls(path, task, journal, provenance)
@@ -242,7 +243,7 @@ def verify(
     """
     reading = read(path / JOURNAL)
     record = reading.record
-    task = _restored(path, read_provenance(path)["race"])
+    task = restored(path)
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
@@ -280,21 +281,32 @@ def verify(
     return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
 
 
-def _restored(path: Path, start: Start) -> Task[Any]:
-    """The task of a race that has begun.
+def task_of(path: Path) -> Task[Any]:
+    """The task of a run folder, as this program understands it.
 
     Raises:
-        RaceError: if it is not the race that this program would run.
+        RaceError: if there is none.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
-    task = TASKS[start["task"]].restore(path, start)
+    start = read_provenance(path)["race"]
+    return TASKS[start["task"]].restore(path, start)
+
+
+def restored(path: Path) -> Task[Any]:
+    """The task of a run folder, whose experiments this program runs as they were run.
+
+    Raises:
+        RaceError: if there is none, or this program would run another race.
+        MissionError: if its mission, robot model or plugins cannot be read.
+    """
+    task, start = task_of(path), read_provenance(path)["race"]
     here = json.loads(json.dumps(task.start()))
     for key in here:
         if key != "mercator_design" and here[key] != start.get(key):  # another version may do all the same
             raise RaceError(
                 f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
                 f"{start['mercator_design']}, found {excerpt(str(here[key]))} in mercator_design {__version__}: "
-                "the race cannot be continued or verified by this"
+                "the race cannot be continued, verified or ablated by this"
             )
     return task
 
@@ -397,7 +409,7 @@ def _by_configuration(record: Record) -> "pd.DataFrame":
     results["parent"] = results["parent"].astype("Int64")
     configurations = [record.configurations[number] for number in results.index]
     columns = TASKS[record.start["task"]].columns(record.start, configurations)
-    return results.join(pd.DataFrame(columns, index=results.index))
+    return results.join(pd.DataFrame(columns, index=results.index, dtype=object))
 
 
 @contextlib.contextmanager

@@ -104,8 +104,8 @@ class TestRace:
         assert "Warning: watermelon: floor colour never holds: robot epuck sees only how bright the ground is\n" in err
 
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
-        _, out, _ = mdesign("race", "foraging", "--budget", 60, "-o", tmp_path / "r", *QUICK)
-        assert "60 of 60 experiments, 1 iteration," in out
+        _, out, _ = mdesign("race", "foraging", "--budget", 30, "-o", tmp_path / "r", *QUICK)
+        assert "30 of 30 experiments, 1 iteration," in out
         assert len(table_lines(out)) == 1
         assert "-0" not in out
 

@@ -1,8 +1,10 @@
 """Races that were stopped, and what is said of races: mdesign race --resume, mdesign runs."""
 
+import io
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -15,13 +17,29 @@ import pytest
 
 from mercator_design import run_folder
 from mercator_design.errors import RaceError
+from mercator_design.fsm.grammar import to_pfsm
+from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import Journal, read, to_line
+from mercator_design.race.journal import Finished, Iteration, Journal, Record, read, to_line
+from mercator_design.report.iterations import iterations_table
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
-RACE = ["race", "aggregation", "--budget", "120", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
+RACE = [
+    "race",
+    "aggregation",
+    "--budget",
+    "120",
+    "--method",
+    "irace",
+    "--set",
+    "robots=2",
+    "--set",
+    "duration=3",
+    "-j",
+    "2",
+]
 SLOW = ["race", "aggregation", "--budget", "120", "--set", "robots=20", "--set", "duration=60", "-j", "2"]
 FAILING = """
 from mercator_design.missions.plugins import objective
@@ -112,6 +130,23 @@ class TestResume:
         (elsewhere / "aggregation").write_text("not a mission")
         assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
         assert digest(elsewhere / "moved") == digest(undisturbed)
+
+    @pytest.mark.parametrize("method", ["surrogate", "random", "tpe", "cma-es"])
+    def test_whatever_its_method(self, mdesign, tmp_path, method):
+        """Which is what the race began with."""
+        folder = tmp_path / "r"
+        code, out, _ = mdesign("race", "aggregation", "--budget", 100, "--method", method, "-o", folder)
+        expected = digest(folder)
+        assert code == 0
+        raced = re.search(rf"Race       {method}, \d+ of 100", out)[0]
+        stop(folder, 40)
+        assert mdesign("race", "--resume", folder)[0] == 0
+        assert digest(folder) == expected
+        assert raced in mdesign("runs", "show", folder)[1]
+        assert mdesign("runs", "verify", folder, "-n", 3)[0] == 0
+        code, _, err = mdesign("race", "--resume", folder, "--method", method)
+        assert code == 2
+        assert "--method is what the race began with" in err
 
     def test_by_processes(self, mdesign, folder, undisturbed):
         stop(folder, 70)
@@ -490,3 +525,121 @@ class TestRuns:
     def test_tables_of_nothing(self, tmp_path):
         with pytest.raises(RaceError, match="cannot be read: No such file"):
             experiments_table(tmp_path)
+
+
+def test_of_many_iterations_the_first_and_the_last_are_told():
+    record = Record()
+    record.begin({"budget": 40})
+    for k in range(40):
+        one = Finished(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
+        record.note([{"event": "configuration", "configuration": k, "parent": None, "values": {}}])
+        record.note_experiments([one])
+        summary = Iteration(
+            iteration=k + 1,
+            postselection=False,
+            budget=1,
+            used=1,
+            configurations=1,
+            instances=1,
+            alive=1,
+            elites=(k,),
+            stagnant=0,
+            note="",
+        )
+        record.note_iteration(summary)
+    names = [line.split()[0] for line in iterations_table(record)[1:]]
+    assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
+    del record.iterations[40]
+    assert len(iterations_table(record)) == 1 + 10 + 1 + 20
+
+
+@pytest.fixture(scope="module")
+def raced(tmp_path_factory):
+    """The folder of a race long enough to learn something from."""
+    folder = tmp_path_factory.mktemp("analysis") / "r"
+    command = ["race", "aggregation", "--budget", "1000", "-o", str(folder)]
+    subprocess.run([*MDESIGN, *command], check=True, capture_output=True)
+    return folder
+
+
+class TestAnalysis:
+    def test_importance_of_modules(self, mdesign, raced):
+        code, out, err = mdesign("runs", "importance", raced)
+        assert (code, err) == (0, "")
+        assert "of the variance between new ones can be predicted" in out
+        assert out.partition(" gain\n")[2].startswith("attraction ")
+        table = pd.read_csv(io.StringIO(mdesign("runs", "importance", raced, "--csv")[1]), index_col="name")
+        assert table.loc["attraction", "low"] > 0
+        assert table.loc["attraction", "favours"] > 0
+        assert {"stop", "exploration", "black floor"} <= set(table.index)
+
+    def test_importance_of_parameters(self, mdesign, raced):
+        code, out, _ = mdesign("runs", "importance", raced, "--of", "parameters", "--csv")
+        assert code == 0
+        table = pd.read_csv(io.StringIO(out), index_col="name")
+        assert {"NumStates", "S0"} <= set(table.index)
+        assert (table.low <= table.share).all()
+
+    def test_importance_of_a_race_of_another_version(self, mdesign, raced, tmp_path):
+        """Nothing is run, so it need not be run as it was; ablation is refused."""
+        folder = shutil.copytree(raced, tmp_path / "r")
+        provenance = (folder / "provenance.json").read_text()
+        (folder / "provenance.json").write_text(provenance.replace('"kernels": "', '"kernels": "0', 1))
+        assert mdesign("runs", "importance", folder) == mdesign("runs", "importance", raced)
+        code, _, err = mdesign("runs", "ablation", folder)
+        assert code == 1
+        assert "kernels: raced with 0" in err
+
+    def test_importance_of_a_race_that_has_hardly_begun(self, mdesign, folder):
+        stop(folder, 10)
+        code, _, err = mdesign("runs", "importance", folder)
+        assert code == 1
+        assert "expected at least 30 configurations that were raced, found 11" in err
+
+    def test_ablation_of_the_winner(self, mdesign, raced, tmp_path):
+        code, out, _ = mdesign("runs", "ablation", raced, "-n", 5, "--plot", tmp_path / "a.svg")
+        assert code == 0
+        assert "0     the winner" in out
+        assert "<svg" in (tmp_path / "a.svg").read_text()
+        first = (tmp_path / "a.svg").read_bytes()
+        code, csv, _ = mdesign("runs", "ablation", raced, "-n", 5, "--csv", "-j", 1, "--plot", tmp_path / "a.svg")
+        table = pd.read_csv(io.StringIO(csv))
+        assert (tmp_path / "a.svg").read_bytes() == first
+        assert list(table.step) == list(range(len(table)))
+        assert table.fsm.iloc[-1].startswith("--nstates 1 ")
+        assert table.difference[1:].to_numpy() == pytest.approx((table["mean"] - table["mean"][0])[1:].to_numpy())
+        (tmp_path / "0.txt").write_text(table.fsm[0] + "\n")
+        scores = json.loads(
+            mdesign("evaluate", tmp_path / "0.txt", "--mission", raced / "mission.yaml", "-n", 10, "--json")[1]
+        )["scores"]
+        assert table["mean"][0] == pytest.approx(sum(scores[5:]) / 5)  # the first 5 were for choosing
+
+    def test_ablation_from_another_configuration(self, mdesign, raced):
+        record = read(raced / JOURNAL).record
+        first = record.iterations[1].elites[0]
+        for options in (["--from", 0], ["--from-first"]):
+            code, out, _ = mdesign("runs", "ablation", raced, *options, "-n", 2, "--csv")
+            assert code == 0
+            table = pd.read_csv(io.StringIO(out))
+            assert table.change[0] == f"configuration {0 if options[0] == '--from' else first}"
+            winner = to_text(to_pfsm(record.configurations[record.ends[-1].winner], "watermelon"))
+            assert table.fsm.iloc[-1] == winner
+
+    @pytest.mark.parametrize(
+        ("options", "code", "words"),
+        [
+            (["--from", 99999], 1, "expected a configuration that was raced, found 99999"),
+            (["--from", 1, "--from-first"], 2, "exclude each other"),
+            (["--plot", "a.gif"], 2, "ends in .png or .svg"),
+        ],
+    )
+    def test_what_cannot_be_ablated(self, mdesign, raced, options, code, words):
+        found, out, err = mdesign("runs", "ablation", raced, *options)
+        assert (found, out) == (code, "")
+        assert words in err
+
+    def test_a_race_that_has_not_ended(self, mdesign, folder):
+        stop(folder, 30)
+        code, _, err = mdesign("runs", "ablation", folder)
+        assert code == 1
+        assert "expected a race that has ended" in err

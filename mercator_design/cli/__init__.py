@@ -11,7 +11,7 @@ import sys
 import click
 
 from mercator_design import __version__
-from mercator_design.cli import draw, evaluate, missions, race, record, robots, runs, schema, validate
+from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
 from mercator_design.cli.terminal import Terminated, tell
 from mercator_design.errors import MercatorError, printable
 
@@ -62,8 +62,10 @@ def cli() -> None:
 
 for _verb in (
     race.race,
+    tune.tune,
     runs.runs,
     evaluate.evaluate,
+    export.export,
     record.record,
     validate.validate,
     draw.draw,

@@ -1,16 +1,25 @@
 """mdesign evaluate: a controller's scores."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
 from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
-from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
+from mercator_design.cli.terminal import Interrupt, tell, warn, warn_of_doubts
+from mercator_design.fsm.pfsm import FLAVOURS
+
+if TYPE_CHECKING:
+    from mercator_design.fsm.pfsm import Pfsm
+    from mercator_design.missions.mission import Mission
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FILE, required=False)
+@click.option(
+    "--fsm-config", metavar="TEXT", help="The controller itself, instead of FSM: --nstates ..., as AutoMoDe's."
+)
 @MISSION
 @click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
 @SEED
@@ -29,8 +38,15 @@ from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 @SET
 @PLUGIN
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option(
+    "--cost",
+    "cost_alone",
+    is_flag=True,
+    help="Print the mean cost, which a race minimises, and no warnings: for irace.",
+)
 def evaluate(
-    fsm: Path,
+    fsm: Path | None,
+    fsm_config: str | None,
     mission: str | None,
     runs: int,
     seed: int,
@@ -41,6 +57,7 @@ def evaluate(
     lenient: bool,
     overrides: tuple[str, ...],
     as_json: bool,
+    cost_alone: bool,
 ) -> None:
     """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
 
@@ -57,11 +74,11 @@ def evaluate(
     from mercator_design.report.progress import EvaluationDisplay
     from mercator_design.report.summary import evaluation_json, evaluation_summary
 
-    file = read_controller(fsm, flavour, lenient=lenient)
-    loaded = mission_of(fsm, file, mission, overrides)
+    pfsm, loaded = _controller(fsm, fsm_config, flavour, mission, overrides, lenient=lenient)
     simulator = new_simulator(loaded, robot_model)
-    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
-    simulator.rehearse(announce=tell)
+    if not cost_alone:
+        warn_of_doubts(simulator, pfsm.flavour, pfsm.modules)
+        simulator.rehearse(announce=tell)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
 
@@ -69,6 +86,33 @@ def evaluate(
             display.show(done)
             interrupt.check(f"{done} of {len(seeds)} experiments were done")
 
-        result = measure(simulator, file.pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
+        result = measure(simulator, pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
+    if cost_alone:
+        click.echo(repr(0.0 + loaded.cost(result.scores.mean)))
+        return
     report = evaluation_json if as_json else evaluation_summary
     click.echo(report(result, simulator, seed=None if instances else seed))
+
+
+def _controller(
+    fsm: Path | None,
+    fsm_config: str | None,
+    flavour: str | None,
+    mission: str | None,
+    overrides: tuple[str, ...],
+    *,
+    lenient: bool,
+) -> "tuple[Pfsm, Mission]":
+    """What is measured, from a file or as it is, and on what."""
+    if (fsm is None) == (fsm_config is None):
+        raise click.UsageError("expected either FSM or --fsm-config")
+    if fsm is not None:
+        file = read_controller(fsm, flavour, lenient=lenient)
+        return file.pfsm, mission_of(fsm, file, mission, overrides)
+    from mercator_design.fsm.text import parse
+    from mercator_design.missions.mission import load_mission
+
+    if mission is None:
+        raise click.UsageError("--fsm-config needs --mission")
+    tolerate = (lambda what: warn([what])) if lenient else None
+    return parse(fsm_config or "", flavour or FLAVOURS[0], tolerate=tolerate), load_mission(mission, overrides)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mercator_design.cli.inputs import new_simulator
-from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, seed_of
+from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
 from mercator_design.cli.terminal import naming, terminal_width
 from mercator_design.errors import MercatorError, MissionError
 
@@ -55,19 +55,13 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
         click.echo(text_of(path, error=MissionError), nl=False)
 
 
-def _picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
-        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
-    return path
-
-
 @missions.command()
 @click.argument("mission")
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
-    callback=_picture,
+    callback=picture,
     help="Picture to write, .png or .svg.  [default: MISSION.png in this folder]",
 )
 @seed_of("Instance to show: where the robots start, and the colours of tiles.")

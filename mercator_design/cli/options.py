@@ -68,3 +68,10 @@ LENIENT = click.option(
     is_flag=True,
     help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
 )
+
+
+def picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    """What an option for the name of a picture calls."""
+    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
+        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
+    return path

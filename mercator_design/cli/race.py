@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
-from mercator_design.cli.racing import ON_FAILURE, OPTUNA, OUTPUT, RESUME, check_usage, free_folder, run
+from mercator_design.cli.racing import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
 from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -25,7 +35,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run; at least 60. With --resume, a larger one to go on to.",
+    help="Experiments that may be run; at least 60 with irace. With --resume, a larger one to go on to.",
 )
 @SEED
 @JOBS
@@ -38,13 +48,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     show_default=True,
     help="Modules to design with.",
 )
-@click.option(
-    "--method",
-    type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
-    default="irace",
-    show_default=True,
-    help="What proposes controllers and decides which of them run on.",
-)
+@method_option("surrogate")
 @click.option(
     "--executor",
     "executor_name",
@@ -98,7 +102,7 @@ def race(
     optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
-    """Design control software for MISSION by iterated F-race.
+    """Design control software for MISSION, by iterated F-race unless another method is chosen.
 
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
     fsm.txt in the results' folder, and a summary to stdout.
@@ -107,13 +111,11 @@ def race(
     --budget.
     """
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("mission", "budget"))
-    from mercator_design.run_folder import RunFolder
-
     executor = _executor(executor_name, jobs, scheduler, timeout)
     how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
-        folder = RunFolder.reopen(resume)
+        folder = reopen(resume, "mission")
     else:
         assert mission is not None  # noqa: S101 - as was checked
         assert budget is not None  # noqa: S101
@@ -121,7 +123,7 @@ def race(
         folder = _new_folder(
             mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
         )
-    with folder, Interrupt(terminable=True) as interrupt:
+    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)

@@ -1,7 +1,7 @@
 """What the verbs that race have in common: new and resumed races, their folders, failures, signals."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +51,17 @@ OPTUNA = click.option(
 )
 
 
+def method_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --method of a verb."""
+    return click.option(
+        "--method",
+        type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
+        default=default,
+        show_default=True,
+        help="What proposes configurations and decides which of them run on.",
+    )
+
+
 def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[str], needed: Sequence[str]) -> None:
     """Refuse what does not go together.
 
@@ -74,6 +85,17 @@ def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[s
 
 def _hint(parameter: click.Parameter) -> str:
     return parameter.human_readable_name if isinstance(parameter, click.Argument) else parameter.opts[-1]
+
+
+def reopen(path: Path, task: str) -> "RunFolder":
+    """The folder of a race to go on with, which is of such a task."""
+    from mercator_design.run_folder import RunFolder, read_provenance
+
+    found = read_provenance(path)["race"]["task"]
+    if found != task:
+        verb = {"mission": "race", "scenario": "tune"}[found]
+        raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")
+    return RunFolder.reopen(path)
 
 
 def free_folder(name: str) -> Path:

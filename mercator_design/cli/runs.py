@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.options import JOBS, PLUGIN
-from mercator_design.cli.terminal import tell
+from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
+from mercator_design.cli.terminal import Interrupt, naming, tell
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -13,7 +13,7 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.group(invoke_without_command=True)
 @click.pass_context
 def runs(context: click.Context) -> None:
-    """List, show and verify races that were run.
+    """List, show, verify and analyse races that were run.
 
     Without a command it lists those in the folder runs.
     """
@@ -74,3 +74,75 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     with ThreadExecutor(jobs or available_jobs()) as executor:
         for line in verify_run(directory, number, executor, announce=tell):
             click.echo(line)
+
+
+@runs.command()
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "--of",
+    "what",
+    type=click.Choice(["modules", "parameters"]),
+    help="How often each module is in a PFSM, or the parameters of the grammar.  [default: modules, if there are any]",
+)
+@seed_of("Of what is random here.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+@PLUGIN
+def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
+    """Tell which modules or parameters explain the scores in the race of DIRECTORY."""
+    from mercator_design.analysis import importance as found
+    from mercator_design.report.analysis import importance_csv, importance_page
+
+    task, explanation = found(directory, modules=None if what is None else what == "modules", seed=seed)
+    click.echo((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
+
+
+@runs.command()
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this one to the winner."
+)
+@click.option("--from-first", "first", is_flag=True, help="Go from the best of the first iteration to the winner.")
+@click.option(
+    "-n",
+    "--runs",
+    type=click.IntRange(2, 10**6),
+    default=30,
+    show_default=True,
+    help="Fresh instances that changes are chosen on, and as many others that their path is measured on.",
+)
+@JOBS
+@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path, dir_okay=False),
+    callback=picture,
+    metavar="FILE.png|FILE.svg",
+    help="Draw it, too.",
+)
+@PLUGIN
+def ablation(
+    directory: Path, start: int | None, first: bool, runs: int, jobs: int | None, as_csv: bool, plot: Path | None
+) -> None:
+    """Find what the winner of DIRECTORY needs, by taking out of it what matters least, again and again.
+
+    States and transitions are taken out until the initial state is alone. With --from or --from-first, other
+    configurations become the winner instead, by the parameter that gains most, again and again.
+    """
+    from mercator_design.analysis import ablation as found
+    from mercator_design.race.executors import ThreadExecutor, available_jobs
+    from mercator_design.report.analysis import ablation_csv, ablation_page, save_ablation
+    from mercator_design.report.progress import AblationDisplay
+
+    if start is not None and first:
+        raise click.UsageError("--from and --from-first exclude each other")
+    with Interrupt() as interrupt, ThreadExecutor(jobs or available_jobs()) as executor, AblationDisplay() as display:
+
+        def watch(step: int, done: int) -> None:
+            display.update(step, done)
+            interrupt.check(f"{done} experiments were done")
+
+        result = found(directory, executor, start=start, first=first, runs=runs, announce=tell, watch=watch)
+    click.echo((ablation_csv if as_csv else ablation_page)(result), nl=False)
+    if plot is not None:
+        with naming(plot):
+            save_ablation(plot, result)

@@ -4,7 +4,7 @@ import contextlib
 import shutil
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
@@ -52,10 +52,12 @@ class Interrupt:
 
     Args:
         terminable: Whether SIGTERM is noted too, and acted on by `Terminated`.
+        then: Called when one comes.
     """
 
-    def __init__(self, *, terminable: bool = False) -> None:
+    def __init__(self, *, terminable: bool = False, then: Callable[[], None] = lambda: None) -> None:
         self._came: int | None = None
+        self._then = then
         self._numbers = [signal.SIGINT, *([signal.SIGTERM] if terminable else [])]
 
     def __enter__(self) -> Self:
@@ -70,6 +72,7 @@ class Interrupt:
 
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
         self._came = number
+        self._then()
         signal.signal(number, self._usual[signal.Signals(number)])
 
     def came(self) -> bool:

@@ -100,9 +100,9 @@ def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list
             found[parameter.grammar] = parameter
     lines = []
     for stem, parameter in found.items():
-        low = parameter.low if parameter.sampled_low is None else parameter.sampled_low
+        low, high = parameter.sampled
         kind = "i" if parameter.integer else "r"
         chosen = ", ".join(f'"{number}"' for number in users[stem])
         switch, condition = f'"--{parameter.flag}{index} "', f"{chooser} %in% c({chosen})"
-        lines.append(f"{stem}{index} {switch} {kind} ({low:g}, {parameter.high:g}) | {condition}")
+        lines.append(f"{stem}{index} {switch} {kind} ({low:g}, {high:g}) | {condition}")
     return lines

@@ -40,6 +40,11 @@ class Parameter:
         """The domain as text: "an integer from 1 to 100"."""
         return f"{'an integer' if self.integer else 'a number'} from {self.low:g} to {self.high:g}"
 
+    @property
+    def sampled(self) -> tuple[float, float]:
+        """Bounds of what is designed."""
+        return self.low if self.sampled_low is None else self.sampled_low, self.high
+
     def contains(self, value: float) -> bool:
         """Whether a value lies in the domain."""
         return self.low <= value <= self.high and (not self.integer or value == int(value))

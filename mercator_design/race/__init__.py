@@ -6,7 +6,10 @@ Research Perspectives 3:43-58), but that a surrogate proposes most of what is ra
 
     Space, Parameter       what may be configured; `Space.from_text` reads irace's parameters.txt
     IteratedRace           the whole algorithm as ask and tell, with RaceOptions
+    methods.METHODS        others, and this one, by name
     Experiment             one configuration on one instance, both counted from 0
+    tuner.Tuner            a race of any program that irace's scenario.txt describes
+    task.Task              what is raced, for races with journals, executors and folders
 
 >>> from mercator_design.race import IteratedRace, Space
 >>> space = Space.from_text('''

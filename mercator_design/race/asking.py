@@ -16,6 +16,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.race import Experiment, check_costs
 from mercator_design.race.space import Space
+from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import Elite, IterationSummary, Progress
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ class Asking(ABC):
         return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
 
     def ask(self) -> list[Experiment]:
-        """The next experiments, all on one instance; the same until their costs are told; none at the end.
+        """The next experiments, the same until their costs are told; none at the end.
 
         Raises:
             RaceError: The options leave the first iteration too small a budget, or too little is allowed.
@@ -155,6 +156,13 @@ class Asking(ABC):
         self.stop_reason = None
         self._batches = self._run()
         self._batch = None
+
+    def _conclude(self, summary: IterationSummary, newcomers: Sequence[int]) -> None:
+        """Take in an iteration that has ended, and what it means beside those before it."""
+        if not summary.postselection:
+            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
+            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
+        self.iterations.append(summary)
 
     def _add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
         """Number new configurations, each with its parent."""

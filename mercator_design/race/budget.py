@@ -64,6 +64,7 @@ class Plan:
     iterations: int
     survivors: int
     configurations: int | None  # most that one race may have; None is no limit
+    least: int  # budget of a single iteration
     note: str | None  # in what it is not irace's plan
 
 
@@ -106,11 +107,12 @@ def plan(
             f"({needed(wanted)} for all {wanted} iterations), found {budget}"
         )
     if fitting == wanted:
-        return Plan(iterations=wanted, survivors=survivors, configurations=None, note=None)
+        return Plan(iterations=wanted, survivors=survivors, configurations=None, least=needed(1), note=None)
     return Plan(
         iterations=fitting,
         survivors=survivors,
         configurations=2 * survivors,
+        least=needed(1),
         note=f"a budget of {budget} is planned for {fitting} instead of {wanted} iterations, with at most "
         f"{2 * survivors} configurations in each; {needed(wanted)} experiments would allow all",
     )

@@ -47,6 +47,10 @@ class Failed:
     error: Exception | None = None  # that it raised, if it did and if it could be carried here
 
 
+class Rejected(RaceError):  # noqa: N818 - as `Failed`, it says what is
+    """An experiment says that its configuration is to be rejected: a failure that never stops a race."""
+
+
 class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
     """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
 

@@ -19,6 +19,7 @@ is ordered by code point, not by locale.
 
 import operator
 import re
+import sys
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, NoReturn
@@ -47,12 +48,18 @@ _TOKEN = re.compile(
     r"""\s*(?:
         (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?L?)
       | (?P<name>[A-Za-z.][A-Za-z0-9._]*)
-      | (?P<text>"[^"]*"|'[^']*')
+      | (?P<text>"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')
       | (?P<operator>%in%|%%|==|!=|<=|>=|&&|\|\||[-+*/<>!&|(),])
       | (?P<end>$)
     )""",
-    re.VERBOSE,
+    re.VERBOSE | re.DOTALL,
 )
+_ESCAPE = re.compile(
+    r"\\(?:(?P<octal>[0-7]{1,3})|x(?P<byte>[0-9A-Fa-f]{1,2})"
+    r"|[uU](?:\{(?P<braced>[0-9A-Fa-f]{1,6})\}|(?P<point>[0-9A-Fa-f]{1,4}))|(?P<letter>.))",
+    re.DOTALL,
+)
+_ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v": "\v"} | {c: c for c in "\\\"'` \n"}
 _REMEMBERED = 4096
 """Results kept for each expression: most depend on one or two parameters with a handful of values."""
 
@@ -87,7 +94,7 @@ class Expression:
             return self._remembered(*map(configuration.get, self.names))
         except TypeError as error:
             given = ", ".join(f"{name} = {configuration.get(name)!r}" for name in self.names)
-            raise RaceError(f"{self.text}: {error} (with {given})") from None
+            raise RaceError(f"{self.text}: {error}{f' (with {given})' if given else ''}") from None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Expression) and other.text == self.text
@@ -120,6 +127,7 @@ class _Parser:
 
     def __init__(self, text: str, source: str, line: int, column: int, *, arithmetic: bool) -> None:
         self.names: dict[str, None] = {}  # in order of appearance
+        self._text = text
         self._place = (source, line, column)
         self._arithmetic = arithmetic
         self._tokens = self._tokenise(text)
@@ -149,8 +157,11 @@ class _Parser:
 
     def _fail(self, expected: str, found: _Token) -> NoReturn:
         source, line, column = self._place
+        before = self._text[: found.position]
+        line += before.count("\n")
+        column = found.position - before.rfind("\n") if "\n" in before else column + found.position
         where = f"{source}:{line}" if source else f"line {line}"
-        raise RaceError(f"{where}, column {column + found.position}: expected {expected}, found {found}")
+        raise RaceError(f"{where}, column {column}: expected {expected}, found {found}")
 
     def _tokenise(self, text: str) -> list[_Token]:
         tokens, position = [], 0
@@ -164,6 +175,18 @@ class _Parser:
             if match.lastgroup == "end":
                 return tokens
             position = match.end()
+
+    def _unescaped(self, match: re.Match[str], token: _Token) -> str:
+        """What an escape of R's stands for."""
+        digits = match["octal"] or match["byte"] or match["braced"] or match["point"]
+        if digits is None:
+            if match["letter"] not in _ESCAPED:
+                self._fail(
+                    "an escape of R such as \\n or \\\\", _Token("", match.group(), token.position + 1 + match.start())
+                )
+            return _ESCAPED[match["letter"]]
+        code = int(digits, 8 if match["octal"] else 16)
+        return chr(code) if code <= sys.maxunicode else "\ufffd"
 
     def _logic(self) -> _Token:
         """Take an operator that gives a truth value, which bounds may not have."""
@@ -242,7 +265,7 @@ class _Parser:
         if token.kind == "number":
             return constant(number(token.text.rstrip("L")))
         if token.kind == "text":
-            return constant(token.text[1:-1])
+            return constant(_ESCAPE.sub(lambda match: self._unescaped(match, token), token.text[1:-1]))
         if self._at("("):
             return self._call(token)
         if token.text in CONSTANTS:

@@ -7,10 +7,14 @@ experiment: a race that would do so ends.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import chain
+from typing import TypeVar
+
+import numpy as np
 
 from mercator_design.errors import RaceError
 from mercator_design.race import budget as arithmetic
 from mercator_design.race.asking import Asking, Batches
+from mercator_design.race.effects import Floats, expected
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
@@ -19,8 +23,15 @@ from mercator_design.race.proposals import Proposer
 from mercator_design.race.race import Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
-from mercator_design.race.stagnation import judged
 from mercator_design.race.summary import IterationSummary, Progress
+from mercator_design.race.tests import concordance
+
+Parent = TypeVar("Parent", int, None)
+
+_LEARNT_FROM = 3.0
+"""Configurations a parameter before the surrogate has its whole share."""
+_MOST_FINALISTS = 8
+"""Of the confirmation."""
 
 
 class IteratedRace(Asking):
@@ -56,7 +67,7 @@ class IteratedRace(Asking):
     ) -> None:
         super().__init__(space, budget=budget, seed=seed)
         self.options = options or RaceOptions()
-        plan = self._plan(self.budget)
+        plan = self._plan()
         if plan.note is not None:
             self.notes.append(plan.note)
         self._survivors = plan.survivors  # that end a race
@@ -80,6 +91,16 @@ class IteratedRace(Asking):
         self._proposer: Proposer | None = None
         self._is_exhausted = False
         self._race: Race | None = None
+
+    @property
+    def _confirms(self) -> bool:
+        """Whether the winner is confirmed, for which there must be instances that nobody has seen."""
+        return self.options.confirmation > 0 and self.options.instances is None
+
+    @property
+    def _remaining(self) -> int:
+        """Of the budget, for iterations."""
+        return self.budget - self._kept - self._used
 
     @property
     def progress(self) -> Progress:
@@ -111,7 +132,7 @@ class IteratedRace(Asking):
         """
         super().extend(budget)
         try:
-            plan = self._plan(self.budget - self._used)
+            plan = self._plan()
         except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
             self._n_iterations = self._iteration + 1
         else:
@@ -120,9 +141,11 @@ class IteratedRace(Asking):
         self._n_new_instances = self.options.new_instances
         self._model.initialise(self._elite_configurations())
 
-    def _plan(self, budget: int) -> arithmetic.Plan:
-        return arithmetic.plan(
-            budget,
+    def _plan(self) -> arithmetic.Plan:
+        """Plan what is left of the budget, some of which is kept for the confirmation if an iteration fits beside."""
+        left, self._kept = self.budget - self._used, 0
+        plan = arithmetic.plan(
+            left,
             n_variable=self.space.n_variable,
             mu=self.options.planned_mu,
             each_test=self.options.instances_each_test,
@@ -131,6 +154,9 @@ class IteratedRace(Asking):
             iterations=self.options.iterations,
             survivors=self.options.survivors,
         )
+        if self._confirms:
+            self._kept = min(int(self.options.confirmation * left), left - plan.least)
+        return plan
 
     def _run(self) -> Batches:
         while not isinstance(planned := self._plan_iteration(self._iteration + 1), str):
@@ -141,12 +167,14 @@ class IteratedRace(Asking):
             raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
         self._n_iterations = self._iteration
-        if self.options.elitist and self.options.postselection:
+        if self._confirms:
+            yield from self._confirm()
+        elif self.options.elitist and self.options.postselection:
             yield from self._postselect()
 
     def _plan_iteration(self, iteration: int) -> tuple[int, int, int] | str:
         """Number, budget and number of configurations of an iteration, or why there is none."""
-        remaining = self.budget - self._used
+        remaining = self._remaining
         if remaining <= 0:
             return "the whole budget is used"
         if self._is_exhausted:
@@ -206,6 +234,7 @@ class IteratedRace(Asking):
                 self._generator("sampling"),
                 lambda c: self._is_excluded(c) or self.space.key(c) in present,
             )
+        sampled = [child for child, _ in self._canonical([(configuration, None) for configuration in sampled])]
         self._allow_for_few(len(initial + sampled))
         numbers = self._add([(configuration, None) for configuration in initial + sampled])
         race = self._new_race(numbers, budget, elites=[])
@@ -231,12 +260,14 @@ class IteratedRace(Asking):
             iterations=self._n_iterations,
         )
         generator = self._generator("sampling")
-        n_drawn = n_new - round(self.options.surrogate * n_new)
+        known = len(self.configurations) / (_LEARNT_FROM * self.space.n_variable)
+        n_drawn = n_new - round(self.options.surrogate * min(known, 1.0) * n_new)
         children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
         to_restart = self._too_narrow(children) if self.options.soft_restart else []
         if to_restart:
             self._model.restart(to_restart, n_new)
             children = self._model.sample(n_drawn, elites, generator, self._is_excluded)
+        children = self._canonical(children)
         if not self.options.repeated:
             children = self._different(children)
         if self.options.surrogate > 0:
@@ -248,6 +279,14 @@ class IteratedRace(Asking):
         numbers = elites + self._add(children)
         race = self._new_race(numbers, budget, elites=elites)
         yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+
+    def _canonical(self, children: Sequence[tuple[Configuration, Parent]]) -> list[tuple[Configuration, Parent]]:
+        """Children as the space's structure writes them, each once, if it has one that is made use of."""
+        structure = self.space.structure
+        if structure is None or not self.options.structure:
+            return list(children)
+        canonical = ((structure.canonical(child), parent) for child, parent in children)
+        return list({self.space.key(child): (child, parent) for child, parent in canonical}.values())
 
     def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
         """Those that have not run, each once."""
@@ -261,7 +300,7 @@ class IteratedRace(Asking):
     ) -> list[tuple[Configuration, int]]:
         present = self._numbers.keys() | {self.space.key(configuration) for configuration, _ in others}
         if self._proposer is None:  # looking for BLAS, and the features of a space, take their time
-            self._proposer = Proposer(self.space)
+            self._proposer = Proposer(self.space, structure=self.options.structure)
         return self._proposer.propose(
             n,
             elites,
@@ -296,7 +335,7 @@ class IteratedRace(Asking):
             rules=self.options.rules(),
             survivors=self._survivors,
             budget=budget,
-            limit=self.budget - self._used,
+            limit=self._remaining,
             most_instances=self.options.instances,
         )
 
@@ -320,9 +359,8 @@ class IteratedRace(Asking):
         remaining = self.budget - self._used
         if remaining // max(self.options.block_size, self.options.each_test) <= 1 or not self.elites:
             return
-        former = chain.from_iterable(summary.elites for summary in reversed(self.iterations))
-        ordered = dict.fromkeys([*(elite.configuration for elite in former), *range(len(self.configurations))])
-        accepted = [c for c in ordered if self.space.key(self.configurations[c]) not in self._rejected]
+        ordered = dict.fromkeys([*self._former_elites(), *range(len(self.configurations))])
+        accepted = [c for c in ordered if not self._is_rejected(c)]
         needs = {c: self._n_seen - len(self._costs[c]) for c in accepted}
         each_test = None if self._n_seen == self.options.instances else self.options.instances_each_test
         candidates = sorted(select_candidates(needs, remaining, each_test))
@@ -341,6 +379,69 @@ class IteratedRace(Asking):
             most_instances=self.options.instances,
         )
         yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
+
+    def _confirm(self) -> Batches:
+        """Halve the best few on new instances until one is left, with all that is left of the budget.
+
+        Who was merely lucky in a race loses here. All experiments of a halving are asked for at once.
+        """
+        budget, n_seen, order = self.budget - self._used, self._n_seen, self._by_expectation(self._former_elites())
+        size = self.options.block_size
+        n_finalists = n_alive = min(len(order), _MOST_FINALISTS, budget // size)
+        if n_alive < 2:
+            return
+        self._iteration += 1
+        while n_alive > 1 and (n_fitting := (self.budget - self._used) // size) > 1:
+            alive = order[: min(n_alive, n_fitting)]
+            n_blocks = max(n_fitting // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
+            new = range(self._n_seen, self._n_seen + n_blocks * size)
+            yield [Experiment(configuration, instance) for instance in new for configuration in alive]
+            self._n_seen = new.stop
+            order = self._by_expectation(alive) + order[len(alive) :]
+            n_alive = math.ceil(len(alive) / 2)
+        order = [number for number in order if not self._is_rejected(number)]
+        self.elites = [self.statistics(number) for number in order[: self._survivors]]
+        accepted = [number for number in alive if not self._is_rejected(number)]
+        self.iterations.append(
+            IterationSummary(
+                iteration=self._iteration,
+                postselection=True,
+                budget=budget,
+                used=budget - self.budget + self._used,
+                n_configurations=n_finalists,
+                n_new=0,
+                n_instances=self._n_seen - n_seen,
+                n_alive=n_alive,
+                elites=tuple(self.elites),
+                soft_restart=False,
+                stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
+                concordance=concordance(self._table(accepted)[:, new.start :].T),
+            )
+        )
+
+    def _by_expectation(self, numbers: Sequence[int]) -> list[int]:
+        """The best first; those that were rejected are left out."""
+        accepted = [number for number in numbers if not self._is_rejected(number)]
+        if not accepted:
+            return []
+        table = self._table(accepted)
+        order = np.argsort(expected(table[:, ~np.isnan(table).all(axis=0)]), kind="stable")
+        return [accepted[k] for k in order]
+
+    def _table(self, numbers: Sequence[int]) -> Floats:
+        """Costs of some configurations, shape (configurations, instances), NaN where there is none."""
+        table = np.full((len(numbers), self._n_seen), math.nan)
+        for row, number in enumerate(numbers):
+            table[row, list(self._costs[number])] = list(self._costs[number].values())
+        return table
+
+    def _former_elites(self) -> list[int]:
+        """Those of all races, the latest first."""
+        former = chain.from_iterable(summary.elites for summary in reversed(self.iterations))
+        return list(dict.fromkeys(elite.configuration for elite in former))
+
+    def _is_rejected(self, configuration: int) -> bool:
+        return self.space.key(self.configurations[configuration]) in self._rejected
 
     def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
         """Run a race to its end and let its best be the elites."""
@@ -369,10 +470,7 @@ class IteratedRace(Asking):
             stop_reason=race.stop_reason or "",
             concordance=race.concordance(),
         )
-        if not postselection:
-            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
-            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
-        self.iterations.append(summary)
+        self._conclude(summary, newcomers)
 
     def _elite_configurations(self) -> dict[int, Configuration]:
         return {elite.configuration: self.configurations[elite.configuration] for elite in self.elites}

@@ -1,6 +1,6 @@
 """The methods of a race by name: what proposes configurations, and decides which of them run on which instances."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Literal, Protocol
 
@@ -9,16 +9,18 @@ from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.moves import Moves
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.optuna_sampler import OptunaSampler
-from mercator_design.race.parameter import Configuration
+from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.search import Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.space import Space
 from mercator_design.seeds import generator
 
 
 class Method(Protocol):
-    """Makes a race over a space."""
+    """Makes a race over a space, which begins with some configurations if it is given any."""
 
-    def __call__(self, space: Space, *, budget: int, seed: int) -> Asking: ...
+    def __call__(
+        self, space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()
+    ) -> Asking: ...
 
 
 def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - as samplers are made
@@ -36,13 +38,14 @@ def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
     return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
 
 
+RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
+"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all."""
 METHODS: Mapping[str, Method] = {
-    "irace": partial(IteratedRace, options=RaceOptions.irace()),
-    "surrogate": partial(IteratedRace, options=RaceOptions()),
+    **{name: partial(IteratedRace, options=options) for name, options in RACES.items()},
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
 }
-"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all. Searches: uniform; and
-Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's rule.
+"""Races, and searches: uniform; and Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's
+rule.
 """

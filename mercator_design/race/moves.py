@@ -19,10 +19,18 @@ _STEP = 0.15
 
 
 class Moves:
-    """The moves of a space, with the draws of one generator."""
+    """The moves of a space, with the draws of one generator.
 
-    def __init__(self, space: Space, generator: Generator) -> None:
+    Args:
+        space: Of the configurations.
+        generator: Draws.
+        structure: Part of the mutations that are made in the space's structure, if it has one.
+    """
+
+    def __init__(self, space: Space, generator: Generator, *, structure: float = 0.0) -> None:
         self._space = space
+        self._structure = space.structure if structure else None
+        self._in_structure = structure
         self._generator = generator
         self._deciding = {
             name
@@ -36,6 +44,13 @@ class Moves:
 
     def mutated(self, parent: Configuration, donors: Sequence[Configuration]) -> Configuration:
         """A configuration with one or a few parameters changed; donors lend values to what becomes active."""
+        if self._structure is None:
+            return self._mutated(parent, donors)
+        if self._generator.random() < self._in_structure:
+            return self._structure.neighbour(parent, self._generator)
+        return self._structure.canonical(self._mutated(parent, donors))
+
+    def _mutated(self, parent: Configuration, donors: Sequence[Configuration]) -> Configuration:
         draws = self._generator
         names = [p.name for p in self._space.variable if p.name in parent]
         n = min(1 + int(draws.poisson(_MORE_CHANGES)), len(names))

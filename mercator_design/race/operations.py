@@ -13,7 +13,7 @@ Values = tuple[Any, ...]
 Closure = Callable[[Values], Any]
 
 
-CONSTANTS = {"TRUE": True, "FALSE": False, "NA": None}
+CONSTANTS = {"TRUE": True, "FALSE": False, "NA": None, "NULL": None, "Inf": math.inf}
 COMPARISONS = {
     "==": operator.eq,
     "!=": operator.ne,

@@ -14,7 +14,10 @@ class RaceOptions:
     """irace's options of the same meaning, and what this race does that irace does not; `irace()` gives irace's.
 
     Args:
-        surrogate: Part of the newcomers that a surrogate proposes; irace's sampling model draws the others.
+        surrogate: Part of the newcomers that a surrogate proposes, but less until it has learnt from enough
+            configurations; irace's sampling model draws the others.
+        structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has
+            one; then whatever is sampled is in canonical form, unless this is 0.
         repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
@@ -42,12 +45,16 @@ class RaceOptions:
         means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
             keeps its value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
+        confirmation: Part of the budget that is kept, with what is left, to choose the winner among the best of all
+            iterations by its mean cost on instances they have not seen; there is no post-selection then. None if there
+            is a number of `instances`, or if the budget would not allow an iteration beside it.
 
     Raises:
         RaceError: An option is out of its range.
     """
 
     surrogate: float = 0.8
+    structure: float = 0.5
     repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
@@ -69,9 +76,11 @@ class RaceOptions:
     ordered_as_integers: bool = True
     means_scale: bool = True
     postselection: bool = True
+    confirmation: float = 0.1
 
     def __post_init__(self) -> None:
         _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
+        _require("structure", self.structure, "between 0 and 1", valid=0 <= self.structure <= 1)
         _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
         _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
         _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
@@ -95,12 +104,22 @@ class RaceOptions:
         _require("instances", self.instances, expected, valid=not few)
         _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
         threshold = self.soft_restart_threshold
+        _require("confirmation", self.confirmation, "0 or more, below 1", valid=0 <= self.confirmation < 1)
         _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
 
     @classmethod
     def irace(cls) -> "RaceOptions":
         """Exactly irace's algorithm."""
-        return cls(surrogate=0.0, repeated=True, first_test=5, mu=5, ordered_as_integers=False, means_scale=False)
+        return cls(
+            surrogate=0.0,
+            structure=0.0,
+            repeated=True,
+            first_test=5,
+            mu=5,
+            ordered_as_integers=False,
+            means_scale=False,
+            confirmation=0.0,
+        )
 
     @property
     def planned_mu(self) -> int:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from optuna.storages import BaseStorage
 
 PATIENCE = 120.0
-"""Seconds to wait at the end for what is not yet written."""
+"""Seconds to wait at the end for what is not yet written ..."""
+HURRY = 5.0
+"""... and when the race was stopped."""
 
 
 class OptunaMirror:
@@ -53,7 +55,7 @@ class OptunaMirror:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._events.put(None)
-        self._thread.join(PATIENCE if kind is None else 5.0)
+        self._thread.join(PATIENCE if kind is None else HURRY)
         if self._thread.is_alive():
             self._complain("the Optuna storage is slow: not all of the race is in it")
 

@@ -10,6 +10,8 @@ are suggested as places in [0, 1]; whole numbers and ordered values as integers.
 import warnings
 from typing import TYPE_CHECKING, Literal
 
+from threadpoolctl import ThreadpoolController
+
 from mercator_design.errors import RaceError
 from mercator_design.race.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.search import Proposal
@@ -59,6 +61,7 @@ class OptunaSampler:
                     warn_independent_sampling=False,
                 )
         self._study = optuna.create_study(sampler=sampler)
+        self._threads = ThreadpoolController()
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
         """The next proposal, which is the given configuration if there is one."""
@@ -70,14 +73,14 @@ class OptunaSampler:
                     if not (parameter := self._space[name]).is_fixed and (bounds := parameter.bounds(given))
                 }
             )
-        trial = self._study.ask()
-        for parameter in self._always:
-            _suggest(trial, parameter)
-        return _Trial(
-            self._space.build(lambda parameter, bounds: _external(parameter, _suggest(trial, parameter), bounds)),
-            self._study,
-            trial,
-        )
+        with self._threads.limit(limits=1, user_api="blas"):  # as in proposals.py: more would wait for each other
+            trial = self._study.ask()
+            for parameter in self._always:
+                _suggest(trial, parameter)
+            configuration = self._space.build(
+                lambda parameter, bounds: _external(parameter, _suggest(trial, parameter), bounds)
+            )
+        return _Trial(configuration, self._study, trial)
 
 
 class _Trial(Proposal):

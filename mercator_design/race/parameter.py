@@ -135,16 +135,20 @@ class Parameter:
             return (math.log(number) - math.log(low)) / (math.log(high) - math.log(low))
         return (number - low) / (high - low)
 
+    def is_valid(self, value: Value, bounds: Bounds) -> bool:
+        """Whether a value is of this parameter's kind and within the bounds."""
+        if not self.is_numeric:
+            return value in self.values
+        kinds = (int,) if self.kind == "integer" else (int, float)
+        return isinstance(value, kinds) and not isinstance(value, bool) and bounds[0] <= value <= bounds[1]
+
     def check(self, value: Value, bounds: Bounds) -> None:
         """Raise a RaceError unless a value is of this parameter's kind and within the bounds."""
-        if self.is_numeric:
-            kinds = (int,) if self.kind == "integer" else (int, float)
-            valid = isinstance(value, kinds) and not isinstance(value, bool) and bounds[0] <= value <= bounds[1]
-            expected = f"{self.kind} within ({number_text(bounds[0])}, {number_text(bounds[1])})"
-        else:
-            valid = value in self.values
-            expected = "one of " + ", ".join(f'"{v}"' for v in self.values)
-        if not valid:
+        if not self.is_valid(value, bounds):
+            if self.is_numeric:
+                expected = f"{self.kind} within ({number_text(bounds[0])}, {number_text(bounds[1])})"
+            else:
+                expected = "one of " + ", ".join(f'"{v}"' for v in self.values)
             raise RaceError(f"parameter '{self.name}': expected {expected}, found {value!r}")
 
     def _check_values(self) -> None:

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.random import Generator
 from threadpoolctl import ThreadpoolController
 
+from mercator_design.race.effects import effects
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.moves import Moves
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.space import Space
 from mercator_design.race.surrogate import Features, Floats, Surrogate
 
-MOST_LEARNT_FROM = 400
+MOST_LEARNT_FROM = 200
 """Configurations; of more, those with most results and the newest, half of each."""
 _CANDIDATES = {"model": 50, "mutated": 87, "crossed": 33, "uniform": 30}
 _ROUNDS = 2
@@ -29,36 +30,14 @@ _CHILDREN = 4
 _MOST_SAMPLED = 300
 """Candidates at which functions are sampled, as that takes the cube of their number."""
 _FEWEST_PARENTS = 5
-_PASSES = 30
-"""Of the fit of configurations' and instances' effects."""
-
-
-def effects(costs: Floats) -> tuple[Floats, float]:
-    """The configurations' mean costs as if all had seen the same instances, and the variance of a single cost.
-
-    Least squares for cost = configuration + instance + error, by alternating means.
-
-    Args:
-        costs: shape (configurations, instances), NaN where there is none; one at least in each row.
-    """
-    known = ~np.isnan(costs)
-    filled = np.where(known, costs, 0.0)
-    a_row, a_column = known.sum(axis=1), np.maximum(known.sum(axis=0), 1)
-    means, offsets = filled.sum(axis=1) / a_row, np.zeros(costs.shape[1])
-    for _ in range(_PASSES):
-        offsets = (filled.sum(axis=0) - means @ known) / a_column
-        offsets -= offsets.mean()
-        means = (filled.sum(axis=1) - known @ offsets) / a_row
-    errors = np.where(known, costs - means[:, np.newaxis] - offsets, 0.0)
-    freedom = max(int(known.sum()) - sum(costs.shape) + 1, 1)
-    return means, float((errors * errors).sum()) / freedom
 
 
 class Proposer:
-    """Proposes configurations of a space."""
+    """Proposes configurations of a space; `structure` as for `Moves`."""
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: Space, *, structure: float = 0.0) -> None:
         self._space = space
+        self._structure = structure
         self._features = Features(space)
         self._surrogate = Surrogate(self._features)
         self._places: dict[int, Floats] = {}  # of configurations that have run
@@ -145,7 +124,7 @@ class Proposer:
         excluded: Callable[[Configuration], bool],
     ) -> tuple[list[Configuration], Floats]:
         """Different candidates and their places."""
-        moves = Moves(self._space, generator)
+        moves = Moves(self._space, generator, structure=self._structure)
         taken: set[tuple[Value | None, ...]] = set()
 
         def different(drawn: Sequence[Configuration]) -> list[Configuration]:

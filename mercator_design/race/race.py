@@ -106,7 +106,7 @@ class Race:
         self._survivors = survivors
         self._budget = budget
         self._limit = limit
-        self._most_instances = most_instances
+        self._most_instances = math.inf if most_instances is None else most_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
         self._row = 0  # of the instance in turn, in the order of this race
@@ -176,7 +176,7 @@ class Race:
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
         most = max(min(n, self._budget - self.used - asked), 0)
-        while len(found) < most and row != self._most_instances:
+        while len(found) < most and row < self._most_instances:
             known = row < len(self._known)
             if not known and self._alive.sum() <= self._survivors:
                 break

@@ -17,7 +17,7 @@ from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
-from mercator_design.race.executors import Executor, Failed
+from mercator_design.race.executors import Executor, Failed, Rejected
 from mercator_design.race.journal import End, Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.race import Experiment
 
@@ -141,6 +141,9 @@ class Runner(Generic[T]):
 
     def _note_iterations(self) -> None:
         for ended in self.race.iterations[self._n_iterations :]:
+            self._n_iterations += 1
+            if ended.iteration in self.record.iterations:
+                continue
             iteration = Iteration(
                 iteration=ended.iteration,
                 postselection=ended.postselection,
@@ -153,12 +156,8 @@ class Runner(Generic[T]):
                 stagnant=ended.stagnant,
                 note=ended.note,
             )
-            self._n_iterations += 1
-            if iteration.iteration not in self.record.iterations:
-                self.record.note_iteration(iteration)
-                self.watch_iterations(iteration)
-            elif self.record.iterations[iteration.iteration] != iteration:
-                raise _another(f"{iteration}", f"{self.record.iterations[iteration.iteration]}")
+            self.record.note_iteration(iteration)
+            self.watch_iterations(iteration)
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""
@@ -196,7 +195,9 @@ class Runner(Generic[T]):
             outcome=outcome,
             failure=failure,
         )
-        if failure and self.on_failure == "stop":  # not noted: when the race is resumed it is tried again
+        if failure and self.stopped():  # perhaps because of that; when the race is resumed it is tried again
+            return
+        if is_fatal(result, self.on_failure):  # not noted, as above
             self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
             return
         self.record.note_experiments([one])
@@ -227,6 +228,11 @@ class Runner(Generic[T]):
             raise _another(f"the end {end}", f"{noted}")
         self._n_ends += 1
         self._ended = self._n_ends == len(self.record.budgets)
+
+
+def is_fatal(result: Measured | Failed, on_failure: OnFailure) -> bool:
+    """Whether a race stops at what came of an experiment."""
+    return on_failure == "stop" and bool(read_result(result)[2]) and not isinstance(error_of(result), Rejected)
 
 
 def error_of(result: Measured | Failed) -> Exception | None:

@@ -21,6 +21,7 @@ from mercator_design.race.summary import IterationSummary, Progress
 from mercator_design.race.tests import concordance, signed_rank_p_value
 
 _MOST_ELITES = 5
+_ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
 _MOST_TRIES = 100
 """Proposals that are not new or not allowed, one after another, before none is expected any more."""
 
@@ -178,10 +179,30 @@ class Search(Asking):
         return found
 
     def _generation(self, proposals: dict[int, list[Proposal]]) -> Batches:
-        """Run new configurations on all instances, but for those that are pruned or rejected."""
-        n_instances, before = self._n_instances, self._used
-        self._alive = list(proposals)
+        """Run new configurations, and let the sampler know."""
+        before, n_instances, waiting = self._used, self._n_instances, list(proposals)
+        while self.options.pruning is not None and waiting and not self.elites:  # the first that others compare with
+            yield from self._run_through(waiting[:1], n_instances)
+            self._rank(waiting[:1])
+            del waiting[0]
+        yield from self._run_through(waiting, n_instances)
+        for number, same in proposals.items():
+            if not self._is_rejected(number):
+                self._means[number] = self.statistics(number).mean
+            for proposal in same:
+                proposal.finish(self._means.get(number))
+        self._rank(proposals)
+        if not self.elites:
+            raise RaceError(_ALL_REJECTED)
+        alive = [number for number in proposals if number in self._means and len(self._costs[number]) == n_instances]
+        self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self._used - before)
+
+    def _run_through(self, numbers: Sequence[int], n_instances: int) -> Batches:
+        """Run configurations on all instances, but for those that are pruned or rejected."""
+        self._alive = list(numbers)
         for instance in range(n_instances):
+            if not self._alive:
+                break
             self._instances = range(instance + 1, n_instances)
             costs = yield [Experiment(number, instance) for number in self._alive]
             self._alive = [
@@ -189,24 +210,15 @@ class Search(Asking):
                 for number, cost in zip(self._alive, costs, strict=True)
                 if not math.isinf(cost) and not self._is_worse(number)
             ]
-            if not self._alive:
-                break
-        for number, same in proposals.items():
-            if not self._is_rejected(number):
-                self._means[number] = self.statistics(number).mean
-            for proposal in same:
-                proposal.finish(self._means.get(number))
-        self._rank(proposals)
-        self._conclude(list(proposals), budget=len(proposals) * n_instances, used=self._used - before)
 
     def _is_worse(self, number: int) -> bool:
-        """Whether to prune a configuration that has no results but on instances that the best has seen, too."""
+        """Whether to prune a configuration, from its results on instances that the best has seen, too."""
         if self.options.pruning is None or not self.elites:
             return False
         own, others = self._costs[number], self._costs[self.best.configuration]
         if sum(own.values()) / len(own) <= self.best.mean:
             return False
-        differences = np.array([cost - others[instance] for instance, cost in own.items()])
+        differences = np.array([cost - others[instance] for instance, cost in own.items() if instance in others])
         return signed_rank_p_value(differences) < self.options.pruning
 
     def _confirm(self) -> Batches:
@@ -220,41 +232,43 @@ class Search(Asking):
             self._instances = range(most + 1, most + left // len(self._alive))
             yield [Experiment(number, most) for number in self._alive]
             self._rank([])
-        self._conclude(raced, budget=self.budget - before, used=self._used - before, postselection=True)
+            if not self.elites:
+                raise RaceError(_ALL_REJECTED)
+        alive = [number for number in raced if not self._is_rejected(number)]
+        self._end_iteration(raced, alive, budget=self.budget - before, used=self._used - before, postselection=True)
 
     def _rank(self, newcomers: Iterable[int]) -> None:
         """Choose the elites from those there were and newcomers; from all, if these have been rejected."""
         former = [elite.configuration for elite in self.elites]
-        accepted = [number for number in [*former, *newcomers] if not self._is_rejected(number)]
+        accepted = [number for number in dict.fromkeys([*former, *newcomers]) if not self._is_rejected(number)]
         if not accepted:
             accepted = [number for number in self._means if not self._is_rejected(number)]
-        if not accepted:
-            raise RaceError(
-                "race: expected some configurations to be accepted, but all were rejected by infinite costs"
-            )
         ranked = sorted(map(self.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
         self.elites = ranked[:_MOST_ELITES]
 
     def _is_rejected(self, number: int) -> bool:
         return self.space.key(self.configurations[number]) in self._rejected
 
-    def _conclude(self, raced: list[int], *, budget: int, used: int, postselection: bool = False) -> None:
+    def _end_iteration(
+        self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False
+    ) -> None:
         """Note what an iteration was."""
-        alive, self._alive, self._instances = self._alive, [], range(0)
-        costs = [list(self._costs[number].values()) for number in alive]
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=postselection,
-                budget=budget,
-                used=used,
-                n_configurations=len(raced),
-                n_new=0 if postselection else len(raced),
-                n_instances=max(map(len, costs), default=0),
-                n_alive=len(alive),
-                elites=tuple(self.elites),
-                soft_restart=False,
-                stop_reason="all instances were seen" if alive else "all were pruned or rejected",
-                concordance=concordance(np.array(costs).T if costs else np.empty((0, 0))),
-            )
+        self._alive, self._instances = [], range(0)
+        n_instances = min((len(self._costs[number]) for number in alive), default=0)
+        costs = np.array([list(self._costs[number].values())[:n_instances] for number in alive])
+        newcomers = [] if postselection else raced
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=postselection,
+            budget=budget,
+            used=used,
+            n_configurations=len(raced),
+            n_new=len(newcomers),
+            n_instances=n_instances,
+            n_alive=len(alive),
+            elites=tuple(self.elites),
+            soft_restart=False,
+            stop_reason="all instances were seen" if alive else "all were pruned or rejected",
+            concordance=concordance(costs.T.reshape(n_instances, len(alive))),
         )
+        self._conclude(summary, newcomers)

@@ -6,6 +6,9 @@ at an inactive parameter, makes a parameter inactive, and so does a bound that i
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol
+
+from numpy.random import Generator
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
@@ -14,6 +17,18 @@ from mercator_design.race.parameter import Bounds, Configuration, Parameter, Val
 
 _FEW = 1000
 """Values of a parameter that are worth remembering."""
+
+
+class Structure(Protocol):
+    """What configurations of a space mean, as only their owner knows."""
+
+    def canonical(self, configuration: Configuration) -> Configuration:
+        """The one that stands for all that mean the same."""
+        ...
+
+    def neighbour(self, configuration: Configuration, draws: Generator) -> Configuration:
+        """One nearby in meaning, in canonical form."""
+        ...
 
 
 class Space:
@@ -25,13 +40,21 @@ class Space:
         variable: the parameters that are not fixed, in file order.
         n_variable: how many those are (irace's nbVariable); conditional ones count.
         forbidden: expressions no configuration may satisfy.
+        structure: what configurations mean beyond the values of their parameters, if anything is known of it.
 
     Raises:
         RaceError: a name is used twice, unknown or circular; a bound depends on a parameter that is not
             numeric.
     """
 
-    def __init__(self, parameters: Iterable[Parameter], *, forbidden: Iterable[Expression | str] = ()) -> None:
+    def __init__(
+        self,
+        parameters: Iterable[Parameter],
+        *,
+        forbidden: Iterable[Expression | str] = (),
+        structure: Structure | None = None,
+    ) -> None:
+        self.structure = structure
         self.parameters = tuple(parameters)
         self.forbidden = tuple(Expression(f) if isinstance(f, str) else f for f in forbidden)
         self._by_name = {p.name: p for p in self.parameters}
@@ -41,10 +64,11 @@ class Space:
             self._find_level(parameter, ())
         self.variable = tuple(p for p in self.parameters if not p.is_fixed)
         self.n_variable = len(self.variable)
-        self._steps = [self._step(p) for p in sorted(self.parameters, key=lambda p: self.levels[p.name])]
+        self._order = {p.name: place for place, p in enumerate(self.parameters)}
+        self._prepare()
 
     @classmethod
-    def from_text(cls, text: str, source: str = "parameters.txt") -> "Space":
+    def from_text(cls, text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> "Space":
         """Read the text of a parameters.txt file; `source` names it in messages.
 
         Raises:
@@ -52,7 +76,9 @@ class Space:
         """
         from mercator_design.race.parameters_text import read_space
 
-        return read_space(text, source)
+        space = read_space(text, source)
+        space.structure = structure
+        return space
 
     def __getitem__(self, name: str) -> Parameter:
         return self._by_name[name]
@@ -64,29 +90,51 @@ class Space:
             choose: called by level, with the bounds that hold for what was chosen before.
         """
         chosen: Configuration = {}
-        for parameter, name, remembered, fixed in self._steps:
-            if remembered is not None:
-                value = chosen.get(name)
-                active = remembered.get(value)
-                if active is None:
-                    active = remembered[value] = self._is_active(parameter, chosen)
-                if not active:
+        waiting = [list(places) for places in self._always]  # places of parameters to look at, by level
+        for places in waiting:
+            places.sort()
+            for place in places:
+                parameter, bounds = self._steps[place]
+                if parameter.name in self._conditional and not self._is_active(parameter, chosen):
                     continue
-            elif not self._is_active(parameter, chosen):
-                continue
-            bounds = fixed or parameter.bounds(chosen)
-            if bounds is not None:
-                chosen[parameter.name] = parameter.values[0] if parameter.is_fixed else choose(parameter, bounds)
-        return {name: chosen[name] for name in self._by_name if name in chosen}
+                bounds = bounds or parameter.bounds(chosen)
+                if bounds is None:
+                    continue
+                value = parameter.values[0] if parameter.is_fixed else choose(parameter, bounds)
+                chosen[parameter.name] = value
+                if parameter.name in self._children:
+                    for level, child in self._active_children(parameter.name, value):
+                        waiting[level].append(child)
+        return dict(sorted(chosen.items(), key=lambda item: self._order[item[0]]))
 
-    def _step(self, parameter: Parameter) -> tuple[Parameter, str, dict[Value | None, bool] | None, Bounds | None]:
-        """A parameter; if its condition is on one other that has few values, that one and what is known of it; and
-        bounds that do not depend on anything. Most conditions are of that kind, and most of the time is theirs.
+    def _prepare(self) -> None:
+        """Sort parameters by what must be known before they are looked at.
+
+        Most are active where one other has certain values of few. Those are looked at only where they are active.
         """
-        names = () if parameter.condition is None else parameter.condition.names
-        few = len(names) == 1 and _has_few_values(self._by_name[names[0]])
-        bounds = None if parameter.is_dependent else parameter.bounds({})
-        return parameter, names[0] if few else "", {} if few else None, bounds
+        in_order = sorted(self.parameters, key=lambda p: self.levels[p.name])
+        self._steps = [(p, None if p.is_dependent else p.bounds({})) for p in in_order]
+        self._always: list[list[int]] = [[] for _ in range(max(self.levels.values(), default=0))]
+        self._conditional: set[str] = set()
+        self._children: dict[str, list[int]] = {}
+        self._active: dict[tuple[str, Value], list[tuple[int, int]]] = {}
+        for place, parameter in enumerate(in_order):
+            names = () if parameter.condition is None else parameter.condition.names
+            if len(names) == 1 and _has_few_values(self._by_name[names[0]]) and not self._is_active(parameter, {}):
+                self._children.setdefault(names[0], []).append(place)
+                continue
+            self._always[self.levels[parameter.name] - 1].append(place)
+            if parameter.condition is not None:
+                self._conditional.add(parameter.name)
+
+    def _active_children(self, name: str, value: Value) -> list[tuple[int, int]]:
+        """Level and place of each parameter that a value makes active."""
+        found = self._active.get((name, value))
+        if found is None:
+            children = [(self._steps[place][0], place) for place in self._children[name]]
+            found = [(self.levels[p.name] - 1, place) for p, place in children if self._is_active(p, {name: value})]
+            self._active[name, value] = found
+        return found
 
     @staticmethod
     def _is_active(parameter: Parameter, chosen: Configuration) -> bool:

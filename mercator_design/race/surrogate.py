@@ -30,7 +30,7 @@ _INACTIVE = -1.0
 """The code of an inactive categorical parameter."""
 _MEDIAN_WEIGHT = 0.3
 """Of a parameter before anything is known; the logarithm's prior is normal with this median and deviation 1."""
-_STEPS = 8
+_STEPS = 4
 _STEP = 0.2
 """Of Adam, in the logarithms of weights and variance."""
 _LEAST_NOISE = 1e-4
@@ -54,23 +54,29 @@ class Features:
         self.starts = np.flatnonzero(np.diff(self.owner, prepend=-1))
         self._code = np.concatenate(codes)
         self._is_category = np.array([p.kind == "categorical" for p in space.variable])
+        self._columns = {p.name: column for column, p in enumerate(space.variable)}
         self._index = {
-            p.name: {value: float(k) for k, value in enumerate(p.values)} for p in space.variable if not p.is_numeric
+            p.name: {value: float(k) for k, value in enumerate(p.values)}
+            for p in space.variable
+            if p.kind == "categorical"
         }
+        self._bounds = {p.name: p.bounds({}) for p in space.variable if not p.is_dependent}
 
     def places(self, configurations: Sequence[Configuration]) -> Floats:
         """Categories as numbers, others in the unit interval; shape (configurations, parameters), NaN if inactive."""
         found = np.full((len(configurations), self.n_parameters), math.nan)
-        for column, p in enumerate(self._space.variable):
-            index = self._index[p.name] if p.kind == "categorical" else None
-            for row, configuration in enumerate(configurations):
-                value = configuration.get(p.name)
-                if value is None:
+        for row, configuration in enumerate(configurations):
+            for name, value in configuration.items():
+                column = self._columns.get(name)
+                if column is None:
                     continue
-                if index is not None:
-                    found[row, column] = index[str(value)]
-                elif (bounds := p.bounds(configuration)) is not None:
-                    found[row, column] = p.position(value, bounds)
+                if name in self._index:
+                    found[row, column] = self._index[name][str(value)]
+                    continue
+                parameter = self._space[name]
+                bounds = self._bounds[name] if name in self._bounds else parameter.bounds(configuration)
+                if bounds is not None:
+                    found[row, column] = parameter.position(value, bounds)
         return found
 
     def of(self, places: Floats) -> Floats:

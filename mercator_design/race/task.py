@@ -107,6 +107,9 @@ class Task(ABC, Generic[T]):
         """What the file of a winner says of where it comes from, beside what all say."""
         return {}
 
+    def stop(self) -> None:
+        """End what is under way, if that is worth more than waiting for it."""
+
     def prepare(self, announce: Callable[[str], None]) -> None:
         """Get ready to run experiments; `announce` is told if that takes a while."""
 

@@ -13,7 +13,7 @@ from mercator_design.race.asking import Asking
 from mercator_design.race.executors import Executor
 from mercator_design.race.journal import Measured, Record, Tested
 from mercator_design.race.race import Experiment
-from mercator_design.race.runner import ExperimentFailed, OnFailure, Stopped, error_of, read_result
+from mercator_design.race.runner import ExperimentFailed, OnFailure, Stopped, error_of, is_fatal, read_result
 
 T = TypeVar("T")
 
@@ -97,7 +97,9 @@ def run_tests(
             outcome=outcome,
             failure=failure,
         )
-        if failure and on_failure == "stop":  # not noted: when the race is resumed it is tried again
+        if failure and stopped():  # perhaps because of that; when the race is resumed it is tried again
+            continue
+        if is_fatal(result, on_failure):  # not noted, as above
             failures[place] = ExperimentFailed(test, error_of(result))
             continue
         record.note_test(test)

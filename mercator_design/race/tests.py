@@ -115,9 +115,10 @@ def signed_rank_p_value(differences: Floats) -> float:
     One-sided, exact, ties or not; zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
     """
     ranks = np.rint(2 * mid_ranks(np.abs(differences)[np.newaxis])[0][0]).astype(int)  # twice, so that they are whole
-    probabilities = np.ones(1)  # of the sums of the positive ranks
+    probabilities = np.zeros(ranks.sum() + 1)  # of the sums of the positive ranks
+    probabilities[0] = 1.0
     for rank in ranks[differences != 0].tolist():
-        probabilities = np.pad(probabilities, (0, rank)) + np.pad(probabilities, (rank, 0))
+        probabilities[rank:] += probabilities[:-rank].copy()
         probabilities /= 2
     return float(probabilities[ranks[differences > 0].sum() :].sum())
 
@@ -237,7 +238,8 @@ def _bonferroni(p_values: Floats) -> Floats:
     return np.minimum(1.0, len(p_values) * p_values)
 
 
-def _holm(p_values: Floats) -> Floats:
+def holm(p_values: Floats) -> Floats:
+    """Holm's correction of p-values."""
     order = p_values.argsort(kind="stable")
     factors = np.arange(len(p_values), 0, -1)
     adjusted = np.empty_like(p_values)
@@ -248,6 +250,6 @@ def _holm(p_values: Floats) -> Floats:
 _TESTS: dict[TestName, Callable[[Floats, float], Verdict]] = {
     "friedman": _friedman,
     "t-test": partial(_t_test, adjust=lambda p_values: p_values),
-    "t-test-holm": partial(_t_test, adjust=_holm),
+    "t-test-holm": partial(_t_test, adjust=holm),
     "t-test-bonferroni": partial(_t_test, adjust=_bonferroni),
 }

@@ -7,6 +7,8 @@ from mercator_design.race.journal import Iteration, Record
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 
+_FIRST, _LAST = 10, 20
+"""Iterations that are told of, if there are more."""
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
 
 
@@ -30,6 +32,8 @@ def iterations_table(record: Record) -> list[str]:
                 scores[one.configuration][one.instance] = one.score
         rows.append(_row(ended, before, scores))
         before = ended.elites[0]
+    if len(rows) > 1 + _FIRST + _LAST:
+        rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
 
 

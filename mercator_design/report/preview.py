@@ -5,16 +5,11 @@ placement says (fixed poses have none), and robots stand where an instance puts 
 seed and versions of the libraries give the same file to the last byte.
 """
 
-import io
 import json
 import math
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,17 +20,16 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mercator_design.files import write_bytes
 from mercator_design.missions.arena import Array, Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Region, covers
+from mercator_design.report.figures import house_style, save_figure
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
 _WIDTH = 4.6  # of the picture [inches]
-_DPI = 160  # of a PNG
 _PIXELS = 800  # of the floor and the start area, along their longer side
 _BESIDE = 0.01  # of the arena's longer side, by which the start area's border keeps from the walls to be seen
 _FINER = 2  # points looked at along a pixel's side
@@ -43,14 +37,6 @@ _CELLS = 200  # of the grid on which places for names are found, along the arena
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
-_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
-_STYLE: dict[Any, Any] = {
-    "font.size": 8.0,
-    "axes.linewidth": 0.6,
-    "svg.hashsalt": "mercator_design",
-    "path.simplify": False,
-    "text.parse_math": False,
-}
 
 
 def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
@@ -64,14 +50,11 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
     Raises:
         MissionError: if the robots do not fit.
     """
-    suffix = path.suffix.lower()
-    file = io.BytesIO()
-    with _house_style():
+    with house_style():
         figure = preview(simulator, seed=seed)
-        if suffix == ".svg":
+        if path.suffix.lower() == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all its pixels, to be scaled by who shows it
-        figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
-    write_bytes(path, file.getvalue())
+        save_figure(path, figure)
 
 
 def preview(simulator: Simulator, *, seed: int) -> Figure:
@@ -109,15 +92,6 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     for light in mission.lights:
         _draw_light(axes, light, low, high)
     return figure
-
-
-@contextmanager
-def _house_style() -> Iterator[None]:
-    """Matplotlib as it comes, whatever the user's own style."""
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
-        yield
 
 
 def _title(mission: Mission) -> str:

@@ -92,3 +92,15 @@ class EvaluationDisplay(_Display):
 
     def __init__(self, mission: Mission, runs: int) -> None:
         super().__init__(f"{mission.name}: evaluating", runs)
+
+
+class AblationDisplay(_Display):
+    """Progress of an ablation, of which nobody knows how long it will be."""
+
+    def __init__(self) -> None:
+        super().__init__("ablation", 0)
+
+    def update(self, step: int, done: int) -> None:
+        """Show at which step it is, when a number of experiments is done."""
+        if not self._is_silent():
+            self.show(done, f"ablation: step {step + 1}")

@@ -55,7 +55,7 @@ def race_summary(
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
-        *(_design(result, task, folder) if isinstance(task, Designer) else _elites(task)),
+        *(_design(result, task, folder) if isinstance(task, Designer) else _elites(result, task)),
         "",
         f"Written    {folder}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
@@ -91,7 +91,7 @@ def _design(result: Result, designer: Designer, folder: Path) -> list[str]:
     ]
 
 
-def _elites(task: Task[Any]) -> list[str]:
+def _elites(result: Result, task: Task[Any]) -> list[str]:
     """The best configurations as a table, a line for each of their values, and the best as a command line."""
     race = task.race
     numbers = [elite.configuration for elite in race.elites]
@@ -102,7 +102,8 @@ def _elites(task: Task[Any]) -> list[str]:
         ["experiments", *(elite.n_results for elite in race.elites)],
         *([name, *values] for name, values in columns.items()),
     ]
-    return ["Best", *aligned(rows), "", race.space.command_line(race.configurations[numbers[0]])]
+    tests = _test_lines(result.tests, "beyond the budget")
+    return ["Best", *aligned(rows), *tests, "", race.space.command_line(race.configurations[numbers[0]])]
 
 
 def _test_lines(tests: Mapping[int, Scores], how: str) -> list[str]:

@@ -39,7 +39,7 @@ def run(race, cost=mixed_cost, seed=0):
     told = []
     while batch := race.ask():
         assert race.used + len(batch) <= race.budget
-        assert len({e.instance for e in batch}) == 1
+        assert len(set(batch)) == len(batch)
         costs = [cost(race.configurations[e.configuration]) + noise(seed, e) for e in batch]
         race.tell(costs)
         told += zip(batch, costs, strict=True)

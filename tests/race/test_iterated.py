@@ -51,7 +51,7 @@ def test_a_race_that_would_exceed_the_budget_ends():
     """A case in which irace's rules alone would make three experiments too many."""
     generator = random.Random(805)
     space = Space([real(f"x{k}", 0, 1) for k in range(5)])
-    options = RaceOptions(first_test=12, elitist_new_instances=5)
+    options = RaceOptions(first_test=12, elitist_new_instances=5, confirmation=0)
     race = IteratedRace(space, budget=255, seed=805, options=options)
     while batch := race.ask():
         race.tell([generator.gauss(0, 1) + 3 * sum(race.configurations[e.configuration].values()) for e in batch])
@@ -200,7 +200,7 @@ def test_a_soft_restart_widens_the_models_of_elites(recorded):
 
 
 def test_a_race_that_is_not_elitist_begins_afresh():
-    race = IteratedRace(MIXED, budget=1000, seed=4, options=RaceOptions(elitist=False))
+    race = IteratedRace(MIXED, budget=1000, seed=4, options=RaceOptions(elitist=False, confirmation=0))
     told = [experiment for experiment, _ in run(race)]
     first, second = race.iterations[0], race.iterations[1]
     batches = told[first.used : first.used + second.used]
@@ -211,13 +211,59 @@ def test_a_race_that_is_not_elitist_begins_afresh():
 
 def test_what_is_left_is_spent_on_a_postselection():
     with_it, without = (
-        IteratedRace(MIXED, budget=311, seed=8, options=RaceOptions(postselection=wanted)) for wanted in (True, False)
+        IteratedRace(MIXED, budget=311, seed=8, options=RaceOptions(postselection=wanted, confirmation=0))
+        for wanted in (True, False)
     )
     run(with_it)
     run(without)
     assert with_it.iterations[-1].postselection
     assert with_it.iterations[:-1] == without.iterations
     assert without.used < with_it.used <= 311
+
+
+def test_the_winner_is_confirmed_on_new_instances():
+    """Eight finalists, then four, then two, with a tenth of the budget and what the iterations leave."""
+    race = IteratedRace(MIXED, budget=1000, seed=3)
+    told = [experiment for experiment, _ in run(race)]
+    *before, final = race.iterations
+    used = sum(summary.used for summary in before)
+    assert final.postselection
+    assert 850 < used <= 900
+    assert 995 < race.used <= 1000
+    n_seen = 1 + max(experiment.instance for experiment in told[:used])
+    raced = [experiment.instance for experiment in told[used:]]
+    assert set(raced) == set(range(n_seen, n_seen + final.n_instances))
+    sizes = [raced.count(instance) for instance in dict.fromkeys(raced)]
+    assert list(dict.fromkeys(sizes)) == [8, 4, 2]
+    finalists = {experiment.configuration for experiment in told[used:]}
+    assert finalists <= {elite.configuration for summary in before for elite in summary.elites}
+    last = {experiment.configuration for experiment in told if experiment.instance == raced[-1]}
+    assert race.best.configuration in last
+    assert [final.n_alive, final.n_configurations] == [1, 8]
+
+
+def test_a_lucky_finalist_loses():
+    """Costs are what they seem in the races, and the opposite on later instances."""
+    kept = IteratedRace(MIXED, budget=1000, seed=3, options=RaceOptions(confirmation=0.2))
+    while kept.used < 800 and (batch := kept.ask()):
+        kept.tell([mixed_cost(kept.configurations[e.configuration]) + noise(0, e) for e in batch])
+    favourite = kept.best.configuration
+    while batch := kept.ask():
+        kept.tell([100.0 if e.configuration == favourite else 10.0 + noise(0, e) for e in batch])
+    assert kept.iterations[-1].postselection
+    assert kept.best.configuration != favourite
+
+
+def test_a_finalist_that_is_rejected_does_not_win():
+    race = IteratedRace(MIXED, budget=1000, seed=3)
+    while race.used < 860 and (batch := race.ask()):
+        race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
+    bad = {elite.configuration for elite in race.elites[:3]}
+    while batch := race.ask():
+        race.tell([math.inf if e.configuration in bad else 10.0 + noise(0, e) for e in batch])
+    assert race.iterations[-1].postselection
+    assert bad
+    assert not bad & {elite.configuration for elite in race.elites}
 
 
 def test_a_narrow_model_is_restarted():
@@ -290,7 +336,9 @@ def test_a_rejected_configuration_is_never_sampled_again():
 
 
 def test_iterations_and_survivors_may_be_chosen():
-    race = IteratedRace(MIXED, budget=600, seed=1, options=RaceOptions(iterations=3, survivors=2, postselection=False))
+    race = IteratedRace(
+        MIXED, budget=600, seed=1, options=RaceOptions(iterations=3, survivors=2, confirmation=0, postselection=False)
+    )
     run(race)
     assert len(race.iterations) == 3
     assert race.stop_reason == "all 3 iterations are done"
@@ -346,7 +394,8 @@ def test_the_example_of_the_package_runs():
 
 
 def test_each_iteration_races_as_many_configurations_as_is_asked():
-    race = IteratedRace(MIXED, budget=1000, seed=3, options=RaceOptions(n_configurations=9, postselection=False))
+    options = RaceOptions(n_configurations=9, confirmation=0, postselection=False)
+    race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
     run(race)
     assert {summary.n_configurations for summary in race.iterations} == {9}
     free = IteratedRace(MIXED, budget=1000, seed=3)
@@ -365,7 +414,7 @@ def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
 
 
 def test_iterations_have_the_budget_asked_for():
-    options = RaceOptions(experiments_per_iteration=150, postselection=False)
+    options = RaceOptions(experiments_per_iteration=150, confirmation=0, postselection=False)
     race = IteratedRace(MIXED, budget=500, seed=3, options=options)
     run(race)
     used = [summary.used for summary in race.iterations]
@@ -420,7 +469,7 @@ def test_few_instances_for_many_experiments():
 
 
 def test_old_instances_in_their_own_order():
-    race = IteratedRace(MIXED, budget=600, seed=3, options=RaceOptions(sample_instances=False, postselection=False))
+    race = IteratedRace(MIXED, budget=600, seed=3, options=RaceOptions(sample_instances=False, confirmation=0))
     told = run(race)
     for summary in race.iterations:
         experiments, told = [e for e, _ in told[: summary.used]], told[summary.used :]

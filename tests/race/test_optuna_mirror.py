@@ -8,6 +8,7 @@ import pytest
 from mercator_design.race import IteratedRace, optuna_mirror
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.race.journal import Record
+from mercator_design.race.methods import METHODS
 from mercator_design.race.optuna_mirror import OptunaMirror
 from mercator_design.race.runner import Stopped
 from tests.race.racing import SPACE, runner, undisturbed
@@ -20,10 +21,10 @@ def url(tmp_path):
     return f"sqlite:///{tmp_path / 'race.db'}"
 
 
-def mirrored(url, record=None, *, budget=150, seed=1, **options):
+def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", **options):
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
-    race = IteratedRace(SPACE, budget=budget, seed=seed)
+    race = METHODS[method](SPACE, budget=budget, seed=seed)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=complaints.append)
     with ThreadExecutor(2) as executor, mirroring as mirror:
         runner(record, executor, race=race, seed=seed, watch=mirror.note, **options).run()
@@ -59,7 +60,15 @@ def test_the_study_says_what_happened(url):
     check(url, record)
 
 
-def test_a_race_that_is_resumed_goes_on_in_its_study(url):
+@pytest.mark.parametrize("method", METHODS)
+def test_whatever_the_method(url, method):
+    record, complaints = mirrored(url, method=method)
+    assert complaints == []
+    check(url, record)
+
+
+def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
+    monkeypatch.setattr(optuna_mirror, "HURRY", optuna_mirror.PATIENCE)
     record = Record()
     race = IteratedRace(SPACE, budget=150, seed=1)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)

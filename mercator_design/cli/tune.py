@@ -1,0 +1,144 @@
+"""mdesign tune: the parameters of any program, as irace finds them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mercator_design.cli.options import FILE
+from mercator_design.cli.racing import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
+from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.errors import MercatorError, printable
+
+if TYPE_CHECKING:
+    from mercator_design.race.runner import OnFailure
+    from mercator_design.race.scenario_text import Assignment
+    from mercator_design.race.tuner import Tuner
+    from mercator_design.run_folder import RunFolder
+
+_WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "target_runner", "check")
+
+
+@click.command()
+@click.argument("scenario", type=FILE, required=False)
+@click.option(
+    "--max-experiments",
+    type=click.IntRange(1, 10**9),
+    help="Experiments that may be run.  [default: the scenario's; with --resume, a larger number to go on to]",
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="Master seed of all randomness.  [default: the scenario's]"
+)
+@click.option(
+    "-j", "--parallel", type=click.IntRange(1, 256), help="Experiments run at once.  [default: the scenario's]"
+)
+@click.option("--exec-dir", type=click.Path(path_type=Path), help="Folder that they run in.  [default: the scenario's]")
+@click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
+@method_option("irace")
+@click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
+@OUTPUT
+@RESUME
+@ON_FAILURE
+@OPTUNA
+@click.pass_context
+def tune(
+    context: click.Context,
+    scenario: Path | None,
+    max_experiments: int | None,
+    seed: int | None,
+    parallel: int | None,
+    exec_dir: Path | None,
+    target_runner: Path | None,
+    method: str,
+    check: bool,
+    output: Path | None,
+    resume: Path | None,
+    on_failure: "OnFailure",
+    optuna: str | None,
+) -> None:
+    """Find parameters of the program of SCENARIO, irace's scenario.txt.
+
+    The best configurations are written to best.txt in the results' folder, as irace's configurationsFile has them, and
+    a summary to stdout. What is not obeyed of a scenario is refused.
+
+    A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with more
+    --max-experiments.
+    """
+    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("scenario",))
+    from mercator_design.race.executors import ThreadExecutor
+    from mercator_design.race.methods import RACES
+    from mercator_design.race.scenario import read_scenario
+    from mercator_design.race.tuner import Tuner
+
+    if resume is not None:
+        folder = reopen(resume, "scenario")
+    else:
+        assert scenario is not None  # noqa: S101 - as was checked
+        given = _given(
+            maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
+        )
+        tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
+        for note in tuner.race.notes:
+            tell(f"Note: {note}")
+        if check:
+            _check(tuner)
+            return
+        folder = _new_folder(scenario, tuner, output, method)
+    assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
+    jobs = parallel or folder.task.scenario.jobs
+    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
+        if resume is not None and max_experiments is not None:
+            folder.extend(max_experiments)
+        how: dict[str, Any] = {"executor": "threads", "jobs": jobs}
+        run(folder, ThreadExecutor(jobs), how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+
+
+def _given(**options: "Path | int | None") -> "list[Assignment]":
+    """What the command line sets, by irace's names; its paths are relative to the present folder."""
+    from mercator_design.race.scenario_text import Assignment
+
+    return [
+        Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")
+        for name, value in options.items()
+        if value is not None
+    ]
+
+
+def _check(tuner: "Tuner") -> None:
+    """Run the first experiments of a race: configurations to begin with, and two more."""
+    from mercator_design.race.executors import Failed, Rejected, attempt
+
+    failed = False
+    for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
+        call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
+        click.echo(tuner.command_line(call))
+        result = attempt(tuner.function, call)
+        if isinstance(result, Failed):
+            failed = failed or not isinstance(result.error, Rejected)
+            click.echo(printable(f"  {result.reason}"))
+        else:
+            click.echo(f"  cost {result.score:g}")
+    if failed:
+        raise MercatorError("expected all of these to give a cost, found that some failed")
+
+
+def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str) -> "RunFolder":
+    from mercator_design.race.testing import Testing
+    from mercator_design.run_folder import RunFolder
+
+    of = tuner.scenario
+    testing = None
+    if of.test_instances and of.test_elites:
+        testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
+    request = {"scenario": str(scenario.absolute()), "method": method}
+    return RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)

@@ -1,0 +1,68 @@
+"""What configurations cost, as if all had seen the same instances, from results that have gaps.
+
+Costs are taken to be the sum of the configuration's effect, the instance's, and an error.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_PASSES = 30
+"""Of the fit of configurations' and instances' effects."""
+_CLIPPINGS = 3
+_CLIPPED_AT = 3.0
+"""Standard errors; further out a result counts as if it were there (Huber 1981)."""
+_DEVIATIONS = 1.4826
+"""Standard deviation of a normal distribution, in median absolute deviations."""
+_LEAST_SPREAD = 0.1
+"""Part of the variance of the configurations' means that is never put down to errors."""
+
+
+def effects(costs: Floats) -> tuple[Floats, float]:
+    """The configurations' mean costs as if all had seen the same instances, and the variance of a single cost.
+
+    Args:
+        costs: shape (configurations, instances), NaN where there is none; one at least in each row.
+    """
+    means, offsets = _fit(costs)
+    errors = np.nan_to_num(costs - means[:, np.newaxis] - offsets)
+    n = int((~np.isnan(costs)).sum())
+    return means, float((errors * errors).sum()) / max(n - sum(costs.shape) + 1, 1)
+
+
+def expected(costs: Floats) -> Floats:
+    """What more results of each configuration would cost: robust means, drawn to their centre where there are few.
+
+    Results far out are clipped, as few of them would decide otherwise; and the fewer results there are, the more of
+    what makes a mean good is luck (James and Stein 1961).
+
+    Args:
+        costs: as for `effects`.
+    """
+    clipped = costs
+    for _ in range(_CLIPPINGS):
+        means, offsets = _fit(clipped)
+        fitted = means[:, np.newaxis] + offsets
+        limit = _CLIPPED_AT * _DEVIATIONS * np.nanmedian(np.abs(costs - fitted))
+        clipped = np.clip(costs, fitted - limit, fitted + limit) if limit > 0 else costs
+    means, variance = effects(clipped)
+    error = variance / (~np.isnan(costs)).sum(axis=1)
+    spread = max(float(means.var() - np.median(error)), _LEAST_SPREAD * float(means.var()))
+    if spread == 0:
+        return means
+    shrunken: Floats = means.mean() + (means - means.mean()) * spread / (spread + error)
+    return shrunken
+
+
+def _fit(costs: Floats) -> tuple[Floats, Floats]:
+    """Effects of the configurations and of the instances, by alternating means; the latter have mean 0."""
+    known = ~np.isnan(costs)
+    filled = np.where(known, costs, 0.0)
+    a_row, a_column = known.sum(axis=1), np.maximum(known.sum(axis=0), 1)
+    means, offsets = filled.sum(axis=1) / a_row, np.zeros(costs.shape[1])
+    for _ in range(_PASSES):
+        offsets = (filled.sum(axis=0) - means @ known) / a_column
+        offsets -= offsets.mean()
+        means = (filled.sum(axis=1) - known @ offsets) / a_row
+    return means, offsets

@@ -1,0 +1,451 @@
+"""irace's scenario.txt: what its options are, which of them are obeyed, and what they come to.
+
+All options of irace 4.4 are known by their names. One that cannot be obeyed is refused unless it has its default, and
+the message says what to do instead. Relative paths are relative to the scenario's file, those of the command line to
+the present folder.
+"""
+
+import difflib
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.files import Unreadable, read_small
+from mercator_design.race.configurations_text import read_configurations, read_lines
+from mercator_design.race.operations import number, number_text
+from mercator_design.race.options import RaceOptions
+from mercator_design.race.parameter import Configuration
+from mercator_design.race.scenario_text import Assignment, Setting, read_assignments
+from mercator_design.race.space import Space
+from mercator_design.race.target import CMDLINE, REQUIRED, Target
+
+_LARGEST = 16 * 1024 * 1024  # bytes
+_MOST = 2**31 - 1
+"""Of an integer of R."""
+_IS_R = "R cannot be run here"
+_NO_CAPPING = "capping is not done here: leave it out, or run irace itself"
+_ONE_RUNNER = "use targetRunner, a program, and parallel, which runs that many at a time"
+
+Kind = Literal["flag", "count", "part", "text", "path", "object"]
+
+
+class _Option(NamedTuple):
+    kind: Kind
+    default: Setting = None
+    refused: str = ""  # why and what to do instead, if only the default can be obeyed
+    ignored: str = ""  # why it makes no difference
+    ours: str = ""  # the name in `RaceOptions`
+
+
+_OPTIONS: Mapping[str, _Option] = {
+    "scenarioFile": _Option("path", "scenario.txt", refused="give the scenario's file to mdesign tune"),
+    "execDir": _Option("path", "."),
+    "parameterFile": _Option("path", "parameters.txt"),
+    "parameters": _Option("object", refused=f"{_IS_R}: write the parameters to a file, and name it as parameterFile"),
+    "initConfigurations": _Option(
+        "object", refused=f"{_IS_R}: write them to a file, and name it as configurationsFile"
+    ),
+    "configurationsFile": _Option("path"),
+    "logFile": _Option("path", "irace.Rdata", ignored="what happens is in journal.jsonl, in the folder of the results"),
+    "recoveryFile": _Option("path", refused="a race goes on with mdesign tune --resume DIRECTORY"),
+    "instances": _Option("object"),
+    "trainInstancesDir": _Option("path"),
+    "trainInstancesFile": _Option("path"),
+    "sampleInstances": _Option("flag", True, ours="sample_instances"),
+    "testInstancesDir": _Option("path"),
+    "testInstancesFile": _Option("path"),
+    "testInstances": _Option("object"),
+    "testNbElites": _Option("count", 1),
+    "testIterationElites": _Option("flag", False),
+    "testType": _Option("text", ""),
+    "firstTest": _Option("count", 5, ours="first_test"),
+    "blockSize": _Option("count", 1, ours="block_size"),
+    "eachTest": _Option("count", 1, ours="each_test"),
+    "targetRunner": _Option("path", "target-runner"),
+    "targetRunnerLauncher": _Option("path"),
+    "targetCmdline": _Option("text", CMDLINE),
+    "targetRunnerRetries": _Option("count", 0),
+    "targetRunnerTimeout": _Option("count", 0),
+    "targetRunnerData": _Option("object", refused=f"{_IS_R}: let targetRunner read a file"),
+    "targetRunnerParallel": _Option("object", refused=f"{_IS_R}: {_ONE_RUNNER}"),
+    "targetEvaluator": _Option("path"),
+    "deterministic": _Option("flag", False),
+    "maxExperiments": _Option("count", 0),
+    "minExperiments": _Option("count"),
+    "maxTime": _Option("count", 0, refused="a budget counts experiments: use maxExperiments"),
+    "budgetEstimation": _Option("part", 0.05, ignored="it is about maxTime"),
+    "minMeasurableTime": _Option("part", 0.01, ignored="it is about maxTime"),
+    "parallel": _Option("count", 0),
+    "loadBalancing": _Option("flag", True, ignored="a worker who is idle takes what comes next"),
+    "mpi": _Option("flag", False, refused=_ONE_RUNNER),
+    "batchmode": _Option("text", "0", refused="let targetRunner wait for its job (as sbatch --wait does)"),
+    "quiet": _Option("flag", False, ignored="progress is shown on a terminal only"),
+    "debugLevel": _Option("count", 0, ignored="the journal has all that happens"),
+    "seed": _Option("count"),
+    "softRestart": _Option("flag", True, ours="soft_restart"),
+    "softRestartThreshold": _Option("part", 1e-4, ours="soft_restart_threshold"),
+    "elitist": _Option("flag", True, ours="elitist"),
+    "elitistNewInstances": _Option("count", 1, ours="elitist_new_instances"),
+    "elitistLimit": _Option("count", 2, ours="elitist_limit"),
+    "repairConfiguration": _Option("object", refused=f"{_IS_R}: say in parameterFile what is [forbidden]"),
+    "iterationCallback": _Option("object", refused=f"{_IS_R}: the journal can be read while the race goes on"),
+    "capping": _Option("flag", False, refused=_NO_CAPPING),
+    "cappingAfterFirstTest": _Option("flag", False, refused=_NO_CAPPING),
+    "cappingType": _Option("text", "median", refused=_NO_CAPPING),
+    "boundType": _Option("text", "candidate", refused=_NO_CAPPING),
+    "boundMax": _Option("count", 0, refused=_NO_CAPPING),
+    "boundDigits": _Option("count", 0, refused=_NO_CAPPING),
+    "boundPar": _Option("count", 1, refused=_NO_CAPPING),
+    "boundAsTimeout": _Option("flag", True, refused=_NO_CAPPING),
+    "postselection": _Option("flag", True, ours="postselection"),
+    "aclib": _Option("flag", False, refused="let targetRunner be a program that prints the cost alone"),
+    "nbIterations": _Option("count", 0, ours="iterations"),
+    "nbExperimentsPerIteration": _Option("count", 0, ours="experiments_per_iteration"),
+    "minNbSurvival": _Option("count", 0, ours="survivors"),
+    "nbConfigurations": _Option("count", 0, ours="n_configurations"),
+    "mu": _Option("count", 5, ours="mu"),
+    "confidence": _Option("part", 0.95, ours="confidence"),
+}
+_OF_OLD = {
+    "digits": "since irace 4 it is in parameterFile: [global], and below it digits = N",
+    "forbiddenFile": "since irace 4 they are in parameterFile, below [forbidden]",
+    "forbiddenExps": "since irace 4 they are in parameterFile, below [forbidden]",
+    "dependencyFile": "a bound in parameterFile may depend on other parameters",
+}
+_TESTS: Mapping[str, str] = {"": "friedman", "f-test": "friedman"}
+_EXPECTED: Mapping[Kind, str] = {
+    "flag": "0 or 1",
+    "count": f"a whole number, 0 to {_MOST}",
+    "part": "a number from 0 to 1",
+    "text": "text in quotes",
+    "path": "a path in quotes",
+    "object": "texts, as c(...)",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """What a scenario.txt comes to.
+
+    path: of the file.
+    name: for people.
+    space: what is configured.
+    parameters: the text of its file.
+    instances: as target runners get them.
+    test_instances: what the best are tested on when the race has ended, if there are any.
+    test_elites: how many of the best.
+    test_iterations: whether as many of each iteration, too.
+    initial: configurations to begin with.
+    target: what runs experiments.
+    jobs: how many at a time.
+    budget: experiments in all.
+    seed: of all that is random; 1 if there is none.
+    options: of the race.
+    settings: what is set, by irace's names, with absolute paths; without what is in the fields above as it is.
+    notes: what a user should know.
+    """
+
+    path: Path
+    name: str
+    space: Space
+    parameters: str
+    instances: tuple[str, ...]
+    test_instances: tuple[str, ...]
+    test_elites: int
+    test_iterations: bool
+    initial: tuple[Configuration, ...]
+    target: Target
+    jobs: int
+    budget: int
+    seed: int
+    options: RaceOptions
+    settings: Mapping[str, Setting]
+    notes: tuple[str, ...]
+
+
+def read_scenario(
+    path: Path, given: Sequence[Assignment] = (), *, base: RaceOptions | None = None, name: str | None = None
+) -> Scenario:
+    """The scenario of a file.
+
+    Args:
+        path: The file.
+        given: What else is set, and wins.
+        base: Options of the race that the file does not set; irace's unless given.
+        name: If not that of the file or its folder.
+
+    Raises:
+        RaceError: with file and line, what was expected and what was found.
+    """
+    return _Reader(path, given).scenario(base or RaceOptions.irace(), name)
+
+
+class _Reader:
+    def __init__(self, path: Path, given: Sequence[Assignment]) -> None:
+        self.path = path
+        assigned = [*read_assignments(_text(path), str(path)), *given]
+        self.found: dict[str, Assignment] = {}
+        self.notes: list[str] = []
+        for one in assigned:
+            if one.name not in _OPTIONS:
+                raise RaceError(f"{one.place}: {_unknown(one.name)}")
+            self.found[one.name] = one
+        for one in self.found.values():
+            option = _OPTIONS[one.name]
+            if self.value(one.name) == self.read(one.name, option.default):
+                continue
+            if option.refused:
+                raise RaceError(
+                    f"{one.place}: {one.name}: expected no more than its default, found {excerpt(repr(one.value))}: "
+                    f"{option.refused}"
+                )
+            if option.ignored:
+                self.notes.append(f"{one.place}: {one.name} makes no difference: {option.ignored}")
+
+    def scenario(self, base: RaceOptions, name: str | None) -> Scenario:
+        parameters = self.file("parameterFile")
+        text = _text(parameters, "parameterFile", self.place("parameterFile"))
+        space = Space.from_text(text, str(parameters))
+        instances = self.instances("instances", "trainInstances")
+        if not instances:
+            raise RaceError(
+                f"{self.path}: expected instances: trainInstancesDir, trainInstancesFile or instances, found none"
+            )
+        options = self.options(base, len(instances))
+        if len(instances) % options.block_size:
+            size = options.block_size
+            raise RaceError(
+                f"{self.place('blockSize')}: blockSize: expected the number of instances ({len(instances)}) "
+                f"to be a multiple of it, found {size}"
+            )
+        initial: list[Configuration] = []
+        if self.value("configurationsFile"):
+            initial, notes = read_configurations(self.file("configurationsFile"), space)
+            self.notes += notes
+        if self.value("targetEvaluator"):
+            place = self.place("targetEvaluator")
+            self.notes.append(f"{place}: targetEvaluator is told of one configuration at a time, as soon as it has run")
+        folder = self.path.resolve().parent
+        return Scenario(
+            path=self.path,
+            name=name or (folder.name if self.path.stem == "scenario" and folder.name else self.path.stem),
+            space=space,
+            parameters=text,
+            instances=instances,
+            test_instances=self.instances("testInstances", "testInstances"),
+            test_elites=self.count("testNbElites"),
+            test_iterations=bool(self.value("testIterationElites")),
+            initial=tuple(initial),
+            target=self.target(),
+            jobs=max(self.count("parallel"), 1),
+            budget=self.budget(space, options),
+            seed=1 if self.value("seed") is None else self.count("seed"),
+            options=options,
+            settings={one: self.value(one) for one in self.found if not _OPTIONS[one].ignored},
+            notes=tuple(self.notes),
+        )
+
+    def place(self, name: str) -> str:
+        return self.found[name].place if name in self.found else str(self.path)
+
+    def value(self, name: str) -> Setting:
+        """What an option is set to, or else its default; absolute, if it is a path."""
+        if name not in self.found:
+            return self.read(name, _OPTIONS[name].default)
+        return self.read(name, self.found[name].value)
+
+    def read(self, name: str, given: Setting) -> Setting:
+        option = _OPTIONS[name]
+        if option.kind == "object":
+            return None if given in ("", ()) else given
+        value = given[0] if isinstance(given, tuple) and len(given) == 1 else given
+        if value is None or (value == "" and option.kind != "text"):
+            value = option.default
+        if value is None:
+            return None
+        if name == "batchmode" and value in ("", 0):
+            return "0"
+        figure = _figure(value)
+        valid = isinstance(value, str)
+        if option.kind in {"flag", "count", "part"}:
+            most = _MOST if option.kind == "count" else 1
+            valid = figure is not None and 0 <= figure <= most and (option.kind == "part" or figure == int(figure))
+        if not valid:
+            raise RaceError(
+                f"{self.place(name)}: {name}: expected {_EXPECTED[option.kind]}, found {excerpt(repr(given))}"
+            )
+        match option.kind:
+            case "path":
+                return os.path.normpath(self.path.resolve().parent / Path(str(value)).expanduser())
+            case "flag":
+                return bool(figure)
+            case "count":
+                return int(figure or 0)
+            case "part":
+                return figure
+        return value
+
+    def count(self, name: str) -> int:
+        value = self.value(name)
+        return int(value) if isinstance(value, (int, float)) else 0
+
+    def file(self, name: str) -> Path:
+        return Path(str(self.value(name)))
+
+    def options(self, base: RaceOptions, n_instances: int) -> RaceOptions:
+        """The race's: only what the file sets is other than in the base."""
+        changes: dict[str, object] = {}
+        for name in self.found:
+            option, value = _OPTIONS[name], self.value(name)
+            if option.ours:
+                changes[option.ours] = None if value == option.default == 0 else value
+        if self.value("deterministic"):
+            changes["instances"] = n_instances
+        if "testType" in self.found:
+            test = str(self.value("testType")).lower()
+            changes["test"] = _TESTS.get(test, test)
+        try:
+            return replace(base, **changes)  # type: ignore[arg-type]
+        except RaceError as error:
+            message = in_names_of_irace(error)
+            raise RaceError(f"{self.place(message.partition(':')[0])}: {message}") from None
+
+    def budget(self, space: Space, options: RaceOptions) -> int:
+        budget = self.count("maxExperiments")
+        if self.value("minExperiments") is not None:
+            budget = max(budget, self.count("minExperiments"), options.minimum_budget(max(space.n_variable, 1)))
+        if not budget:
+            raise RaceError(f"{self.path}: expected a budget, maxExperiments = N, found none")
+        return budget
+
+    def instances(self, name: str, files: str) -> tuple[str, ...]:
+        """Training or test instances: given here, in a file, or all files of a folder."""
+        given = self.value(name)
+        if given is not None:
+            return tuple(self.instance(name, one) for one in (given if isinstance(given, tuple) else (given,)))
+        folder = self.value(f"{files}Dir")
+        if self.value(f"{files}File") is not None:
+            file = _existing(self.file(f"{files}File"), f"{files}File", self.place(f"{files}File"))
+            lines = [line for _, line in read_lines(file)]
+            if not lines:
+                raise RaceError(f"{file}: expected an instance a line, found none")
+            return tuple(line if folder is None else f"{folder}/{line}" for line in lines)
+        if folder is None:
+            return ()
+        within = Path(str(folder))
+        if not within.is_dir():
+            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected a folder, found none at {folder}")
+        found = sorted(
+            str(one)
+            for one in within.rglob("*")
+            if one.is_file() and not any(part.startswith(".") for part in one.relative_to(within).parts)
+        )
+        if not found:
+            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected files in {folder}, found none")
+        return tuple(found)
+
+    def instance(self, name: str, given: object) -> str:
+        if isinstance(given, str):
+            return given
+        if isinstance(given, bool) or not isinstance(given, (int, float)):
+            raise RaceError(f"{self.place(name)}: {name}: expected {_EXPECTED['object']}, found {excerpt(repr(given))}")
+        return number_text(given)
+
+    def target(self) -> Target:
+        cmdline = str(self.value("targetCmdline"))
+        for word in REQUIRED:
+            if f"{{{word}}}" not in cmdline:
+                raise RaceError(
+                    f"{self.place('targetCmdline')}: targetCmdline: expected {{{word}}} in it, found {cmdline!r}"
+                )
+        folder = self.file("execDir")
+        if not folder.is_dir():
+            raise RaceError(f"{self.place('execDir')}: execDir: expected a folder, found none at {folder}")
+        launcher = self.program("targetRunnerLauncher")
+        if launcher is None:
+            runner = self.program("targetRunner")
+        else:
+            runner = _existing(self.file("targetRunner"), "targetRunner", self.place("targetRunner"))
+        if runner is None:
+            raise RaceError(f"{self.place('targetRunner')}: targetRunner: expected a program, found none")
+        return Target(
+            runner=runner,
+            launcher=launcher,
+            cmdline=cmdline,
+            evaluator=self.program("targetEvaluator"),
+            folder=folder,
+            timeout=self.count("targetRunnerTimeout"),
+            retries=self.count("targetRunnerRetries"),
+        )
+
+    def program(self, name: str) -> Path | None:
+        """A program that may be run, if there is to be one."""
+        if self.value(name) is None:
+            return None
+        file = _existing(self.file(name), name, self.place(name))
+        if not os.access(file, os.X_OK):
+            raise RaceError(
+                f"{self.place(name)}: {name}: expected a program that may be executed, found that {file} may not "
+                f"(chmod +x makes it so)"
+            )
+        return file
+
+
+def in_names_of_irace(error: RaceError) -> str:
+    """What is wrong with an option of the race, for who knows it by irace's name."""
+    message = str(error)
+    if not message.startswith("race option "):
+        return message
+    names = {option.ours: name for name, option in _OPTIONS.items() if option.ours}
+    names |= {"test": "testType", "instances": "deterministic"}
+    name, _, rest = message.removeprefix("race option ").partition(":")
+    return f"{names.get(name, name)}:" + re.sub(r"\w+_\w+", lambda word: names.get(word[0], word[0]), rest)
+
+
+def of_races(settings: Mapping[str, Setting]) -> list[str]:
+    """Which settings are about races, and say nothing to another method."""
+    of_races = {name for name, option in _OPTIONS.items() if option.ours} | {"testType", "deterministic"}
+    return [name for name in settings if name in of_races - {"sampleInstances"}]
+
+
+def _figure(value: Setting) -> float | None:
+    if isinstance(value, (bool, int, float)):
+        return None if math.isnan(value) else value
+    try:
+        return number(value) if isinstance(value, str) else None
+    except ValueError:
+        return None
+
+
+def _existing(file: Path, name: str, place: str) -> Path:
+    if not file.is_file():
+        found = "a folder" if file.is_dir() else "none"
+        raise RaceError(f"{place}: {name}: expected a file, found {found} at {file}")
+    return file
+
+
+def _text(file: Path, name: str = "", place: str = "") -> str:
+    """What is in a file, which is named by an option of some place unless it is the scenario itself."""
+    where = f"{place}: {name}: " if name else ""
+    try:
+        return read_small(file, _LARGEST).decode("utf-8-sig")
+    except Unreadable as error:
+        raise RaceError(f"{where}{file}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise RaceError(
+            f"{where}{file}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}"
+        ) from None
+
+
+def _unknown(name: str) -> str:
+    if name in _OF_OLD:
+        return f"{name} is no option of irace 4: {_OF_OLD[name]}"
+    lower = {option.lower(): option for option in _OPTIONS}
+    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    hint = f"; did you mean {lower[close[0]]}?" if close else "; begin the name of a variable of your own with a dot"
+    return f"expected an option of irace, found {excerpt(name)}{hint}"

@@ -1,0 +1,211 @@
+"""irace's target runner: a program that runs one experiment, and prints what it cost.
+
+It is run without a shell, in the folder of the experiments (execDir), and as a process group of its own, which ends
+with it if it takes too long or is interrupted.
+"""
+
+import contextlib
+import math
+import os
+import shlex
+import signal
+import subprocess
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mercator_design.errors import RaceError
+from mercator_design.race.executors import Rejected
+from mercator_design.race.journal import Measured
+
+CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunnerArgs}"
+"""irace's targetCmdline unless told otherwise."""
+REQUIRED = ("seed", "instance", "targetRunnerArgs")
+_GLANCE = 0.1
+"""Seconds from one look at whether to stop to the next."""
+_MOST_SHOWN = 300
+"""Characters of a program's output in a message."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """What a target runner is called with."""
+
+    configuration: int
+    instance_id: str
+    seed: int
+    instance: str
+    arguments: str  # switches and values, joined by blanks
+
+
+class TargetFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
+    """A target runner did not do what it should; what it printed, and how to call it again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A target runner, and how it is called.
+
+    runner: the program.
+    launcher: a program that runs it, for one that cannot be executed.
+    cmdline: of the arguments, irace's targetCmdline.
+    evaluator: a program that prints the cost, after the runner has run.
+    folder: that it runs in.
+    timeout: seconds after which a run has failed; 0 for none.
+    retries: how often a run that failed is tried again.
+    stop: set to end all runs that are under way.
+    """
+
+    runner: Path
+    launcher: Path | None = None
+    cmdline: str = CMDLINE
+    evaluator: Path | None = None
+    folder: Path
+    timeout: float = 0.0
+    retries: int = 0
+    stop: threading.Event = field(default_factory=threading.Event, compare=False)
+
+    def command(self, call: Call) -> list[str]:
+        """The program and its arguments.
+
+        Raises:
+            TargetFailed: A quote of a value or an instance is not closed.
+        """
+        words = {
+            "configurationID": str(call.configuration),
+            "instanceID": call.instance_id,
+            "seed": str(call.seed),
+            "instance": call.instance,
+            "bound": "",
+            "targetRunnerArgs": call.arguments,
+            "targetRunner": shlex.quote(str(self.runner)),
+        }
+        line = self.cmdline
+        if self.launcher is not None and "{targetRunner}" not in line:
+            line = f"{{targetRunner}} {line}"
+        for name, word in words.items():
+            line = line.replace(f"{{{name}}}", word)
+        return [str(self.launcher or self.runner), *_split(line)]
+
+    def evaluation(self, call: Call) -> list[str]:
+        """The evaluator and its arguments; all that it hears of as alive is the configuration that has run."""
+        words = [str(call.configuration), call.instance_id, str(call.seed), *_split(call.instance)]
+        return [str(self.evaluator), *words, "1", str(call.configuration)]
+
+    def __call__(self, call: Call) -> Measured:
+        """The cost of an experiment.
+
+        Raises:
+            Rejected: It is infinite, by which a target runner rejects a configuration.
+            TargetFailed: There is none.
+        """
+        for left in range(self.retries, -1, -1):
+            try:
+                cost = self._cost(call)
+            except TargetFailed:
+                if not left or self.stop.is_set():
+                    raise
+            else:
+                break
+        if math.isinf(cost):
+            raise Rejected(f"configuration {call.configuration}: the target runner rejects it by a cost of {cost}")
+        return Measured(cost, "")
+
+    def _cost(self, call: Call) -> float:
+        command = self.command(call)
+        numbers, printed = self._numbers(command)
+        if self.evaluator is not None:
+            if len(numbers) > 1:
+                raise _failed("expected nothing or a time, as a targetEvaluator gives the cost", printed, command)
+            command = self.evaluation(call)
+            numbers, printed = self._numbers(command)
+        if not 1 <= len(numbers) <= 2:
+            raise _failed("expected a cost, or a cost and a time", printed, command)
+        return numbers[0]
+
+    def _numbers(self, command: list[str]) -> tuple[list[float], str]:
+        """What a program prints, as numbers and as it is."""
+        printed = self._output(command)
+        try:
+            return [_number(word) for word in printed.split()], printed
+        except ValueError:
+            raise _failed("expected numbers", printed, command) from None
+
+    def _output(self, command: list[str]) -> str:
+        """What a program prints on stdout."""
+        try:
+            process = subprocess.Popen(  # noqa: S603 - what the user asks for, and no shell
+                command,
+                cwd=self.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
+        except OSError as error:
+            why = f"{error.filename or command[0]}: {error.strerror}"
+            raise TargetFailed(f"cannot be run: {why}; the command was: {shlex.join(command)}") from None
+        deadline = time.monotonic() + self.timeout if self.timeout else math.inf
+        with process:
+            try:
+                out, err = self._wait(process, deadline)
+            except BaseException:
+                _kill(process)
+                raise
+        if self.stop.is_set() and process.returncode:
+            raise TargetFailed("was stopped")
+        if process.returncode < 0 and time.monotonic() >= deadline:
+            raise _failed(f"took longer than {self.timeout:g} s", out + err, command)
+        if process.returncode:
+            ended = f"exit status {process.returncode}" if process.returncode > 0 else _signal(-process.returncode)
+            raise _failed(f"expected exit status 0, found {ended}", out + err, command)
+        return out
+
+    def _wait(self, process: "subprocess.Popen[str]", deadline: float) -> tuple[str, str]:
+        """What a program prints on stdout and stderr until it ends, or is ended."""
+        killed = False
+        while True:
+            try:
+                return process.communicate(timeout=_GLANCE)
+            except subprocess.TimeoutExpired:
+                if killed and process.poll() is not None:  # what has left its group may hold them open for ever
+                    return "", ""
+                if self.stop.is_set() or time.monotonic() >= deadline:
+                    _kill(process)
+                    killed = True
+
+
+def _kill(process: "subprocess.Popen[str]") -> None:
+    """End a program and all that it has started, if it has not ended."""
+    with contextlib.suppress(OSError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def _split(line: str) -> list[str]:
+    try:
+        return shlex.split(line)
+    except ValueError as error:
+        raise TargetFailed(f"expected arguments whose quotes are closed, found {line!r}: {error}") from None
+
+
+def _number(word: str) -> float:
+    if "_" in word:  # which Python takes, and nobody else
+        raise ValueError(word)
+    return float(word)
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _failed(what: str, printed: str, command: list[str]) -> TargetFailed:
+    shown = printed.strip()
+    if len(shown) > _MOST_SHOWN:
+        shown = f"... {shown[-_MOST_SHOWN:]}"
+    return TargetFailed(f"{what}; it printed {shown!r}; the command was: {shlex.join(command)}")

@@ -1,0 +1,183 @@
+"""What an analysis of a race has found, as pages, tables and pictures."""
+
+import io
+from collections.abc import Iterable, Iterator
+from operator import sub
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mercator_design.analysis import Ablation
+from mercator_design.race.importance import Explanation, Importance
+from mercator_design.race.summary import CONFIDENCE, Scores
+from mercator_design.race.task import Task
+from mercator_design.report.columns import aligned
+
+_ALPHA = 0.05
+_COLOUR = "#0072b2"
+
+
+def importance_page(task: Task[Any], explanation: Explanation) -> str:
+    """What a race tells of its parameters or modules, as text."""
+    rows: list[tuple[object, ...]] = [("", "share of variance", f"at {CONFIDENCE:.0%}", "active in", "favours", "gain")]
+    rows += [
+        (
+            one.name,
+            f"{one.share:.1%}",
+            f"{one.low:.1%} to {one.high:.1%}",
+            f"{one.active:.0%}",
+            _value(one),
+            f"{one.gain:.3g}",
+        )
+        for one in explanation.parameters
+    ]
+    return "\n".join(
+        [
+            f"{task.name}: from {explanation.configurations} configurations that were raced, "
+            f"{max(explanation.explained, 0.0):.0%} of the variance between new ones can be predicted",
+            *(
+                []
+                if explanation.explained > 0
+                else ["Note       no better than their mean: there is too little to learn from for shares to be exact"]
+            ),
+            "",
+            *aligned(rows),
+            "",
+        ]
+    )
+
+
+def importance_csv(_: Task[Any], explanation: Explanation) -> str:
+    """The same as CSV: name, share, low, high, active, favours, gain."""
+    names = Importance.__slots__
+    return _csv([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
+
+
+def _value(one: Importance) -> str:
+    return one.favours if isinstance(one.favours, str) else f"{one.favours:.3g}"
+
+
+def ablation_page(ablation: Ablation) -> str:
+    """A path of changes as text, and what is left of the start as far as no difference was found."""
+    rows: list[tuple[object, ...]] = [
+        ("step", "change", "mean", f"at {CONFIDENCE:.0%}", "against the step before", "against the start", "p")
+    ]
+    for number, row in enumerate(_rows(ablation)):
+        low, high = row.interval
+        cells = (number, row.change, f"{row.scores.mean:.4g}", f"{low:.4g} to {high:.4g}")
+        apart = (_difference(row.against_last), _difference(row.against_start), f"{row.p_value:.2g}")
+        rows.append((*cells, *(apart if number else (None, None, None))))
+    return "\n".join(
+        [
+            f"{ablation.task.name}: on {len(ablation.steps[0].costs)} fresh instances that no change was chosen on; "
+            "p: of no difference from the start, corrected for all steps",
+            "",
+            *aligned(rows),
+            *(_what_suffices(ablation) if ablation.simplifies else []),
+            "",
+        ]
+    )
+
+
+def _what_suffices(ablation: Ablation) -> list[str]:
+    """The last step up to which no difference from the start was found."""
+    last = 0
+    while last + 1 < len(ablation.steps) and ablation.steps[last + 1].p_value >= _ALPHA:
+        last += 1
+    columns = ablation.task.columns(ablation.task.start(), [ablation.configurations[last]])
+    return [
+        "",
+        f"No difference from the winner was found up to step {last}, where it is",
+        *(str(value) for [value] in columns.values()),
+    ]
+
+
+def ablation_csv(ablation: Ablation) -> str:
+    """The same as CSV."""
+    columns = ablation.task.columns(ablation.task.start(), list(ablation.configurations))
+    against = ("difference", "difference_low", "difference_high", "p_value")
+    rows: list[list[object]] = [["step", "change", "mean", "low", "high", *against, *columns]]
+    for number, row in enumerate(_rows(ablation)):
+        interval = row.against_start.confidence_interval or ("", "")
+        apart = [row.against_start.mean, *interval, row.p_value] if number else [""] * len(against)
+        rows.append(
+            [
+                number,
+                row.change,
+                row.scores.mean,
+                *row.interval,
+                *apart,
+                *(column[number] for column in columns.values()),
+            ]
+        )
+    return _csv(rows)
+
+
+def save_ablation(path: Path, ablation: Ablation) -> None:
+    """Draw a path of changes: mean scores with their confidence intervals.
+
+    Args:
+        path: With the suffix .png or .svg, which says what is written.
+        ablation: What to draw.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    from mercator_design.report.figures import house_style, save_figure
+
+    rows = list(_rows(ablation))
+    with house_style():
+        figure = Figure(figsize=(6.0, 0.8 + 0.2 * len(rows)), layout="constrained")
+        axes = figure.add_subplot()
+        for number, row in enumerate(rows):
+            low, high = row.interval
+            error = [[row.scores.mean - low], [high - row.scores.mean]]
+            inside = "white" if row.p_value < _ALPHA else _COLOUR
+            axes.errorbar(row.scores.mean, number, xerr=error, fmt="o", ms=4, color=_COLOUR, mfc=inside, capsize=2)
+        axes.set_yticks(range(len(rows)), [row.change for row in rows])
+        axes.invert_yaxis()
+        axes.grid(axis="x", linewidth=0.4)
+        axes.set_xlabel(f"mean score, interval of {CONFIDENCE:.0%}; hollow: differs from the start")
+        axes.set_title(ablation.task.name)
+        save_figure(path, figure)
+
+
+class _Row(NamedTuple):
+    """A step, in scores."""
+
+    change: str
+    scores: Scores
+    against_start: Scores
+    against_last: Scores
+    p_value: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        return self.scores.confidence_interval or (self.scores.mean, self.scores.mean)
+
+
+def _rows(ablation: Ablation) -> Iterator[_Row]:
+    table = [[ablation.task.score(cost) for cost in step.costs] for step in ablation.steps]
+    for number, (step, own) in enumerate(zip(ablation.steps, table, strict=True)):
+        last = table[max(number - 1, 0)]
+        yield _Row(
+            change=step.change or ablation.start,
+            scores=Scores(tuple(own)),
+            against_start=Scores(tuple(map(sub, own, table[0]))),
+            against_last=Scores(tuple(map(sub, own, last))),
+            p_value=step.p_value,
+        )
+
+
+def _difference(scores: Scores) -> str:
+    low, high = scores.confidence_interval or (scores.mean, scores.mean)
+    return f"{scores.mean:+.3g} ± {(high - low) / 2:.2g}"
+
+
+def _csv(rows: Iterable[Iterable[object]]) -> str:
+    import csv
+
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,101 @@
+"""Moves in the structure of PFSMs, and their canonical form."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from mercator_design.fsm.grammar import from_pfsm, parameters_text, to_pfsm
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
+from mercator_design.fsm.structure import PfsmStructure, canonical, neighbour
+from mercator_design.race import Space
+from tests.fsm.strategies import pfsms
+
+SPACE = Space.from_text(parameters_text("watermelon"))
+
+
+def random_pfsm(seed):
+    draws = np.random.default_rng(seed)
+    return to_pfsm(SPACE.build(lambda p, bounds: p.quantile(draws.random(), bounds)), "watermelon")
+
+
+def renumbered(pfsm, order, draws):
+    """The same PFSM: its states in another order, the initial one still first, and so its transitions."""
+    place = {old: new for new, old in enumerate(order)}
+    states = []
+    for i in order:
+        edges = pfsm.states[i].transitions
+        moved = [replace(edges[k], target=place[edges[k].target]) for k in draws.permutation(len(edges))]
+        states.append(replace(pfsm.states[i], transitions=tuple(moved)))
+    return replace(pfsm, states=tuple(states))
+
+
+@given(pfsms(), st.integers(0, 2**32))
+def test_renumbering_does_not_change_the_canonical_form(pfsm, seed):
+    for state in pfsm.states:
+        edges = {(edge.condition, edge.parameters, pfsm.states[edge.target].behaviour) for edge in state.transitions}
+        assume(len(edges) == len(state.transitions))
+    draws = np.random.default_rng(seed)
+    order = [0, *(1 + draws.permutation(len(pfsm.states) - 1)).tolist()]
+    assert canonical(renumbered(pfsm, order, draws)) == canonical(pfsm)
+
+
+@given(pfsms())
+def test_the_canonical_form_is_its_own(pfsm):
+    assert canonical(canonical(pfsm)) == canonical(pfsm)
+
+
+def test_states_that_nothing_leads_to_are_dropped():
+    unreachable = State("stop", (), (Transition("black floor", (0.5,), 0),))
+    explore = State("exploration", (10.0,), (Transition("black floor", (1.0,), 2),))
+    attraction = State("attraction", (2.0,), (Transition("fixed probability", (0.25,), 0),))
+    found = canonical(Pfsm((explore, unreachable, attraction)))
+    assert [state.behaviour for state in found.states] == ["exploration", "attraction"]
+    assert found.states[0].transitions == (Transition("black floor", (1.0,), 1),)
+    assert found.states[1].transitions == (Transition("fixed probability", (0.25,), 0),)
+
+
+def test_neighbours_are_configurations_of_the_grammar_and_all_moves_are_made():
+    draws = np.random.default_rng(1)
+    structure = PfsmStructure("watermelon")
+    changes = set()
+    for seed in range(300):
+        pfsm = canonical(random_pfsm(seed))
+        found = structure.neighbour(from_pfsm(pfsm), draws)
+        SPACE.check(found)
+        assert structure.canonical(found) == found
+        other = to_pfsm(found, "watermelon")
+        edges = [sum(len(state.transitions) for state in one.states) for one in (pfsm, other)]
+        changes.add((np.sign(len(other.states) - len(pfsm.states)), np.sign(edges[1] - edges[0])))
+    assert {(0, 0), (0, 1), (0, -1), (1, 1), (-1, -1)} <= changes
+
+
+def test_any_pfsm_is_reached_from_any_other():
+    """Moves that lower a distance are accepted: structure, modules and a number become those of the target."""
+    draws = np.random.default_rng(2)
+    stop = State("stop", (), (Transition("white floor", (0.5,), 1),))
+    target = canonical(Pfsm((stop, State("exploration", (20.0,), (Transition("black floor", (0.5,), 0),)))))
+
+    def distance(pfsm):
+        behaviours = [state.behaviour for state in pfsm.states]
+        conditions = [edge.condition for state in pfsm.states for edge in state.transitions]
+        wanted = ["stop", "exploration"], ["white floor", "black floor"]
+        return sum(
+            abs(len(found) - len(right)) + sum(a != b for a, b in zip(found, right, strict=False))
+            for found, right in zip((behaviours, conditions), wanted, strict=True)
+        )
+
+    for seed in range(3):
+        pfsm, tries = canonical(random_pfsm(seed)), 0
+        while distance(pfsm) > 0 and tries < 20_000:
+            tries += 1
+            other = neighbour(pfsm, draws)
+            if distance(other) <= distance(pfsm):
+                pfsm = other
+        assert distance(pfsm) == distance(target) == 0
+
+
+def test_the_same_draws_make_the_same_move():
+    one, other = (neighbour(random_pfsm(4), np.random.default_rng(9)) for _ in range(2))
+    assert one == other

@@ -1,0 +1,119 @@
+"""What matters is found, with how sure that is, where it is known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race.importance import explain
+from mercator_design.race.moves import Moves
+
+SPACE = Space.from_text("""
+a     "" r (0, 1)
+b     "" r (0, 1)
+rule  "" c (u, v, w)
+c     "" r (0, 1) | rule == "u"
+idle  "" i (0, 9)
+idle2 "" c (p, q)
+""")
+FIXED = 3.0
+
+
+def cost(configuration):
+    """Of a most, then of rule and of c where it is active; of nothing else."""
+    value = 2 * configuration["a"] + 0.7 * (configuration["rule"] == "v")
+    return value + (1.5 * configuration["c"] if configuration["rule"] == "u" else 0)
+
+
+def experiments(n, noise, seed=1, offsets=FIXED):
+    """Random configurations, each on 5 of 100 instances, which differ a lot."""
+    rng = np.random.default_rng(seed)
+    moves = Moves(SPACE, rng)
+    configurations = [moves.uniform() for _ in range(n)]
+    instances = offsets * rng.normal(size=100)
+    costs = [
+        {int(k): cost(one) + instances[k] + noise * rng.normal() for k in rng.permutation(100)[:5]}
+        for one in configurations
+    ]
+    return configurations, costs
+
+
+def by_name(explanation):
+    return {one.name: one for one in explanation.parameters}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return explain(SPACE, *experiments(200, 0.5), seed=1)
+
+
+class TestTruth:
+    def test_the_order(self, found):
+        assert found.parameters[0].name == "a"
+        assert {one.name for one in found.parameters[1:3]} == {"rule", "c"}
+        assert found.explained > 0.85
+        assert found.configurations == 200
+
+    def test_the_share_of_an_independent_parameter_is_its_part_of_the_variance(self, found):
+        """The variance of 2 a is 1/3; the sample's own variance differs from the truth's by a few per cent."""
+        values = [cost(one) for one in experiments(200, 0.5)[0]]
+        assert by_name(found)["a"].share == pytest.approx((4 / 12) / np.var(values), abs=0.12)
+
+    def test_what_does_not_matter(self, found):
+        for name in ("b", "idle", "idle2"):
+            one = by_name(found)[name]
+            assert abs(one.share) < 0.02
+            assert one.low < 0.005
+        for name in ("a", "rule", "c"):
+            assert by_name(found)[name].low > 0.05
+
+    def test_what_is_favoured(self, found):
+        assert by_name(found)["a"].favours < 0.15
+        assert by_name(found)["a"].gain == pytest.approx(2, abs=0.5)
+        assert by_name(found)["rule"].favours in {"u", "w"}
+        assert by_name(found)["c"].favours < 0.2
+        assert by_name(found)["c"].active == pytest.approx(1 / 3, abs=0.1)
+
+    def test_the_same_seed_gives_the_same(self, found):
+        assert explain(SPACE, *experiments(200, 0.5), seed=1) == found
+
+
+def test_more_noise_is_less_sure():
+    widths = []
+    for noise in (0.2, 2.0):
+        one = by_name(explain(SPACE, *experiments(80, noise), seed=1))["a"]
+        widths.append(one.high - one.low)
+    assert widths[1] > 1.3 * widths[0]
+
+
+def test_of_a_race():
+    """Whose configurations are far from random."""
+    race = IteratedRace(SPACE, budget=1000, seed=1, options=RaceOptions.irace())
+    rng = np.random.default_rng(1)
+    while batch := race.ask():
+        race.tell([cost(race.configurations[e.configuration]) + 0.3 * rng.normal() for e in batch])
+    numbers = range(len(race.configurations))
+    found = explain(SPACE, race.configurations, [race.costs(number) for number in numbers], seed=1)
+    shares = {one.name: one.share for one in found.parameters}
+    assert max(shares, key=shares.get) == "a"
+    assert all(shares[name] < 0.05 for name in ("b", "idle", "idle2"))
+
+
+def test_what_was_rejected_and_what_nowhere_varies_is_left_out():
+    configurations, costs = experiments(60, 0.5)
+    costs[0][next(iter(costs[0]))] = math.inf
+    costs[1] = {}
+    configurations = [{**one, "idle": 4} for one in configurations]
+    found = explain(SPACE, configurations, costs, seed=1)
+    assert found.configurations == 58
+    assert "idle" not in by_name(found)
+
+
+def test_too_little_to_learn_from():
+    with pytest.raises(RaceError, match="expected at least 30 configurations that were raced, found 20"):
+        explain(SPACE, *experiments(20, 0.5), seed=1)
+    configurations, _ = experiments(40, 0.0)
+    with pytest.raises(RaceError, match="no difference beyond noise"):
+        explain(SPACE, configurations, [{0: 1.0, 1: 2.0}] * 40, seed=1)

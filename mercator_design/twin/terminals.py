@@ -16,13 +16,13 @@ from typing import Any, Self, TextIO
 
 from mercator_design.errors import RobotError
 from mercator_design.loading import dump
-from mercator_design.robot.ports import PortNames
 from mercator_design.twin.faults import Device
 from mercator_design.twin.twin import DEVICES, Log, Twin
 
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 _CHUNK = 4096
+_FIRST_UDP_PORT = 9750
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class Terminals:
             file.parent.mkdir(exist_ok=True)
             for device in DEVICES:
                 self._plug_in(number, device)
-            file.write_text(dump(PortNames(**{device: str(file.parent / device) for device in DEVICES})))
+            file.write_text(dump(self._settings(number)))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -109,6 +109,18 @@ class Terminals:
             for fd, _ in self._open.poll(math.ceil(1000.0 * wait)):
                 self._receive(fd, clock() - start)
         return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
+
+    def _settings(self, number: int) -> Mapping[str, object]:
+        """What a program is to know of a robot."""
+        model = self._twin.arena.robot_model
+        return {
+            "name": f"twin-{number}",
+            "ports": {device: str(self._link(number, device)) for device in DEVICES},
+            "limits": {"speed": model.drive.maximum_speed},
+            "swarm": {"port": _FIRST_UDP_PORT + number},  # they are all on one machine
+            "proximity_angles": model.proximity and (model.proximity.reported or model.proximity.angles),
+            "reference_model": model.reference_model,
+        }
 
     def _look(self, now: float) -> None:
         """See which ports are plugged in, and which have been opened."""

@@ -121,6 +121,7 @@ class Robot:
 class Twin:
     """All robots of an arena, and the time there, which begins with 0.
 
+    arena: Where they are.
     robots: By number.
     """
 
@@ -135,29 +136,29 @@ class Twin:
             if fault.robot >= arena.robots:
                 expected = f"expected a robot's number, 0 to {arena.robots - 1}"
                 raise RobotError(f"faults[{number}].robot: {expected}, found {fault.robot}")
-        self._arena, self._log = arena, log
+        self.arena, self._log = arena, log
         self.robots = [Robot(arena, number, script, log) for number in range(arena.robots)]
         self._note_poses()
 
     @property
     def next_tick(self) -> float:
         """When there is something to do [s]."""
-        return round((self._arena.ticks + 1) * self._arena.period, 9)
+        return round((self.arena.ticks + 1) * self.arena.period, 9)
 
     def advance(self, now: float) -> Iterator[tuple[int, Device, bytes]]:
         """What the devices say up to now without being asked: robot, device, bytes."""
         while (time := self.next_tick) <= now:
-            self._arena.step([robot.rvr.treads for robot in self.robots])
+            self.arena.step([robot.rvr.treads for robot in self.robots])
             for number, robot in enumerate(self.robots):
                 for device, said in robot.advance(time):
                     yield number, device, said
-            if self._arena.ticks % self._arena.cycle == 0:
+            if self.arena.ticks % self.arena.cycle == 0:
                 self._note_poses()
 
     def note(self, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
         """Log something that concerns all robots."""
-        self._log({"time": round(self._arena.ticks * self._arena.period, 6), "event": event, **details})
+        self._log({"time": round(self.arena.ticks * self.arena.period, 6), "event": event, **details})
 
     def _note_poses(self) -> None:
         treads = [robot.rvr.treads for robot in self.robots]
-        self.note("poses", poses=self._arena.poses.round(6).tolist(), treads=treads)
+        self.note("poses", poses=self.arena.poses.round(6).tolist(), treads=treads)

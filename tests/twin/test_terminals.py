@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 import serial
+import yaml
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.ports import open_ports, read_port_names
+from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.ydlidar import Packet
@@ -42,23 +43,38 @@ def running(folder, script=None):
             thread.join()
 
 
+def port_names(file):
+    """Of a robot, from its robot.yaml."""
+    return PortNames(**yaml.safe_load(file.read_text())["ports"])
+
+
 def events(folder, kind):
     """What the log says of a kind of event."""
     lines = map(json.loads, (folder / LOG).read_text().splitlines())
     return [event for event in lines if event["event"] == kind]
 
 
-def hear(port, end, done, seconds=3.0):
+def wait_for(condition, seconds=20.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def hear(port, end, done):
     """What a port says until `done` says that it is enough."""
-    said, until = [], time.monotonic() + seconds
-    while not done(said) and time.monotonic() < until:
-        said += end.receive(port.read(port.in_waiting or 1))
-    assert done(said)
+    said = []
+
+    def is_enough():
+        said.extend(end.receive(port.read(port.in_waiting)))
+        return done(said)
+
+    wait_for(is_enough)
     return said
 
 
 def test_a_session_with_all_three_devices(tmp_path):
-    with running(tmp_path) as terminals, open_ports(read_port_names(terminals.robots[0])) as ports:
+    with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])) as ports:
         host, lidar, hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
         ports.rvr.write(host.send("get_battery_percentage"))
         (response,) = hear(ports.rvr, host, len)
@@ -90,15 +106,16 @@ def test_a_session_with_all_three_devices(tmp_path):
 
 def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):
     with running(tmp_path) as terminals:
-        names = read_port_names(terminals.robots[1])
+        names = port_names(terminals.robots[1])
         host = rvr.Host()
-        for left in (0.1, 0.2):
+        for k, left in enumerate((0.1, 0.2), 1):
             with serial.Serial(names.rvr, 115_200) as port:
                 port.write(host.send("drive_tank_si_units", left_velocity=left, right_velocity=0.0))
-            time.sleep(0.2)
+            wait_for(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
         with serial.Serial(names.proximity, 115_200) as port:
             time.sleep(0.05)
-            assert port.in_waiting <= 20  # nothing that was said before
+            assert port.in_waiting <= 40  # nothing that was said before
+        wait_for(lambda: len(events(tmp_path, "port")) == 6)
     mine = [event["left"] for event in events(tmp_path, "wheels") if event["robot"] == 1]
     assert mine == [0.0, 0.1, 0.2]
     opened = [event["open"] for event in events(tmp_path, "port") if event["device"] == "rvr"]
@@ -108,13 +125,11 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
 def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
     script = Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="proximity"),))
     with running(tmp_path, script) as terminals:
-        name = Path(read_port_names(terminals.robots[0]).proximity)
+        name = Path(port_names(terminals.robots[0]).proximity)
         with serial.Serial(str(name), 115_200, timeout=2.0) as port, pytest.raises(serial.SerialException):
             port.read(1000)
         assert not name.exists()
-        until = time.monotonic() + 3.0
-        while not name.exists() and time.monotonic() < until:
-            time.sleep(0.01)
+        wait_for(name.exists)
         with serial.Serial(str(name), 115_200) as port:
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)
 
@@ -139,7 +154,7 @@ def test_links_of_a_twin_that_was_killed_are_replaced(tmp_path):
     (tmp_path / "0").mkdir()
     (tmp_path / "0" / "rvr").symlink_to("/dev/pts/no_longer")
     (tmp_path / LOG).write_text("what was before\n")
-    with running(tmp_path) as terminals, open_ports(read_port_names(terminals.robots[0])):
+    with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])):
         pass
     assert "before" not in (tmp_path / LOG).read_text()
 
@@ -168,7 +183,7 @@ class TestTheCommand:
         with command("aggregation", "--folder", tmp_path, "--set", "robots=2", "--no-noise") as process:
             lines = [process.stdout.readline().strip() for _ in range(2)]
             assert lines == [f"robot {n}: {tmp_path}/{n}/robot.yaml" for n in range(2)]
-            with open_ports(read_port_names(tmp_path / "1" / "robot.yaml")) as ports:
+            with open_ports(port_names(tmp_path / "1" / "robot.yaml")) as ports:
                 host = rvr.Host()
                 ports.rvr.write(host.send("get_sku"))
                 (response,) = hear(ports.rvr, host, len)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.options import FILE, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
+from mercator_design.cli.terminal import Interrupt
 
 
 @click.command()
@@ -17,7 +17,9 @@ from mercator_design.cli.terminal import Interrupt, tell
     show_default=True,
     help="For ports, robot.yaml of each robot, and the log.",
 )
-@click.option("--faults", type=FILE, metavar="FILE.yaml", help="What goes wrong, and when.")
+@click.option(
+    "--faults", type=click.Path(path_type=Path, readable=False), metavar="FILE.yaml", help="What goes wrong, and when."
+)
 @click.option(
     "--duration", type=click.FloatRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]"
 )
@@ -54,13 +56,17 @@ def twin(
     if no_noise:
         model = without_noise(model)
     with Interrupt(terminable=True) as interrupt, open_log(folder) as log:
-        Arena(loaded, model, seed).rehearse(tell)
+        Arena(loaded, model, seed).rehearse(_tell)
         running = Twin(Arena(loaded, model, seed), script, log)
         with Terminals(running, folder) as terminals:
             for number, file in enumerate(terminals.robots):
                 click.echo(f"robot {number}: {file}")
             timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration))
-    tell(
+    _tell(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each; at most {1000 * timing.latest:.0f} ms late; "
         f"{timing.dropped} bytes that nobody fetched"
     )
+
+
+def _tell(message: str) -> None:
+    click.echo(message, err=True)

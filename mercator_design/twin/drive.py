@@ -238,8 +238,11 @@ class Drive:
     def get_active_control_system_id(self) -> dict[str, Any]:
         return {"controller_id": self._controller}
 
-    def set_drive_target_slew_parameters(self, **parameters: float) -> None:
+    def set_drive_target_slew_parameters(self, **parameters: float) -> Error | None:
+        if not parameters["linear_acceleration"] > 0.0:
+            return Error.BAD_DATA_VALUE
         self._slew = parameters
+        return None
 
     def get_drive_target_slew_parameters(self) -> dict[str, Any]:
         return self._slew

@@ -1,6 +1,7 @@
 """The twin's RVR: every command, what ends by itself, sleep, streaming, and the sessions of the maker's SDK."""
 
 import math
+import random
 import struct
 
 import pytest
@@ -70,6 +71,11 @@ VALUES = {
 }  # fmt: skip
 
 
+def any_size(message, chance):
+    """Random bytes, of as many as the values of a message are, at least."""
+    return chance.randbytes(message.carries._head.size + chance.randrange(3))
+
+
 def any_values(message):
     kinds = message.carries._kinds
     return {name: VALUES.get(name, VALUES.get(kind, 1)) for name, kind in kinds.items()}
@@ -105,6 +111,7 @@ class TestCommands:
             (0x16, 0x34, 2, struct.pack(">ffB", 0.0, math.inf, 0), Error.BAD_DATA_VALUE),
             (0x16, 0x38, 2, struct.pack(">ffffB", 0, 0, 1, 1, 3), Error.BAD_DATA_VALUE),
             (0x16, 0x3E, 2, struct.pack(">f", 0.0), Error.BAD_DATA_VALUE),
+            (0x16, 0x3C, 2, struct.pack(">ffffB", 0, 0, 0, -1.0, 1), Error.BAD_DATA_VALUE),
             (0x16, 0x46, 2, b"\x09", Error.BAD_DATA_VALUE),
             (0x16, 0x0E, 2, b"\x01\x0a", Error.BAD_DATA_VALUE),
             (0x18, 0x39, 1, bytes.fromhex("01000002"), Error.BAD_DATA_VALUE),
@@ -123,6 +130,25 @@ class TestCommands:
         answer = unknown.frame
         assert (answer.did, answer.cid, answer.seq, answer.source, answer.error) == (did, cid, 7, target, error)
         assert talk.rvr.told == (0.0, 0.0)
+
+    @pytest.mark.parametrize("name", COMMANDS)
+    def test_nothing_that_is_sent_breaks_it(self, talk, name):
+        """Any data: it answers, and its treads are at numbers that they can be at."""
+        chance, message = random.Random(name), COMMANDS[name]
+        flags = Flags.ACTIVITY | Flags.ANSWER
+        for seq in range(100):
+            data = chance.choice((chance.randbytes(chance.randrange(24)), any_size(message, chance)))
+            target = chance.choice(message.processors)
+            frame = Frame(did=message.did, cid=message.cid, seq=seq, data=data, flags=flags, target=target)
+            answers = [event.frame for event in talk.hear(frame.encode()) if isinstance(event, Unknown)]
+            assert [(answer.seq, answer.error in list(Error)) for answer in answers if answer.error is not None] == [
+                (seq, True)
+            ]
+            talk.wait(0.1, step=0.05)
+            assert all(abs(speed) <= 2.0 for speed in (*talk.rvr.told, *talk.rvr.treads))
+            if not talk.rvr.is_awake:
+                talk.send("wake")
+                talk.wait(WAKES + 0.1, step=0.05)
 
     def test_it_is_who_it_is(self, talk):
         assert talk.ask("get_processor_name", target=Processor.ST) == {"name": "ST"}

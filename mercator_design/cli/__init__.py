@@ -5,48 +5,16 @@ Results go to stdout or named files; progress and messages go to stderr, progres
 modules are imported by the verb that needs them, so that `--help` is quick.
 """
 
-import os
-import sys
-
 import click
 
 from mercator_design import __version__
 from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
-from mercator_design.cli.terminal import Terminated, tell
-from mercator_design.errors import MercatorError, printable
-
-_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
+from mercator_design.command import run
 
 
 def main() -> None:
-    """Run the command line; every way out has its exit code."""
-    try:
-        sys.exit(cli.main(prog_name="mdesign", standalone_mode=False))
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
-    except click.ClickException as error:
-        if not isinstance(error, _HELP):
-            error.message = printable(error.message)  # type: ignore[misc]  # the only way in
-        error.show()
-        sys.exit(error.exit_code)
-    except MercatorError as error:
-        tell(f"Error: {error}")
-        sys.exit(error.exit_code)
-    except (click.Abort, KeyboardInterrupt):
-        tell("Interrupted.")
-        sys.exit(130)
-    except Terminated:
-        tell("Terminated.")
-        sys.exit(75)  # EX_TEMPFAIL: try again later
-    except OSError as error:
-        if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
-            tell(f"Error: {error}")
-        if sys.stdout is not None:  # what could not be written would be tried again at the end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except MemoryError:
-        tell("Error: not enough memory")
-        sys.exit(1)
+    """Run the command line."""
+    run(cli, "mdesign")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
-from mercator_design.cli.terminal import Interrupt, naming, tell
+from mercator_design.cli.terminal import Interrupt, naming
+from mercator_design.command import tell
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 

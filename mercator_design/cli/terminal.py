@@ -5,28 +5,17 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from os import EX_TEMPFAIL
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
-import click
-
-from mercator_design.errors import MercatorError, printable
+from mercator_design.command import Signalled, tell, warn
+from mercator_design.errors import MercatorError
 
 if TYPE_CHECKING:
     from mercator_design.fsm.modules import Module
     from mercator_design.sim.simulate import Simulator
-
-
-def tell(message: str) -> None:
-    """Say something that is no result."""
-    click.echo(printable(message), err=True)
-
-
-def warn(doubts: Iterable[str]) -> None:
-    """Say what may not be meant."""
-    for doubt in doubts:
-        tell(f"Warning: {doubt}")
 
 
 def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
@@ -41,17 +30,14 @@ def terminal_width() -> int | None:
     return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
 
 
-class Terminated(BaseException):
-    """SIGTERM came, as a scheduler sends it some time before it kills; what is done can be resumed."""
-
-
 class Interrupt:
     """Ctrl-C while experiments run: noted at once, acted on between them; the second time acted on at once.
 
     An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback.
 
     Args:
-        terminable: Whether SIGTERM is noted too, and acted on by `Terminated`.
+        terminable: Whether SIGTERM is noted too, and acted on by `Signalled`: as a
+            scheduler sends it some time before it kills, what is done can be resumed.
         then: Called when one comes.
     """
 
@@ -83,7 +69,7 @@ class Interrupt:
         """Stop, and say what there is, if a signal came."""
         if self._came is not None:
             tell(what)
-            raise KeyboardInterrupt if self._came == signal.SIGINT else Terminated
+            raise KeyboardInterrupt if self._came == signal.SIGINT else Signalled("Terminated.", EX_TEMPFAIL)
 
 
 @contextlib.contextmanager

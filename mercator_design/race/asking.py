@@ -6,7 +6,7 @@ rejects its configuration for good. The budget is never exceeded, not even by an
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,6 +68,7 @@ class Asking(ABC):
         self._numbers: dict[tuple[Value | None, ...], int] = {}  # of all configurations; the first of equal ones
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
+        self._error: RaceError | None = None
 
     @property
     @abstractmethod
@@ -120,8 +121,8 @@ class Asking(ABC):
             RaceError: The options leave the first iteration too small a budget, or too little is allowed.
         """
         if self._batch is None:
-            self._batch = next(self._batches, [])
-        return list(self._batch)
+            self._advance(lambda: next(self._batches))
+        return list(self._batch or [])
 
     def tell(self, costs: Sequence[float]) -> None:
         """The costs of the experiments that `ask` gave, in their order.
@@ -138,11 +139,8 @@ class Asking(ABC):
             self._costs[experiment.configuration][experiment.instance] = cost
             if math.isinf(cost):
                 self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
-        self._batch = []
-        try:
-            self._batch = self._batches.send([float(cost) for cost in costs])
-        except StopIteration:
-            return
+        told = [float(cost) for cost in costs]
+        self._advance(lambda: self._batches.send(told))
 
     def extend(self, budget: int) -> None:
         """Go on with a larger budget after the end.
@@ -156,6 +154,18 @@ class Asking(ABC):
         self.stop_reason = None
         self._batches = self._run()
         self._batch = None
+
+    def _advance(self, step: Callable[[], list[Experiment]]) -> None:
+        """Find what to ask for next; that a race cannot go on is raised again whenever it is asked."""
+        if self._error is not None:
+            raise self._error
+        try:
+            self._batch = step()
+        except StopIteration:
+            self._batch = []
+        except RaceError as error:
+            self._batch, self._error = None, error
+            raise
 
     def _conclude(self, summary: IterationSummary, newcomers: Sequence[int]) -> None:
         """Take in an iteration that has ended, and what it means beside those before it."""
@@ -191,6 +201,9 @@ class Asking(ABC):
                 raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
             found[self.space.key(configuration)] = configuration
         return list(found.values())
+
+    def _is_rejected(self, number: int) -> bool:
+        return self.space.key(self.configurations[number]) in self._rejected
 
     def _is_excluded(self, configuration: Configuration) -> bool:
         return self.space.is_forbidden(configuration) or (

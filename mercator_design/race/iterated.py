@@ -20,7 +20,7 @@ from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.postselection import select_candidates
 from mercator_design.race.proposals import Proposer
-from mercator_design.race.race import Experiment, Race
+from mercator_design.race.race import ALL_REJECTED, Experiment, Race
 from mercator_design.race.sampling import similar, sobol_sample
 from mercator_design.race.space import Space
 from mercator_design.race.summary import IterationSummary, Progress
@@ -398,8 +398,11 @@ class IteratedRace(Asking):
             yield [Experiment(configuration, instance) for instance in new for configuration in alive]
             self._n_seen = new.stop
             order = self._by_expectation(alive) + order[len(alive) :]
-            n_alive = math.ceil(len(alive) / 2)
-        order = [number for number in order if not self._is_rejected(number)]
+            if not order:  # no elite is accepted any more
+                order = self._by_expectation(range(len(self.configurations)))
+            if not order:
+                raise RaceError(ALL_REJECTED)
+            n_alive = min(math.ceil(len(alive) / 2), len(order))
         self.elites = [self.statistics(number) for number in order[: self._survivors]]
         accepted = [number for number in alive if not self._is_rejected(number)]
         self.iterations.append(
@@ -420,8 +423,8 @@ class IteratedRace(Asking):
         )
 
     def _by_expectation(self, numbers: Sequence[int]) -> list[int]:
-        """The best first; those that were rejected are left out."""
-        accepted = [number for number in numbers if not self._is_rejected(number)]
+        """The best first; those that were rejected, or have not run, are left out."""
+        accepted = [number for number in numbers if self._costs[number] and not self._is_rejected(number)]
         if not accepted:
             return []
         table = self._table(accepted)
@@ -439,9 +442,6 @@ class IteratedRace(Asking):
         """Those of all races, the latest first."""
         former = chain.from_iterable(summary.elites for summary in reversed(self.iterations))
         return list(dict.fromkeys(elite.configuration for elite in former))
-
-    def _is_rejected(self, configuration: int) -> bool:
-        return self.space.key(self.configurations[configuration]) in self._rejected
 
     def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
         """Run a race to its end and let its best be the elites."""

@@ -21,6 +21,8 @@ from mercator_design.race.tests import Concordance, TestName, concordance, elimi
 
 Floats = NDArray[np.float64]
 
+ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
+
 
 class Experiment(NamedTuple):
     """One configuration on one instance, both counted from 0."""
@@ -217,9 +219,7 @@ class Race:
         self._protection[columns] = 0
         self.rejected += [self.configurations[column] for column in columns]
         if not self._alive.any():
-            raise RaceError(
-                "race: expected some configurations to be accepted, but all were rejected by infinite costs"
-            )
+            raise RaceError(ALL_REJECTED)
 
     def _reason_to_stop(self, n_next: int) -> str | None:
         rules = self._rules

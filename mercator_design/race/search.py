@@ -15,13 +15,12 @@ import numpy as np
 from mercator_design.errors import RaceError
 from mercator_design.race.asking import Asking, Batches
 from mercator_design.race.parameter import Configuration, Value
-from mercator_design.race.race import Experiment
+from mercator_design.race.race import ALL_REJECTED, Experiment
 from mercator_design.race.space import Space
 from mercator_design.race.summary import IterationSummary, Progress
 from mercator_design.race.tests import concordance, signed_rank_p_value
 
 _MOST_ELITES = 5
-_ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
 _MOST_TRIES = 100
 """Proposals that are not new or not allowed, one after another, before none is expected any more."""
 
@@ -193,7 +192,7 @@ class Search(Asking):
                 proposal.finish(self._means.get(number))
         self._rank(proposals)
         if not self.elites:
-            raise RaceError(_ALL_REJECTED)
+            raise RaceError(ALL_REJECTED)
         alive = [number for number in proposals if number in self._means and len(self._costs[number]) == n_instances]
         self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self._used - before)
 
@@ -233,7 +232,7 @@ class Search(Asking):
             yield [Experiment(number, most) for number in self._alive]
             self._rank([])
             if not self.elites:
-                raise RaceError(_ALL_REJECTED)
+                raise RaceError(ALL_REJECTED)
         alive = [number for number in raced if not self._is_rejected(number)]
         self._end_iteration(raced, alive, budget=self.budget - before, used=self._used - before, postselection=True)
 
@@ -245,9 +244,6 @@ class Search(Asking):
             accepted = [number for number in self._means if not self._is_rejected(number)]
         ranked = sorted(map(self.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
         self.elites = ranked[:_MOST_ELITES]
-
-    def _is_rejected(self, number: int) -> bool:
-        return self.space.key(self.configurations[number]) in self._rejected
 
     def _end_iteration(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False

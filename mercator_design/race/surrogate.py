@@ -36,6 +36,8 @@ _STEP = 0.2
 _LEAST_NOISE = 1e-4
 _DIGITS = 9
 """Results are rounded to so many decimals, lest the last bits, which differ from machine to machine, decide."""
+_SLOPE_DIGITS = 6
+"""Of slopes: Adam makes as large a step for one that is nothing but last bits as for any other."""
 
 
 class Features:
@@ -173,6 +175,7 @@ class Surrogate:
             apart = (squares * pull.sum(axis=1)[:, np.newaxis]).sum(axis=0)
             together = np.add.reduceat((features * (pull @ features)).sum(axis=0), self._starts)
             slope = np.append(-0.5 * np.exp(theta[:-1]) * (apart - together), 0.5 * pull.sum()) - (theta - centre)
+            slope = np.round(slope, _SLOPE_DIGITS)
             momentum = 0.9 * momentum + 0.1 * slope
             power = 0.99 * power + 0.01 * slope * slope
             direction = momentum / (1 - 0.9**step) / (np.sqrt(power / (1 - 0.99**step)) + 1e-8)

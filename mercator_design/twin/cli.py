@@ -6,6 +6,7 @@ import click
 
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
+from mercator_design.command import FILE, tell
 
 
 @click.command()
@@ -17,9 +18,7 @@ from mercator_design.cli.terminal import Interrupt
     show_default=True,
     help="For ports, robot.yaml of each robot, and the log.",
 )
-@click.option(
-    "--faults", type=click.Path(path_type=Path, readable=False), metavar="FILE.yaml", help="What goes wrong, and when."
-)
+@click.option("--faults", type=FILE, metavar="FILE.yaml", help="What goes wrong, and when.")
 @click.option(
     "--duration", type=click.FloatRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]"
 )
@@ -56,17 +55,13 @@ def twin(
     if no_noise:
         model = without_noise(model)
     with Interrupt(terminable=True) as interrupt, open_log(folder) as log:
-        Arena(loaded, model, seed).rehearse(_tell)
+        Arena(loaded, model, seed).rehearse(tell)
         running = Twin(Arena(loaded, model, seed), script, log)
         with Terminals(running, folder) as terminals:
             for number, file in enumerate(terminals.robots):
                 click.echo(f"robot {number}: {file}")
             timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration))
-    _tell(
+    tell(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each; at most {1000 * timing.latest:.0f} ms late; "
         f"{timing.dropped} bytes that nobody fetched"
     )
-
-
-def _tell(message: str) -> None:
-    click.echo(message, err=True)

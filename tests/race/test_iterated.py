@@ -254,6 +254,26 @@ def test_a_lucky_finalist_loses():
     assert kept.best.configuration != favourite
 
 
+@pytest.mark.parametrize("n_good", [0, 1, 3])
+def test_finalists_that_are_rejected_make_room_for_others(n_good):
+    """If all are, those that were no elites have their turn."""
+    race = IteratedRace(MIXED, budget=400, seed=3, options=RaceOptions(iterations=2, survivors=2, confirmation=0.4))
+    good = None
+    while batch := race.ask():
+        costs = [mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch]
+        if len(race.iterations) == 2:
+            finalists = sorted({e.configuration for e in batch})
+            good = finalists[:n_good] if good is None else good
+            costs = [cost if e.configuration in good else math.inf for e, cost in zip(batch, costs, strict=True)]
+        race.tell(costs)
+    assert good is not None
+    assert race.iterations[-1].postselection
+    assert race.used > 350 or n_good == 1  # which has nobody left to be compared with
+    assert race.elites
+    for elite in race.elites:
+        assert not any(map(math.isinf, race.costs(elite.configuration).values()))
+
+
 def test_a_finalist_that_is_rejected_does_not_win():
     race = IteratedRace(MIXED, budget=1000, seed=3)
     while race.used < 860 and (batch := race.ask()):

@@ -36,6 +36,9 @@ def test_it_is_an_error_if_all_are_rejected():
     batch = race.ask()
     with pytest.raises(RaceError, match="all were rejected"):
         race.tell([math.inf] * len(batch))
+    for _ in range(2):  # which is not an end
+        with pytest.raises(RaceError, match="all were rejected"):
+            race.ask()
 
 
 def test_a_cost_that_is_not_a_number_changes_nothing():

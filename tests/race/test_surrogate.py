@@ -100,6 +100,28 @@ def test_weights_tell_which_parameters_matter():
     assert apart[0] > 3 * apart[2]
 
 
+def test_last_bits_of_costs_decide_nothing():
+    """Nor does the order of configurations, though a parameter has one value only among them: its slope is 0."""
+    space = Space([real("matters", 0, 1), integer("one", 0, 9), categorical("same", "abc")])
+    moves = Moves(space, np.random.default_rng(3))
+    configurations = [{**moves.uniform(), "one": 4, "same": "b"} for _ in range(60)]
+    features = Features(space)
+    rows = features.of(features.places(configurations))
+    costs = standardised([math.sin(6 * c["matters"]) for c in configurations])
+    others = features.of(features.places([moves.uniform() for _ in range(20)]))
+
+    def predicted(rows, costs):
+        surrogate = Surrogate(features)
+        for _ in range(3):
+            surrogate.fit(rows, costs, np.full(60, 0.05))
+        return surrogate.predict(others)
+
+    mean, spread = predicted(rows, costs)
+    for again in (predicted(rows, np.nextafter(costs, 9.0)), predicted(rows[::-1], costs[::-1])):
+        assert np.abs(mean - again[0]).max() < 1e-8
+        assert np.abs(spread - again[1]).max() < 1e-8
+
+
 def test_distances_are_of_vectors_so_that_covariances_are_valid():
     """Conditional parameters included: no eigenvalue is negative but by rounding."""
     space = Space.from_text(machines_text())

@@ -16,6 +16,7 @@ from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, is_cached, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
+from mercator_design.robot.multiflex import SENSORS
 from mercator_design.robot.ydlidar import encode_command
 from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import PARTS, Recording
@@ -67,6 +68,9 @@ class Arena:
         if robot_model.lidar is None or missing:
             lacking = ", ".join(PARTS.get(part, part) for part in missing)
             raise MissionError(f"robot model {robot_model.name}: a twin needs all devices; missing: {lacking}")
+        if robot_model.proximity is not None and len(robot_model.proximity.angles) != SENSORS:
+            found = len(robot_model.proximity.angles)
+            raise MissionError(f"robot model {robot_model.name}: a hub has {SENSORS} proximity sensors, found {found}")
         fine = dataclasses.replace(robot_model.lidar, beams=FINE * robot_model.lidar.beams, first_angle=0.0)
         instance = Simulator(mission, dataclasses.replace(robot_model, lidar=fine)).instance(seed)
         scene = instance.scene._replace(sub_steps=1)

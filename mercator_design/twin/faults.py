@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import SettingsError
 from mercator_design.loading import Length, Range, read
 
 Device: TypeAlias = Literal["rvr", "lidar", "proximity"]
@@ -144,9 +144,9 @@ def read_script(path: str | Path) -> Script:
     """The script in a file.
 
     Raises:
-        RobotError: with file, line, key, what was expected and what was found.
+        SettingsError: with file, line, key, what was expected and what was found.
     """
-    return read(path, Script, error=RobotError)
+    return read(path, Script, error=SettingsError)
 
 
 class Damage:

@@ -16,6 +16,8 @@ from typing import Any, Self, TextIO
 
 from mercator_design.errors import RobotError
 from mercator_design.loading import dump
+from mercator_design.robot.ports import PortNames
+from mercator_design.robot.settings import Limits, Settings, Swarm
 from mercator_design.twin.faults import Device
 from mercator_design.twin.twin import DEVICES, Log, Twin
 
@@ -110,17 +112,18 @@ class Terminals:
                 self._receive(fd, clock() - start)
         return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
 
-    def _settings(self, number: int) -> Mapping[str, object]:
+    def _settings(self, number: int) -> Settings:
         """What a program is to know of a robot."""
         model = self._twin.arena.robot_model
-        return {
-            "name": f"twin-{number}",
-            "ports": {device: str(self._link(number, device)) for device in DEVICES},
-            "limits": {"speed": model.drive.maximum_speed},
-            "swarm": {"port": _FIRST_UDP_PORT + number},  # they are all on one machine
-            "proximity_angles": model.proximity and (model.proximity.reported or model.proximity.angles),
-            "reference_model": model.reference_model,
-        }
+        angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
+        return Settings(
+            name=f"twin-{number}",
+            ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
+            limits=Limits(speed=model.drive.maximum_speed),
+            swarm=Swarm(port=_FIRST_UDP_PORT + number),  # they are all on one machine
+            proximity_angles=angles,
+            reference_model=model.reference_model,
+        )
 
     def _look(self, now: float) -> None:
         """See which ports are plugged in, and which have been opened."""

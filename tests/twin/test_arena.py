@@ -90,6 +90,11 @@ class TestMeasuring:
         with pytest.raises(MissionError, match="robot model epuck: a twin needs all devices; missing: lidar, "):
             arena((0, 0, 0), robot_model=load_robot_model("epuck"))
 
+    def test_a_model_with_other_proximity_sensors(self):
+        ring = dataclasses.replace(MERCATOR.proximity, angles=(0.0, 1.0))
+        with pytest.raises(MissionError, match=r"^robot model mercator: a hub has 8 proximity sensors, found 2$"):
+            arena((0, 0, 0), robot_model=dataclasses.replace(MERCATOR, proximity=ring))
+
 
 class TestTheLidar:
     def test_a_turn_is_the_simulators(self):

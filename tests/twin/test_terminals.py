@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 import serial
-import yaml
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.ports import open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.settings import read_settings
 from mercator_design.robot.ydlidar import Packet
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, open_log
@@ -45,7 +45,7 @@ def running(folder, script=None):
 
 def port_names(file):
     """Of a robot, from its robot.yaml."""
-    return PortNames(**yaml.safe_load(file.read_text())["ports"])
+    return read_settings(file).ports
 
 
 def events(folder, kind):

@@ -7,6 +7,7 @@ import click
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, tell
+from mercator_design.errors import RobotError
 
 
 @click.command()
@@ -42,12 +43,15 @@ def twin(
     Robot N's ports are FOLDER/N/rvr, lidar and proximity; FOLDER/N/robot.yaml names them. What happens is in
     FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it.
     """
-    from mercator_design.missions.mission import load_mission
-    from mercator_design.sim.robot_model import load_robot_model
-    from mercator_design.twin.arena import Arena, without_noise
-    from mercator_design.twin.faults import Script, read_script
-    from mercator_design.twin.terminals import Terminals, open_log
-    from mercator_design.twin.twin import Twin
+    try:
+        from mercator_design.missions.mission import load_mission
+        from mercator_design.sim.robot_model import load_robot_model
+        from mercator_design.twin.arena import Arena, without_noise
+        from mercator_design.twin.faults import Script, read_script
+        from mercator_design.twin.terminals import Terminals, open_log
+        from mercator_design.twin.twin import Twin
+    except ImportError as error:
+        raise RobotError(f"a twin needs what the designer needs: {error}; pip install mercator-design") from None
 
     script = read_script(faults) if faults is not None else Script()
     loaded = load_mission(mission, overrides)

@@ -34,7 +34,7 @@ class Drive:
     """The drive. Its public methods with the names of commands obey these; `now` is to be set before.
 
     told: What the treads aim at.
-    by: What told them so: a command, or "timeout", "sleep", "stall".
+    by: What told them so: a command, or "timeout", "sleep".
     treads: What they are at, on the way to what they aim at.
     """
 
@@ -48,7 +48,6 @@ class Drive:
         self.now = 0.0
         self.told = self.treads = _REST
         self.by = "start"
-        self.is_fault = False
         self._half = 0.5 * tread_distance
         self._place = place
         self._aim: Callable[[], Treads] = lambda: _REST
@@ -186,7 +185,7 @@ class Drive:
                 error = wrapped(yaw_angle - yaw)
                 if abs(error) < 0.5 * _AIMED:
                     self._drove_to = True
-                    self._stop("xy_position_drive_result")
+                    self._stop("drive_to_position_si")
                     return _REST
                 return self._turning(0.0, _GAIN * error)
             towards = _direction(x - now_x, y - now_y) + (180.0 if backwards else 0.0)
@@ -251,7 +250,7 @@ class Drive:
         self._slew = dict(_SLEW)
 
     def get_motor_fault_state(self) -> dict[str, Any]:
-        return {"is_fault": self.is_fault}
+        return {"is_fault": False}
 
 
 def wrapped(angle: float) -> float:

@@ -104,13 +104,18 @@ class Terminals:
         self._twin.note("clock", start=start)
         while not is_over(now := clock() - start):
             latest = max(latest, now - self._twin.next_tick)
-            for number, device, said in self._twin.advance(now):
-                self._send(self._fds.get((number, device)), said)
+            self._keep_up(now)
             self._look(now)
             wait = max(0.0, self._twin.next_tick - (clock() - start))
             for fd, _ in self._open.poll(math.ceil(1000.0 * wait)):
-                self._receive(fd, clock() - start)
+                now = clock() - start
+                self._keep_up(now)
+                self._receive(fd, now)
         return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
+
+    def _keep_up(self, now: float) -> None:
+        for number, device, said in self._twin.advance(now):
+            self._send(self._fds.get((number, device)), said)
 
     def _settings(self, number: int) -> Settings:
         """What a program is to know of a robot."""
@@ -152,11 +157,15 @@ class Terminals:
 
     def _send(self, fd: int | None, data: bytes) -> None:
         """Send to whoever has the port open; what does not fit is lost, as on a wire."""
-        if fd in self._is_open and data:
+        if fd is None or fd not in self._is_open or not data:
+            return
+        try:
+            sent = os.write(fd, data)
+        except OSError as error:
+            if error.errno not in {errno.EAGAIN, errno.EIO}:  # full, or just closed
+                raise
             sent = 0
-            with contextlib.suppress(BlockingIOError):
-                sent = os.write(fd, data)
-            self._dropped += len(data) - sent
+        self._dropped += len(data) - sent
 
     def _note(self, fd: int, now: float, *, is_open: bool) -> None:
         """Somebody has opened a port, or nobody has it open any more."""

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeAlias, get_args
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import SettingsError
 from mercator_design.twin.arena import Arena
 from mercator_design.twin.faults import Battery, Damage, Device, Direction, Fault, LineFault, PortLoss, Script, Stall
 from mercator_design.twin.hub import Hub
@@ -85,22 +85,15 @@ class Robot:
 
     def _begin_and_end_faults(self, now: float) -> None:
         on = [fault for fault in self._faults if fault.is_on(now)]
-        if on == self._on:
-            return
-        for fault in on:
-            if fault in self._on:
-                continue
-            self._tell(now, "fault", kind=fault.kind, device=getattr(fault, "device", "rvr"), begins=True)
-            if isinstance(fault, Battery):
-                self.rvr.level = fault.level
-            elif isinstance(fault, Stall):
-                self.rvr.stall(("left", "right").index(fault.motor), fault.duration)
-        for fault in self._on:
-            if fault not in on:
-                self._tell(now, "fault", kind=fault.kind, device=getattr(fault, "device", "rvr"), begins=False)
-                if isinstance(fault, Battery):
-                    self.rvr.level = 100.0
+        begun, ended = ([f for f in these if f not in those] for these, those in ((on, self._on), (self._on, on)))
         self._on = on
+        for fault in begun + ended:
+            begins = fault in begun
+            self._tell(now, "fault", kind=fault.kind, device=getattr(fault, "device", "rvr"), begins=begins)
+            if isinstance(fault, Battery):
+                self.rvr.level = fault.level if begins else 100.0
+            elif isinstance(fault, Stall) and begins:
+                self.rvr.stall(("left", "right").index(fault.motor), fault.duration)
 
     def _note(self, now: float) -> None:
         """Log what is new."""
@@ -129,13 +122,13 @@ class Twin:
         """Switch the robots on.
 
         Raises:
-            RobotError: if something is to go wrong with a robot that is not there.
+            SettingsError: if something is to go wrong with a robot that is not there.
         """
         script = script or Script()
         for number, fault in enumerate(script.faults):
             if fault.robot >= arena.robots:
                 expected = f"expected a robot's number, 0 to {arena.robots - 1}"
-                raise RobotError(f"faults[{number}].robot: {expected}, found {fault.robot}")
+                raise SettingsError(f"faults[{number}].robot: {expected}, found {fault.robot}")
         self.arena, self._log = arena, log
         self.robots = [Robot(arena, number, script, log) for number in range(arena.robots)]
         self._note_poses()

@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import SettingsError
 from mercator_design.twin.faults import (
     Battery,
     Damage,
@@ -119,11 +119,11 @@ faults:
     def test_mistakes_have_their_line(self, tmp_path, line, words):
         file = tmp_path / "faults.yaml"
         file.write_text(f"schema: 1\nfaults:\n  - {line}\n")
-        with pytest.raises(RobotError, match=rf"faults.yaml:3: {words}"):
+        with pytest.raises(SettingsError, match=rf"faults.yaml:3: {words}"):
             read_script(file)
 
     def test_a_robot_that_is_not_there(self):
-        with pytest.raises(RobotError, match=r"^faults\[0\].robot: expected a robot's number, 0 to 0, found 3$"):
+        with pytest.raises(SettingsError, match=r"^faults\[0\].robot: expected a robot's number, 0 to 0, found 3$"):
             Talk(script=Script(faults=(Battery(at=1, robot=3, level=3),)))
 
 

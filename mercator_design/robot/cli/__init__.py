@@ -5,11 +5,10 @@ import importlib
 import click
 
 from mercator_design import __version__, command
-from mercator_design.errors import RobotError
 from mercator_design.robot.cli import check, replay, run, stop
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
-"""Verbs that need the designer's packages too, which a robot has not: the module of each."""
+"""Verbs of the designer's part, which a robot need not have: the module of each."""
 
 
 def main() -> None:
@@ -18,7 +17,7 @@ def main() -> None:
 
 
 class _Verbs(click.Group):
-    """The verbs here, and those elsewhere as far as they can be imported."""
+    """The verbs here, and those elsewhere that are there."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted([*super().list_commands(ctx), *_ELSEWHERE])
@@ -28,19 +27,9 @@ class _Verbs(click.Group):
             return super().get_command(ctx, cmd_name)
         try:
             found: click.Command = getattr(importlib.import_module(_ELSEWHERE[cmd_name]), cmd_name)
-        except ImportError as error:
-            return _missing(cmd_name, error.name or "a package")
+        except ImportError:
+            return None
         return found
-
-
-def _missing(name: str, package: str) -> click.Command:
-    """A verb that says that it is not here, whatever it is given."""
-
-    def refuse() -> None:
-        raise RobotError(f"{name}: {package} is not installed here; pip install mercator-design")
-
-    settings = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
-    return click.Command(name, callback=refuse, help="Not installed here.", context_settings=settings)
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import select
+import socket
 import time
 import tty
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +25,6 @@ from mercator_design.twin.twin import DEVICES, Log, Twin
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 _CHUNK = 4096
-_FIRST_UDP_PORT = 9750
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ class Terminals:
             name=f"twin-{number}",
             ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
             limits=Limits(speed=model.drive.maximum_speed),
-            swarm=Swarm(port=_FIRST_UDP_PORT + number),  # they are all on one machine
+            swarm=Swarm(port=_free_port()),  # robots are all on one machine
             proximity_angles=angles,
             reference_model=model.reference_model,
         )
@@ -200,3 +200,11 @@ class Terminals:
 
     def _link(self, number: int, device: Device) -> Path:
         return self._folder / str(number) / device
+
+
+def _free_port() -> int:
+    """A UDP port that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
+        unused.bind(("", 0))
+        port: int = unused.getsockname()[1]
+        return port

@@ -4,7 +4,7 @@ Each figure is of a process of its own; times of the race are CPU times, which d
 
     overhead     of one experiment, with an evaluator that costs nearly nothing: sampling, asking, testing, telling, and
                  the journal on disk; of the executors alone
-    methods      the same of each method, without a journal, for a tenth of the budget
+    methods      of one experiment with each method, without a journal, for a tenth of the budget
     memory       at the end of a race of --large experiments
     resume       the journal of that race read, checked and told anew
     utilisation  part of the time that --jobs threads are in experiments, in a race on a mission with 20 robots
@@ -23,12 +23,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from mercator_design.fsm.grammar import parameters_text
+from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
 from mercator_design.race.dask_executor import DaskExecutor
 from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.journal import Journal, Measured, Record
-from mercator_design.race.methods import METHODS
+from mercator_design.race.methods import METHODS, RACES
 from mercator_design.race.runner import Runner
 
 T = TypeVar("T")
@@ -45,7 +46,8 @@ def free(item: tuple[int, int]) -> Measured:
 
 def run(record: Record, executor: Executor, budget: int, method: str = "irace") -> int:
     """A race with the free evaluator; gives how many experiments it had."""
-    race = METHODS[method](Space.from_text(parameters_text("watermelon")), budget=budget, seed=1)
+    space = Space.from_text(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+    race = METHODS[method](space, budget=budget, seed=1)
     if not record.start:
         record.begin({"budget": budget})
     Runner(
@@ -61,15 +63,16 @@ def run(record: Record, executor: Executor, budget: int, method: str = "irace") 
 
 
 def overhead(budget: int) -> None:
-    """Prints the cost of a race without and with a journal."""
-    spent: list[float] = []
-    run(Record(), ThreadExecutor(1), 300)  # imports what is imported when it is needed
-    with tempfile.TemporaryDirectory() as folder, ThreadExecutor(1) as executor:
-        for record in (Record(), Journal(Path(folder) / "journal.jsonl", new=True)):
-            start = time.process_time()
-            n = run(record, executor, budget)
-            spent.append(1e6 * (time.process_time() - start) / n)
-    print(f"overhead, budget {budget}: {spent[0]:.1f} us an experiment, with a journal {spent[1]:.1f} us")
+    """Prints the cost of a race, irace's and the default one, without and with a journal."""
+    for method in RACES:
+        spent: list[float] = []
+        run(Record(), ThreadExecutor(1), 300, method)  # imports what is imported when it is needed
+        with tempfile.TemporaryDirectory() as folder, ThreadExecutor(1) as executor:
+            for record in (Record(), Journal(Path(folder) / "journal.jsonl", new=True)):
+                start = time.process_time()
+                n = run(record, executor, budget, method)
+                spent.append(1e6 * (time.process_time() - start) / n)
+        print(f"{method}, budget {budget}: {spent[0]:.1f} us an experiment, with a journal {spent[1]:.1f} us")
 
 
 def methods(budget: int) -> None:
@@ -96,7 +99,7 @@ def executors(budget: int) -> None:
     report("this thread", ThreadExecutor(1))
     report("2 threads", ThreadExecutor(2))
     report("2 processes", ProcessExecutor(2))
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         report("2 Dask workers", DaskExecutor(cluster.scheduler_address))
 
 

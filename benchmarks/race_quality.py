@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import mannwhitneyu
 
-import mercator_design.race
+import mercator_design
 from mercator_design import seeds
 from mercator_design.race import (
     Configuration,
@@ -222,9 +222,10 @@ def holm(p_values: list[float]) -> list[float]:
 
 
 def fingerprint() -> str:
-    """Of the race's source, so that cached results of other code are not taken for this one's."""
-    folder = Path(mercator_design.race.__file__).parent
-    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))).hexdigest()[:12]
+    """Of the source of races and of what they know of PFSMs, so that no other code's results are taken for this one's."""
+    folder = Path(mercator_design.__file__).parent
+    files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]
 
 
 def results(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:

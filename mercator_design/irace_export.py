@@ -39,7 +39,7 @@ def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
     plugins = "".join(f" --plugin {shlex.quote(name)}" for name in files if name.startswith("plugins/"))
     settings: dict[str, scenario_text.Setting] = {
         "parameterFile": "./parameters.txt",
-        "trainInstancesDir": "./",
+        "trainInstancesDir": "",  # target-runner finds the missions; irace splits an instance's path at blanks
         "trainInstancesFile": "./instances.txt",
         "targetRunner": "./target-runner",
         "maxExperiments": designer.race.budget,

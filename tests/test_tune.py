@@ -306,10 +306,10 @@ class TestExport:
     @pytest.fixture
     def exported(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-        folder = tmp_path / "irace"
+        folder = tmp_path / "an irace"
         code, out, _ = mdesign("export", "irace", "aggregation", "-o", folder, "--budget", 60, "--jobs", 2,
                                "--set", "robots=2", "--set", "duration=2")  # fmt: skip
-        assert (code, out) == (0, f"cd {folder} && irace --scenario scenario.txt\n")
+        assert (code, out) == (0, f"cd '{folder}' && irace --scenario scenario.txt\n")
         return folder
 
     def test_a_tiny_budget_runs(self, mdesign, exported, tmp_path):

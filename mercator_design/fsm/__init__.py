@@ -7,6 +7,7 @@
     control     one control cycle; the driver of one robot
     text        AutoMoDe's command line and fsm.txt
     grammar     all PFSMs as a space of parameters
+    structure   steps from one PFSM to the next, and which are the same
     drawing     diagrams
 
 Plain Python on the standard library, as it runs on the robot; the simulator compiles the same functions.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small
-from mercator_design.race.operations import number_text
+from mercator_design.race.operations import number, number_text
 from mercator_design.race.parameter import Configuration, Parameter, Value
 from mercator_design.race.space import Space
 
@@ -94,11 +94,11 @@ def _value(parameter: Parameter, text: str) -> Value:
     if not parameter.is_numeric:
         return text
     try:
-        number = float(text)
+        value = number(text)
         if parameter.kind == "real":
-            return number
-        if number == int(number):
-            return int(number)
+            return float(value)
+        if value == int(value):
+            return int(value)
     except (ValueError, OverflowError):
         pass
     kind = "a whole number" if parameter.kind == "integer" else "a number"

@@ -1,9 +1,11 @@
 """Experiments on the workers of a Dask cluster, wherever they are: other processes, other machines, a queue of SLURM's.
 
 Dask gives an experiment whose worker dies to another one; how many workers it may cost is the scheduler's
-`distributed.scheduler.allowed-failures` (3 by default), after which it is given up. Workers may come and go.
+`distributed.scheduler.allowed-failures` (3 by default). As others may have been with it there, it then runs once more
+with nothing beside it, and is given up if that kills as many. Workers may come and go.
 """
 
+import collections
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,6 +27,8 @@ BUNDLE = 0.2
 """Seconds of work that go to a worker at once where there is work for all: the scheduler takes a millisecond or two for
 whatever it hands out."""
 MOST_BUNDLED = 64
+LOOK_EVERY = 1.0
+"""Seconds after which workers are counted anew: the scheduler is asked, and takes some milliseconds."""
 
 
 class DaskExecutor:
@@ -45,6 +49,7 @@ class DaskExecutor:
         except ImportError:
             raise RaceError("dask: expected the package distributed (pip install 'mercator-design[dask]')") from None
         self._wanted = jobs
+        self._jobs, self._looked = 1, -math.inf
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
@@ -53,8 +58,10 @@ class DaskExecutor:
 
     @property
     def jobs(self) -> int:
-        """Threads of the workers that there are now, and at least one."""
-        return max(sum(map(int, self._client.nthreads().values())), 1)
+        """Threads of the workers that there are now, or were a moment ago; at least one."""
+        if (now := time.monotonic()) > self._looked + LOOK_EVERY:
+            self._looked, self._jobs = now, max(sum(map(int, self._client.nthreads().values())), 1)
+        return self._jobs
 
     def __enter__(self) -> Self:
         return self
@@ -74,41 +81,47 @@ class DaskExecutor:
         bundles: dict[Any, _Bundle[T]] = {}
         seconds = math.inf  # that an item takes
 
+        suspects: collections.deque[tuple[int, T]] = collections.deque()  # of having killed their workers
+
         def submit(bundle: _Bundle[T]) -> None:
             future = self._client.submit(_call_all, packed, [item for _, item in bundle], pure=False)
             bundles[future.key] = bundle
             under_way.add(future)
 
         while True:
-            room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
-            most = min(max(int(BUNDLE / seconds), 1), MOST_BUNDLED)
-            drawn = list(_until_none(islice(numbered, room * most)))
-            for k in range(min(room, len(drawn))):
-                submit(drawn[k::room])
+            if is_alone := bool(suspects) and not bundles:
+                submit([suspects.popleft()])
+            elif not suspects:
+                room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
+                most = min(max(int(BUNDLE / seconds), 1), MOST_BUNDLED)
+                drawn = list(_until_none(islice(numbered, room * most)))
+                for k in range(min(room, len(drawn))):
+                    submit(drawn[k::room])
             if not bundles:
                 return
             future = next(under_way)
             bundle = bundles.pop(future.key)
             results, spent = self._result(future, len(bundle))
-            if results is None:
-                for one in bundle:
-                    submit([one])
-                continue
-            seconds = spent / len(bundle) or seconds
-            yield from zip((index for index, _ in bundle), results, strict=True)
+            if results is None and not is_alone:
+                suspects += bundle
+            elif results is None:
+                yield bundle[0][0], Failed("its worker died, however often it was given another")
+            else:
+                seconds = spent / len(bundle) or seconds
+                yield from zip((index for index, _ in bundle), results, strict=True)
 
     @staticmethod
     def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives
-        """What came of n items, and the seconds they took; None if workers died of one of them."""
+        """What came of n items, and the seconds they took; None if their workers died.
+
+        Dask does not know what a worker died of: it counts a death against all that the worker had before it.
+        """
         from distributed.scheduler import KilledWorker
 
         try:
             found: tuple[list[Any], float] = future.result()
-        except KilledWorker as error:
-            if n > 1:
-                return None, 0.0
-            died = f"its worker died, {error.allowed_failures + 1} times, the last time {error.last_worker.address}"
-            return [Failed(died)], 0.0
+        except KilledWorker:
+            return None, 0.0
         except WorkerUnfit:
             raise
         except Exception as error:  # noqa: BLE001 - what went wrong in Dask itself

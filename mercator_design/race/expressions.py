@@ -12,36 +12,40 @@ is ordered by code point, not by locale.
     comparison := sum [ ("==" | "!=" | "<" | "<=" | ">" | ">=") sum ]
     sum        := product { ("+" | "-") product }
     product    := special { ("*" | "/") special }
-    special    := sign { ("%in%" | "%%") sign }
-    sign       := ("-" | "+") sign | primary
+    special    := sign { ("%in%" | "%%" | "%/%") sign }
+    sign       := ("-" | "+") sign | power
+    power      := primary [ "^" sign ]
     primary    := NUMBER | "text" | TRUE | FALSE | NA | name | function "(" or { "," or } ")" | "(" or ")"
 """
 
 import operator
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, NoReturn
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.operations import (
     ARITHMETIC_FUNCTIONS,
     COMPARISONS,
     CONSTANTS,
     FUNCTIONS,
     Closure,
-    both,
+    all_of,
+    any_of,
     comparable,
     constant,
     divide,
-    either,
+    is_true,
     logical,
     member,
     modulo,
     number,
     numeric,
+    power,
     strict,
+    whole_quotient,
 )
 
 _TOKEN = re.compile(
@@ -49,7 +53,7 @@ _TOKEN = re.compile(
         (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?L?)
       | (?P<name>[A-Za-z.][A-Za-z0-9._]*)
       | (?P<text>"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')
-      | (?P<operator>%in%|%%|==|!=|<=|>=|&&|\|\||[-+*/<>!&|(),])
+      | (?P<operator>%in%|%%|%/%|==|!=|<=|>=|&&|\|\||[-+*/^<>!&|(),])
       | (?P<end>$)
     )""",
     re.VERBOSE | re.DOTALL,
@@ -62,6 +66,9 @@ _ESCAPE = re.compile(
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v": "\v"} | {c: c for c in "\\\"'` \n"}
 _REMEMBERED = 4096
 """Results kept for each expression: most depend on one or two parameters with a handful of values."""
+_DEEPEST = 40
+"""Parentheses, functions and signs within one another: each takes a dozen calls to read, of Python's thousand."""
+_FAILURES = (TypeError, OverflowError, RecursionError)
 
 
 class Expression:
@@ -73,7 +80,8 @@ class Expression:
         arithmetic: only numbers and arithmetic, as in the bounds of a domain.
 
     Raises:
-        RaceError: the text does not follow the grammar; when called, an operand of the wrong type.
+        RaceError: the text does not follow the grammar; when called, an operand of the wrong type, too large a number,
+            or too many operators in a row.
     """
 
     __slots__ = ("_remembered", "arithmetic", "names", "text")
@@ -92,9 +100,20 @@ class Expression:
         """The value for a configuration; None stands for NA."""
         try:
             return self._remembered(*map(configuration.get, self.names))
-        except TypeError as error:
-            given = ", ".join(f"{name} = {configuration.get(name)!r}" for name in self.names)
-            raise RaceError(f"{self.text}: {error}{f' (with {given})' if given else ''}") from None
+        except _FAILURES as error:
+            raise self._failed(error, configuration) from None
+
+    def holds(self, configuration: Mapping[str, Any]) -> bool:
+        """Whether it is true for a configuration; NA is not."""
+        try:
+            return is_true(self._remembered(*map(configuration.get, self.names)))
+        except _FAILURES as error:
+            raise self._failed(error, configuration) from None
+
+    def _failed(self, error: Exception, configuration: Mapping[str, Any]) -> RaceError:
+        what = "expected fewer operators in a row" if isinstance(error, RecursionError) else str(error)
+        given = ", ".join(f"{name} = {configuration.get(name)!r}" for name in self.names)
+        return RaceError(f"{excerpt(self.text)}: {what}{f' (with {excerpt(given)})' if given else ''}")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Expression) and other.text == self.text
@@ -132,6 +151,7 @@ class _Parser:
         self._arithmetic = arithmetic
         self._tokens = self._tokenise(text)
         self._index = 0
+        self._depth = 0
 
     def parse(self) -> Closure:
         closure = self._or()
@@ -194,24 +214,32 @@ class _Parser:
             self._fail("arithmetic", self._next)
         return self._take()
 
-    def _or(self) -> Closure:
-        left = self._and()
-        while self._at("|", "||"):
+    def _within(self, part: Callable[[], Closure]) -> Closure:
+        """A part that is inside of another."""
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            self._fail(f"at most {_DEEPEST} parentheses, functions and signs within one another", self._next)
+        found = part()
+        self._depth -= 1
+        return found
+
+    def _joined(self, part: Callable[[], Closure], operators: tuple[str, ...], join: Callable[..., Closure]) -> Closure:
+        operands = [part()]
+        while self._at(*operators):
             self._logic()
-            left = either(left, self._and())
-        return left
+            operands.append(part())
+        return join(*operands) if len(operands) > 1 else operands[0]
+
+    def _or(self) -> Closure:
+        return self._joined(self._and, ("|", "||"), any_of)
 
     def _and(self) -> Closure:
-        left = self._not()
-        while self._at("&", "&&"):
-            self._logic()
-            left = both(left, self._not())
-        return left
+        return self._joined(self._not, ("&", "&&"), all_of)
 
     def _not(self) -> Closure:
         if self._at("!"):
             self._logic()
-            return strict(lambda a: not logical(a), self._not())
+            return strict(lambda a: not logical(a), self._within(self._not))
         return self._comparison()
 
     def _comparison(self) -> Closure:
@@ -237,26 +265,33 @@ class _Parser:
 
     def _special(self) -> Closure:
         left = self._sign()
-        while self._at("%in%", "%%"):
-            if self._next.text == "%%":
-                self._take()
-                left = numeric(modulo, left, self._sign())
-            else:
+        while self._at("%in%", "%%", "%/%"):
+            if self._next.text == "%in%":
                 self._logic()
                 left = member(left, self._sign())
+            else:
+                operation = modulo if self._take().text == "%%" else whole_quotient
+                left = numeric(operation, left, self._sign())
         return left
 
     def _sign(self) -> Closure:
         if self._at("-", "+"):
             sign = -1 if self._take().text == "-" else 1
-            return numeric(lambda a: sign * a, self._sign())
-        return self._primary()
+            return numeric(lambda a: sign * a, self._within(self._sign))
+        return self._power()
+
+    def _power(self) -> Closure:
+        base = self._primary()
+        if self._at("^"):
+            self._take()
+            return numeric(power, base, self._within(self._sign))
+        return base
 
     def _primary(self) -> Closure:
         token = self._next
         if self._at("("):
             self._take()
-            inside = self._or()
+            inside = self._within(self._or)
             self._expect(")")
             return inside
         if token.kind not in {"number", "text", "name"} or (token.kind == "text" and self._arithmetic):
@@ -279,10 +314,10 @@ class _Parser:
         if function.text not in known:
             self._fail(f"one of {', '.join(known)}", function)
         self._take()
-        arguments = [self._or()]
+        arguments = [self._within(self._or)]
         while self._at(","):
             self._take()
-            arguments.append(self._or())
+            arguments.append(self._within(self._or))
         self._expect(")")
         fewest, most, build = known[function.text]
         if not fewest <= len(arguments) <= most:

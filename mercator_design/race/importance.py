@@ -5,7 +5,8 @@ The costs of each configuration, corrected for the instances that it happened to
 matters as far as predictions get worse when its values are shuffled among those others where it is active (Breiman
 2001, Random forests, Machine Learning 45:5-32). Half of the squared error that this adds is, for independent
 parameters, the total effect of Sobol's method: the share of the variance that the parameter has a part in, alone or
-together with others (Jansen 1999, Computer Physics Communications 117:35-43).
+together with others (Jansen 1999, Computer Physics Communications 117:35-43). But a model that has learnt from few or
+noisy results predicts smaller differences than there are, so a share is a lower bound rather than an estimate.
 
 So importance is about the configurations that were raced, of which most are like the elites; and parameters that
 always change together cannot be told apart.
@@ -16,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from mercator_design import seeds
@@ -26,7 +26,6 @@ from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.space import Space
 from mercator_design.race.surrogate import Features, Floats, Surrogate
 
-CONFIDENCE = 0.95
 FEWEST = 30
 """Configurations that something can be learnt from."""
 _MOST = 600
@@ -43,8 +42,9 @@ _GRID = 7
 class Importance:
     """What one parameter has to do with the costs.
 
-    share: of the variance between configurations that it has a part in; estimates may be below 0.
-    low, high: the confidence interval of that.
+    share: of the variance between configurations that it has a part in, at least; may be below 0.
+    error: the standard error of that over the configurations, given the models: that others might have been learnt is
+        not in it.
     active: the part of the configurations in which it is active.
     favours: the value of which the least cost is predicted, all else as it was.
     gain: how much less that is than with the value of which the most is predicted.
@@ -52,8 +52,7 @@ class Importance:
 
     name: str
     share: float
-    low: float
-    high: float
+    error: float
     active: float
     favours: Value
     gain: float
@@ -127,21 +126,17 @@ def _explain(
                 added[active, column] += (means[active] - model.predict(shuffled)) ** 2 - before[active]
     added /= 2 * _SHUFFLES * between
     model = _Model(features, places, means, noise)
-    quantile = float(stdtrit(len(places) - 1, 0.5 + CONFIDENCE / 2))
     found = []
     for column, parameter in enumerate(space.variable):
         rows = np.flatnonzero(~np.isnan(places[:, column]))
         if len(np.unique(places[rows, column])) < 2:
             continue
-        share, half = (
-            float(added[:, column].mean()),
-            quantile * float(added[:, column].std(ddof=1)) / len(places) ** 0.5,
-        )
         best, gain = _favoured(model, places[rows], column)
         value = configurations[rows[best]][parameter.name]
         found.append(
             Importance(
-                name=parameter.name, share=share, low=share - half, high=share + half,
+                name=parameter.name, share=float(added[:, column].mean()),
+                error=float(added[:, column].std(ddof=1)) / len(places) ** 0.5,
                 active=len(rows) / len(places), favours=value, gain=gain,
             )
         )  # fmt: skip

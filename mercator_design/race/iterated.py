@@ -80,6 +80,7 @@ class IteratedRace(Asking):
                 f"found {wanted}"
             )
         self._initial = self._checked(initial)
+        self._before = 0  # iterations, that came before the budget was extended and are not counted
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.new_instances
         self._model = SamplingModel(
@@ -124,13 +125,14 @@ class IteratedRace(Asking):
         """Go on with a larger budget after the end.
 
         What is added is planned as the budget of a race of its own is: as many iterations, or fewer until it suffices.
-        They begin with the elites that the race has ended with, their distributions as wide as after the first
-        iteration.
+        The first of them takes the place of a second one: it begins with the elites that the race has ended with, their
+        distributions as wide as after a first iteration.
 
         Raises:
             RaceError: The race has not ended yet, or the budget is no larger.
         """
         super().extend(budget)
+        self._before = self._iteration - 1
         try:
             plan = self._plan()
         except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
@@ -183,7 +185,7 @@ class IteratedRace(Asking):
             return f"all {self._n_iterations} iterations are done"
         share = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
         budget = min(self.options.experiments_per_iteration or share, remaining)
-        n = self._n_configurations(budget, iteration)
+        n = self._n_configurations(budget, iteration - self._before)
         wanted = self.options.n_configurations
         if wanted is not None and n < wanted:
             if budget == share < remaining:
@@ -256,8 +258,8 @@ class IteratedRace(Asking):
             self._elite_configurations(),
             {elite: parent for elite in elites if (parent := self.parents[elite]) is not None},
             n_new=n_new,
-            iteration=self._iteration,
-            iterations=self._n_iterations,
+            iteration=self._iteration - self._before,
+            iterations=self._n_iterations - self._before,
         )
         generator = self._generator("sampling")
         known = len(self.configurations) / (_LEARNT_FROM * self.space.n_variable)
@@ -405,22 +407,21 @@ class IteratedRace(Asking):
             n_alive = min(math.ceil(len(alive) / 2), len(order))
         self.elites = [self.statistics(number) for number in order[: self._survivors]]
         accepted = [number for number in alive if not self._is_rejected(number)]
-        self.iterations.append(
-            IterationSummary(
-                iteration=self._iteration,
-                postselection=True,
-                budget=budget,
-                used=budget - self.budget + self._used,
-                n_configurations=n_finalists,
-                n_new=0,
-                n_instances=self._n_seen - n_seen,
-                n_alive=n_alive,
-                elites=tuple(self.elites),
-                soft_restart=False,
-                stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
-                concordance=concordance(self._table(accepted)[:, new.start :].T),
-            )
+        summary = IterationSummary(
+            iteration=self._iteration,
+            postselection=True,
+            budget=budget,
+            used=budget - self.budget + self._used,
+            n_configurations=n_finalists,
+            n_new=0,
+            n_instances=self._n_seen - n_seen,
+            n_alive=n_alive,
+            elites=tuple(self.elites),
+            soft_restart=False,
+            stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
+            concordance=concordance(self._table(accepted)[:, new.start :].T),
         )
+        self._conclude(summary, newcomers=[])
 
     def _by_expectation(self, numbers: Sequence[int]) -> list[int]:
         """The best first; those that were rejected, or have not run, are left out."""

@@ -39,7 +39,7 @@ def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
-"""Iterated F-race exactly as irace's; and with the library's own options, a surrogate above all."""
+"""Iterated F-race as irace's; and with the library's own options, a surrogate above all."""
 METHODS: Mapping[str, Method] = {
     **{name: partial(IteratedRace, options=options) for name, options in RACES.items()},
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),

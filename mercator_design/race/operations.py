@@ -9,11 +9,16 @@ from collections.abc import Callable
 from decimal import Decimal
 from typing import Any
 
+import numpy as np
+
 Values = tuple[Any, ...]
 Closure = Callable[[Values], Any]
 
 
 CONSTANTS = {"TRUE": True, "FALSE": False, "NA": None, "NULL": None, "Inf": math.inf}
+_LOGICAL = dict.fromkeys(("TRUE", "true", "T", "True"), True)
+_LOGICAL |= dict.fromkeys(("FALSE", "false", "F", "False"), False)
+_LARGEST_WHOLE = 2**63 - 1
 COMPARISONS = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -56,21 +61,25 @@ def strict(operation: Callable[..., Any], *operands: Closure) -> Closure:
 
 def numeric(operation: Callable[..., Any], *operands: Closure) -> Closure:
     """A strict operation on numbers."""
-    return strict(lambda *arguments: operation(*map(_number_of, arguments)), *operands)
+    return strict(lambda *arguments: _as_r_has_it(operation(*map(_number_of, arguments))), *operands)
 
 
-def either(left: Closure, right: Closure) -> Closure:
+def any_of(*operands: Closure) -> Closure:
+    """`a | b | ...`."""
+
     def apply(values: Values) -> bool | None:
-        a, b = _truth(left(values)), _truth(right(values))
-        return True if a or b else None if a is None or b is None else False
+        found = [_truth(operand(values)) for operand in operands]
+        return True if True in found else None if None in found else False
 
     return apply
 
 
-def both(left: Closure, right: Closure) -> Closure:
+def all_of(*operands: Closure) -> Closure:
+    """`a & b & ...`."""
+
     def apply(values: Values) -> bool | None:
-        a, b = _truth(left(values)), _truth(right(values))
-        return False if a is False or b is False else None if a is None or b is None else True
+        found = [_truth(operand(values)) for operand in operands]
+        return False if False in found else None if None in found else True
 
     return apply
 
@@ -114,6 +123,10 @@ def _number_of(value: Any, expected: str = "a number") -> float:  # noqa: ANN401
     return value  # type: ignore[no-any-return]  # an int stays an int
 
 
+def _as_logical(value: Any) -> bool | None:  # noqa: ANN401
+    return _LOGICAL.get(value) if isinstance(value, str) else logical(value)
+
+
 def _as_number(value: Any) -> float | None:  # noqa: ANN401
     if not isinstance(value, str):
         return _number_of(value) + 0
@@ -124,10 +137,22 @@ def _as_number(value: Any) -> float | None:  # noqa: ANN401
 
 
 def number(text: str) -> float:
+    """The number that a text is.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if "_" in text:  # which Python takes, and nobody else
+        raise ValueError(text)
     try:
-        return int(text)
-    except ValueError:
+        return _as_r_has_it(int(text))
+    except (ValueError, OverflowError):
         return float(text)
+
+
+def _as_r_has_it(value: float) -> float:
+    """A whole number that is too large for 64 bits as the nearest float."""
+    return float(value) if abs(value) > _LARGEST_WHOLE else value
 
 
 def divide(a: float, b: float) -> float:
@@ -138,6 +163,24 @@ def divide(a: float, b: float) -> float:
 
 def modulo(a: float, b: float) -> float:
     return math.nan if b == 0 else a % b
+
+
+def whole_quotient(a: float, b: float) -> float:
+    return _whole(math.floor)(divide(a, b))
+
+
+def power(a: float, b: float) -> float:
+    try:
+        return math.pow(a, b)
+    except ValueError:
+        return math.nan if a else math.inf
+    except OverflowError:
+        return -math.inf if a < 0 and b % 2 else math.inf
+
+
+def _log(a: float, base: float = math.e) -> float:
+    with np.errstate(all="ignore"):
+        return float(np.log(a) / np.log(base))
 
 
 def _whole(operation: Callable[[float], float]) -> Callable[[float], float]:
@@ -172,4 +215,6 @@ FUNCTIONS: Functions = {
     "c": (1, 999, _list),
     "is.na": (1, 1, _is_missing),
     "as.numeric": (1, 1, lambda operand: strict(_as_number, operand)),
+    "as.logical": (1, 1, lambda operand: strict(_as_logical, operand)),
+    "log": (1, 2, _on_numbers(_log)),
 }

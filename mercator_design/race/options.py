@@ -17,7 +17,7 @@ class RaceOptions:
         surrogate: Part of the newcomers that a surrogate proposes, but less until it has learnt from enough
             configurations; irace's sampling model draws the others.
         structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has
-            one; then whatever is sampled is in canonical form, unless this is 0.
+            one. Unless this is 0, all mutations, and draws of the sampling model, are in canonical form.
         repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
@@ -45,9 +45,10 @@ class RaceOptions:
         means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
             keeps its value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
-        confirmation: Part of the budget that is kept, with what is left, to choose the winner among the best of all
-            iterations by its mean cost on instances they have not seen; there is no post-selection then. None if there
-            is a number of `instances`, or if the budget would not allow an iteration beside it.
+        confirmation: Part of the budget that is kept, with what is left, to run the best of all iterations on instances
+            that they have not seen, and to choose the winner by the mean cost that all its results let expect; there is
+            no post-selection then. None if there is a number of `instances`, or if the budget would not allow an
+            iteration beside it.
 
     Raises:
         RaceError: An option is out of its range.

@@ -108,22 +108,29 @@ class _Study:
         self._create: Callable[..., Any] = optuna.trial.create_trial
         self._open: dict[int, int] = {}  # configuration -> its trial that is running
         self._scores: dict[int, dict[int, float]] = {}  # configuration -> instance -> score
+        self._failed: set[int] = set()  # configurations that have a failed trial
+        self._completed: set[tuple[int, int]] = set()  # winners, each with how many scores it had
         for trial in study.get_trials(deepcopy=False):
             configuration = trial.user_attrs.get("configuration")
             if configuration is None:
                 continue
             self._scores.setdefault(configuration, {}).update(trial.intermediate_values)
-            if not trial.state.is_finished():
+            if trial.state is self._state.FAIL:
+                self._failed.add(configuration)
+            elif trial.state is self._state.COMPLETE:
+                self._completed.add((configuration, len(trial.intermediate_values)))
+            elif not trial.state.is_finished():
                 self._open[configuration] = trial._trial_id  # noqa: SLF001 - as above
 
     def report(self, one: Finished, values: Configuration) -> None:
         scores = self._scores.setdefault(one.configuration, {})
-        if one.instance in scores:
+        if one.instance in scores or (one.score is None and one.configuration in self._failed):
             return
         trial = self._trial(one.configuration, values)
         if one.score is None:
             self._storage.set_trial_user_attr(trial, "failure", one.failure)
             self._storage.set_trial_state_values(trial, self._state.FAIL)
+            self._failed.add(one.configuration)
             del self._open[one.configuration]
         else:
             scores[one.instance] = one.score
@@ -136,6 +143,8 @@ class _Study:
     def finish(self, winner: int) -> None:
         self.prune(self._open.keys() - {winner})
         scores = list(self._scores[winner].values())
+        if (winner, len(scores)) in self._completed:
+            return
         trial = self._trial(winner, self._race.configurations[winner])
         self._storage.set_trial_state_values(trial, self._state.COMPLETE, [sum(scores) / len(scores)])
 

@@ -7,11 +7,12 @@ interval. The first configurations and the sampling model both speak in this sca
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
-from mercator_design.race.operations import number_text
+from mercator_design.race.operations import number, number_text
 
 Value = str | int | float
 Configuration = dict[str, Value]
@@ -161,10 +162,10 @@ class Parameter:
             raise RaceError(f"parameter '{self.name}': only integer and real parameters may be log, found {self.kind}")
         if self.kind == "ordered":
             try:
-                numbers = [float(v) for v in self.values]
+                numbers = [number(v) for v in self.values]
             except ValueError:
                 return
-            if numbers != sorted(numbers):
+            if any(b <= a for a, b in pairwise(numbers)):
                 raise RaceError(f"parameter '{self.name}': expected increasing numbers, found {self.domain}")
 
     def _check_bounds(self) -> None:

@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
-from mercator_design.race.operations import is_true, number_text
+from mercator_design.race.operations import number_text
 from mercator_design.race.parameter import Bounds, Configuration, Parameter, Value
 
 _FEW = 1000
@@ -138,7 +138,7 @@ class Space:
 
     @staticmethod
     def _is_active(parameter: Parameter, chosen: Configuration) -> bool:
-        return parameter.condition is None or is_true(parameter.condition(chosen))
+        return parameter.condition is None or parameter.condition.holds(chosen)
 
     def check(self, configuration: Mapping[str, Value]) -> None:
         """Raise a RaceError unless exactly the active parameters have values, each within its domain."""
@@ -161,12 +161,12 @@ class Space:
             if name not in active:
                 raise RaceError(f"parameter '{name}': expected no value as it is inactive, found {value!r}")
         for expression in self.forbidden:
-            if is_true(expression(configuration)):
+            if expression.holds(configuration):
                 raise RaceError(f"configuration: expected none that satisfies {expression.text}, which is forbidden")
 
     def is_forbidden(self, configuration: Mapping[str, Value]) -> bool:
         """Whether a forbidden expression is true; NA is not."""
-        return any(is_true(expression(configuration)) for expression in self.forbidden)
+        return any(expression.holds(configuration) for expression in self.forbidden)
 
     def key(self, configuration: Mapping[str, Value]) -> tuple[Value | None, ...]:
         """The values in file order, None where inactive: equal for equal configurations."""

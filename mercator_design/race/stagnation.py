@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc, stdtrit
 
 from mercator_design.race.summary import IterationSummary
-from mercator_design.race.tests import Concordance, concordance
+from mercator_design.race.tests import concordance
 
 PATIENCE = 3
 """Iterations without a gain that are told ..."""
@@ -23,7 +23,12 @@ _ALPHA = 0.05
 
 
 def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
-    """Whether costs are lower than others on their common instances by more than chance (paired t-test, 5 %)."""
+    """Whether costs are lower than others on their common instances by more than chance (paired t-test, 5 %).
+
+    Whatever was accepted is better than what was rejected since.
+    """
+    if any(map(math.isinf, earlier.values())):
+        return True
     common = sorted(costs.keys() & earlier.keys())
     gains = np.array([earlier[instance] - costs[instance] for instance in common])
     n = len(gains)
@@ -32,22 +37,25 @@ def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
     return bool(gains.mean() > stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
 
 
-def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[Concordance, float]:
+def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | None:
     """How far instances agree on configurations that were not chosen for how they do there.
 
-    Gives the concordance on the instances that all have seen, and the probability that instances which know no
-    difference agree so well (Friedman's test); NaN if there is nothing to compare, or all is equal.
+    Gives Kendall's W on the instances that all have seen, and the probability that instances which know no difference
+    agree so well (Friedman's test); NaN and 1 if all costs of each instance are equal; None if there are not two
+    configurations, or not two instances that all have seen.
 
     Args:
         costs: of each configuration, by instance.
     """
     common = sorted(set.intersection(*(set(own) for own in costs))) if costs else []
+    n, k = len(common), len(costs)
+    if min(n, k) < 2:
+        return None
     table = np.array([[own[instance] for own in costs] for instance in common])
-    if table.size == 0 or min(table.shape) < 2 or (np.ptp(table, axis=1) == 0).all():
-        return Concordance(math.nan, math.nan, math.nan), math.nan
-    n, k = table.shape
-    found = concordance(table)
-    return found, float(chdtrc(k - 1, n * (k - 1) * found.kendall))
+    if (np.ptp(table, axis=1) == 0).all():
+        return math.nan, 1.0
+    kendall = concordance(table).kendall
+    return kendall, float(chdtrc(k - 1, n * (k - 1) * kendall))
 
 
 def judged(
@@ -67,10 +75,10 @@ def judged(
         budget: Of the whole race.
     """
     accepted = [own for own in map(costs, newcomers) if not any(map(math.isinf, own.values()))]
-    found, p_value = agreement(accepted)
-    iteration = replace(iteration, newcomers_differ=p_value < _ALPHA)
+    found = agreement(accepted)
+    iteration = replace(iteration, newcomers_differ=found is None or found[1] < _ALPHA)
     if not earlier:
-        return replace(iteration, note=_of_the_first(found, p_value))
+        return replace(iteration, note=_of_the_first(found))
     before = earlier[-1 - earlier[-1].stagnant]
     if is_better(costs(iteration.best), costs(before.best)):
         return iteration
@@ -80,14 +88,20 @@ def judged(
     return replace(iteration, stagnant=len(idle), note=_of_stagnation(before, idle) if is_long and is_new else "")
 
 
-def _of_the_first(found: Concordance, p_value: float) -> str:
+def _of_the_first(found: tuple[float, float] | None) -> str:
+    if found is None:
+        return (
+            "too few configurations of the first iteration were accepted, or ran on common instances, to say whether "
+            "instances tell them apart"
+        )
+    kendall, p_value = found
     if p_value < _ALPHA:
         return ""
-    if math.isnan(p_value):
+    if math.isnan(kendall):
         return "all configurations of the first iteration cost the same: there is nothing to learn from yet"
     return (
         "the instances rank the configurations of the first iteration no more alike than chance would (Kendall's W "
-        f"{found.kendall:.2g}, p = {p_value:.2g}): as few instances as these do not tell them apart"
+        f"{kendall:.2g}, p = {p_value:.2g}): as few instances as these do not tell them apart"
     )
 
 

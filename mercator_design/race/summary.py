@@ -49,7 +49,7 @@ class IterationSummary:
     soft_restart: bool
     stop_reason: str
     concordance: Concordance
-    newcomers_differ: bool = True  # as far as its instances can tell
+    newcomers_differ: bool = True  # unless its instances could not tell two or more apart
     stagnant: int = 0  # iterations up to this one without a gain (race/stagnation.py)
     note: str = ""  # what a user should know
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from mercator_design.errors import RaceError
 from mercator_design.race.executors import Rejected
 from mercator_design.race.journal import Measured
+from mercator_design.race.operations import number
 
 CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunnerArgs}"
 """irace's targetCmdline unless told otherwise."""
@@ -128,7 +129,7 @@ class Target:
         """What a program prints, as numbers and as it is."""
         printed = self._output(command)
         try:
-            return [_number(word) for word in printed.split()], printed
+            return [float(number(word)) for word in printed.split()], printed
         except ValueError:
             raise _failed("expected numbers", printed, command) from None
 
@@ -189,12 +190,6 @@ def _split(line: str) -> list[str]:
         return shlex.split(line)
     except ValueError as error:
         raise TargetFailed(f"expected arguments whose quotes are closed, found {line!r}: {error}") from None
-
-
-def _number(word: str) -> float:
-    if "_" in word:  # which Python takes, and nobody else
-        raise ValueError(word)
-    return float(word)
 
 
 def _signal(number: int) -> str:

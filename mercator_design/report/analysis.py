@@ -18,12 +18,11 @@ _COLOUR = "#0072b2"
 
 def importance_page(task: Task[Any], explanation: Explanation) -> str:
     """What a race tells of its parameters or modules, as text."""
-    rows: list[tuple[object, ...]] = [("", "share of variance", f"at {CONFIDENCE:.0%}", "active in", "favours", "gain")]
+    rows: list[tuple[object, ...]] = [("", "share of variance", "active in", "favours", "gain")]
     rows += [
         (
             one.name,
-            f"{one.share:.1%}",
-            f"{one.low:.1%} to {one.high:.1%}",
+            f"{one.share:.1%} ± {one.error:.1%}",
             f"{one.active:.0%}",
             _value(one),
             f"{one.gain:.3g}",
@@ -47,7 +46,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
 
 
 def importance_csv(_: Task[Any], explanation: Explanation) -> str:
-    """The same as CSV: name, share, low, high, active, favours, gain."""
+    """The same as CSV: name, share, error, active, favours, gain."""
     names = Importance.__slots__
     return _csv([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
 

@@ -74,6 +74,22 @@ class TestPath:
         assert all(step.p_value < 1e-6 for step in steps[1:])
 
 
+@pytest.mark.parametrize("k", [1, 2, 3, 5])
+def test_what_it_takes(k):
+    """As docs/race.md says."""
+    space = Space.from_text("\n".join(f'x{n} "" r (0, 1)' for n in range(k)))
+    start, target = ({f"x{n}": value for n in range(k)} for value in (0.0, 1.0))
+    flips, n_measured = Flips(space, target), 0
+
+    def measure(several, instances):
+        nonlocal n_measured
+        n_measured += len(several) * len(instances)
+        return [[1.0] * len(instances) for _ in several]
+
+    assert len(ablate(space.key(start), flips.changes, measure, 30)) == k + 1
+    assert n_measured == 30 * k * (k + 3) / 2
+
+
 def test_nothing_to_change():
     flips = Flips(SPACE, START)
     [step] = ablate(SPACE.key(START), flips.changes, measuring(flips), 5)

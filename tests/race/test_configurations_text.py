@@ -43,6 +43,7 @@ def test_what_is_forbidden_is_left_out_and_said(tmp_path):
         ("x y\n1 2", ":1: expected names of parameters, found 'y'"),
         ("x rule n\n1 fast", ":2: expected 3 values, found 2"),
         ("x rule n\n\nhigh fast 3", ":3: parameter 'x': expected a number, found 'high'"),
+        ("x rule n\n0.5 fast 1_0", ":2: parameter 'n': expected a whole number, found '1_0'"),
         ("x rule n\n0.5 fast 2.5", ":2: parameter 'n': expected a whole number, found '2.5'"),
         ("x rule n\n0.5 fast 12", ":2: parameter 'n': expected integer within (1, 9), found 12"),
         ("x rule n\n0.5 fast NA", ":2: parameter 'n': expected a value in (1, 9), found none"),

@@ -4,7 +4,7 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
-from mercator_design.race.operations import is_true, number_text
+from mercator_design.race.operations import number_text
 
 GIVEN = {"n": 3, "x": 0.5, "s": "1", "rule": "fast", "big": "100000"}
 
@@ -50,6 +50,17 @@ GIVEN = {"n": 3, "x": 0.5, "s": "1", "rule": "fast", "big": "100000"}
         ("n %in% c(1, 2)", False),
         ("!n %in% c(1, 2)", True),
         ('rule %in% c("slow", "fast")', True),
+        ("2 ^ 3 ^ 0", 2.0),
+        ("-n ^ 2", -9.0),
+        ("4 ^ -x", 0.5),
+        ("2 * n ^ 2", 18.0),
+        ("0 ^ -1 > 1e300 & (-10) ^ 309 < 0 & 10 ^ 400 > 0", True),
+        ("7 %/% 2 * 2", 6),
+        ("-7 %/% 2", -4),
+        ("log(8, 2)", 3.0),
+        ("log(1)", 0.0),
+        ("log(0) < 0", True),
+        ("as.logical('T') & !as.logical('false') & as.logical(n)", True),
         ("as.numeric(s) + 1", 2),
         ("as.numeric(s) > 0 & n < 4", True),
     ],
@@ -90,6 +101,11 @@ def test_text_and_numbers_compare_as_text(text, value):
         ("as.numeric(rule)", None),
         ("0 / 0", None),
         ("n %% 0", None),
+        ("0 %/% 0", None),
+        ("(-8) ^ x", None),
+        ("log(-1)", None),
+        ("as.logical(rule)", None),
+        ("as.numeric('1_0')", None),
         ("NA", None),
         ("gone == gone", None),
         ("FALSE & gone", False),
@@ -110,7 +126,8 @@ def test_missing_values_follow_three_valued_logic(text, value):
 
 
 def test_a_condition_that_is_missing_does_not_hold():
-    assert [is_true(v) for v in (None, False, True, 0, 2)] == [False, False, True, False, True]
+    values = [None, False, True, 0, 2]
+    assert [Expression("c").holds({"c": value}) for value in values] == [False, False, True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +139,6 @@ def test_a_condition_that_is_missing_does_not_hold():
         ("(n == 3", 8, "')'", "the end"),
         ("1 < n < 3", 7, "an operator or the end", "'<'"),
         ("n = 3", 3, "a number, a name, text or an operator", "'='"),
-        ("n ^ 2", 3, "a number, a name, text or an operator", "'^'"),
         ('rule == "fast', 9, "a number, a name, text or an operator", "'\"'"),
         ("sqrt(n) > 1", 1, "one of min, max", "'sqrt'"),
         ("floor(n, 2)", 1, "1 argument of floor", "'2'"),
@@ -148,6 +164,48 @@ def test_bounds_are_arithmetic(text):
 def test_operands_of_the_wrong_type_are_named(text):
     with pytest.raises(RaceError, match=r"expected .*, found .*"):
         Expression(text)(GIVEN)
+
+
+def test_a_condition_of_the_wrong_type_is_named():
+    with pytest.raises(RaceError, match=r"rule: expected TRUE or FALSE, found 'fast' \(with rule = 'fast'\)"):
+        Expression("rule").holds(GIVEN)
+
+
+def test_a_long_row_of_conditions():
+    text = " & ".join(["n == 3"] * 5000)
+    assert Expression(text).holds(GIVEN)
+    assert Expression(f"n == 4 | {text}").holds(GIVEN)
+    assert Expression(" | ".join(["n == 4"] * 5000)).holds(GIVEN) is False
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("(" * 3000 + "n" + ")" * 3000, "line 1, column 42: expected at most 40 parentheses, .* found '\\('"),
+        ("!" * 3000 + "n", "at most 40"),
+        ("-" * 3000 + "n", "at most 40"),
+        ("n ^ " * 3000 + "n", "at most 40"),
+        ("floor(" * 3000 + "n" + ")" * 3000, "at most 40"),
+        ("+".join(["n"] * 5000), "expected fewer operators in a row"),
+        (f"n / 3 * {'9' * 300} * {'9' * 300}", None),
+        (f"n * {'9' * 400} / 3", None),
+        (f"floor({'9' * 400})", None),
+        (f"floor(n * {'9' * 5000})", None),
+        ("*".join(["1000000000000000"] * 30), None),
+        ("round(n, 1 / 0)", "cannot convert float infinity to integer"),
+    ],
+)
+def test_too_deep_too_long_too_large(text, message):
+    """Numbers are R's: infinite beyond 1e308."""
+    if message is None:
+        assert Expression(text)(GIVEN) > 1e300
+        return
+    with pytest.raises(RaceError, match=message):
+        Expression(text)(GIVEN)
+
+
+def test_forty_within_one_another_are_few_enough():
+    assert Expression("(" * 40 + "n" + ")" * 40)(GIVEN) == 3
 
 
 def test_an_expression_knows_its_names_and_can_be_sent_to_other_processes():

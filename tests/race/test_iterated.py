@@ -489,7 +489,8 @@ def test_few_instances_for_many_experiments():
 
 
 def test_old_instances_in_their_own_order():
-    race = IteratedRace(MIXED, budget=600, seed=3, options=RaceOptions(sample_instances=False, confirmation=0))
+    options = RaceOptions(sample_instances=False, confirmation=0, postselection=False)
+    race = IteratedRace(MIXED, budget=600, seed=3, options=options)
     told = run(race)
     for summary in race.iterations:
         experiments, told = [e for e, _ in told[: summary.used]], told[summary.used :]

@@ -14,7 +14,7 @@ import pytest
 
 from mercator_design.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, journal
+from mercator_design.race import IteratedRace, RaceOptions, journal
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.race.journal import End, Finished, Journal, Measured, Record, is_locked, read
 from mercator_design.race.runner import ExperimentFailed, Stopped
@@ -425,7 +425,7 @@ class TestAhead:
         assert len(ran) - RAN == len(record.ahead.keys() - {*places(record)}) < 0.25 * RAN
 
     def test_what_is_foreseen_is_asked_for_if_nothing_is_eliminated(self):
-        race = IteratedRace(SPACE, budget=600, seed=1)
+        race = IteratedRace(SPACE, budget=600, seed=1, options=RaceOptions(confirmation=0))
         assert race.foresee(3) == []
         foreseen = []
         for _ in range(3):  # before the first test

@@ -11,7 +11,7 @@ from mercator_design.race.journal import Record
 from mercator_design.race.methods import METHODS
 from mercator_design.race.optuna_mirror import OptunaMirror
 from mercator_design.race.runner import Stopped
-from tests.race.racing import SPACE, runner, undisturbed
+from tests.race.racing import SPACE, measure, runner, undisturbed
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 
@@ -114,15 +114,14 @@ def test_one_that_never_answers(url, monkeypatch):
     assert record.digest() == undisturbed(budgets=(150,)).digest()
 
 
+def failing(item):
+    (x, _, _), _ = item
+    if x > 2:
+        raise ArithmeticError("too far")
+    return measure(item)
+
+
 def test_what_failed_is_a_failed_trial(url):
-    def failing(item):
-        (x, _, _), _ = item
-        if x > 2:
-            raise ArithmeticError("too far")
-        from tests.race.racing import measure
-
-        return measure(item)
-
     record, complaints = mirrored(url, function=failing, on_failure="reject")
     assert complaints == []
     failed = [t for t in trials_of(url) if t.state is optuna.trial.TrialState.FAIL]
@@ -130,3 +129,11 @@ def test_what_failed_is_a_failed_trial(url):
         one.configuration for one in record.experiments.values() if one.failure
     }
     assert {t.user_attrs["failure"] for t in failed} == {"ArithmeticError: too far"}
+
+
+def test_a_race_that_is_resumed_after_its_end_adds_no_trial(url):
+    record, _ = mirrored(url, function=failing, on_failure="reject", budget=60)
+    before = trials_of(url)
+    assert {"FAIL", "COMPLETE"} <= {trial.state.name for trial in before}
+    mirrored(url, record, function=failing, on_failure="reject", budget=60)
+    assert trials_of(url) == before

@@ -170,6 +170,7 @@ def test_all_of_irace_s_options_are_known():
         ("forbiddenFile = 'x'", "below [forbidden]"),
         ("maxExperiments = 'many'", ":3: maxExperiments: expected a whole number, 0 to 2147483647, found 'many'"),
         ("maxExperiments = 1.5", "expected a whole number"),
+        ("maxExperiments = '1_0_0'", "expected a whole number, 0 to 2147483647, found '1_0_0'"),
         ("maxExperiments = -1", "found -1"),
         ("maxExperiments = 0", "scenario.txt: expected a budget, maxExperiments = N, found none"),
         ("elitist = 2", ":3: elitist: expected 0 or 1, found 2"),

@@ -143,6 +143,9 @@ def test_constant_expressions_are_bounds_like_numbers():
         (lambda: categorical("a", []), "expected at least one value"),
         (lambda: categorical("a", ["x", "y", "x"]), "found 'x' twice"),
         (lambda: ordered("a", [1, 5, 2]), "expected increasing numbers"),
+        (lambda: ordered("a", [1, 1.0, 2]), r"expected increasing numbers, found \(1, 1.0, 2\)"),
+        (lambda: integer("a", 0, "1" * 400), "expected finite bounds"),
+        (lambda: integer("a", 1, f"floor({'1' * 400})"), "expected finite bounds"),
         (lambda: Parameter(name="a", kind="categorical", values=("x",), log=True), "may be log"),
         (lambda: Space([integer("a", 1, 2), real("a", 0, 1)]), "'a': expected a new name"),
         (lambda: Space([integer("a", 1, "b")]), "'a': expected names of parameters, found 'b'"),
@@ -156,6 +159,18 @@ def test_constant_expressions_are_bounds_like_numbers():
 def test_a_space_that_is_not_valid_is_refused(make, message):
     with pytest.raises(RaceError, match=message):
         make()
+
+
+def test_a_condition_that_is_neither_true_nor_false_is_said():
+    space = Space.from_text('c "" c (0, 1)\ny "" i (0, 5) | c')
+    with pytest.raises(RaceError, match=r"c: expected TRUE or FALSE, found '0' \(with c = '0'\)"):
+        space.check({"c": "0", "y": 1})
+
+
+def test_bounds_that_are_too_large_are_said():
+    space = Space.from_text(f'a "" i (1, 5)\ny "" r (0, "a*{"9" * 400}/3")')
+    with pytest.raises(RaceError, match=r"expected finite lower <= upper, found \(0, inf\) with a = 2"):
+        space.check({"a": 2, "y": 1.0})
 
 
 def test_ordered_text_need_not_be_numbers():

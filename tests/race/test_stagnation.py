@@ -9,7 +9,9 @@ import pytest
 from mercator_design.race import IteratedRace, RaceOptions, Space
 from mercator_design.race.executors import ThreadExecutor
 from mercator_design.race.journal import Record, read
-from mercator_design.race.stagnation import PATIENCE, agreement, is_better
+from mercator_design.race.stagnation import PATIENCE, agreement, is_better, judged
+from mercator_design.race.summary import Elite, IterationSummary
+from mercator_design.race.tests import Concordance
 from tests.race.racing import resumed, runner
 
 SPACE = Space.from_text('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')
@@ -83,6 +85,10 @@ class TestGain:
         assert not is_better(earlier, earlier)
         assert not is_better({2: 0.0, 9: 0.0}, earlier)  # one instance tells nothing
 
+    def test_what_was_rejected_since_is_beaten(self):
+        assert is_better({0: 1.0, 1: 2.0}, {0: math.inf, 1: 2.5})
+        assert is_better({0: 9.0}, {0: 1.0, 7: math.inf})
+
     def test_how_often_there_is_one_by_chance(self):
         """At 5 %: of 2000 pairs without a difference 100 on average, and fewer than 50 or more than 150 by luck with a
         probability below 1e-6."""
@@ -95,11 +101,42 @@ class TestGain:
 
 
 def test_agreement():
-    concordance, p_value = agreement([{0: 1.0, 1: 10.0}, {0: 2.0, 1: 20.0, 5: 0.0}, {0: 3.0, 1: 30.0}])
-    assert concordance.kendall == 1
+    kendall, p_value = agreement([{0: 1.0, 1: 10.0}, {0: 2.0, 1: 20.0, 5: 0.0}, {0: 3.0, 1: 30.0}])
+    assert kendall == 1
     assert p_value == pytest.approx(math.exp(-2))  # of chi-square 4 with 2 degrees of freedom
-    for costs in ([], [{0: 1.0}], [{0: 1.0}, {1: 1.0}], [{0: 1.0, 1: 2.0}, {0: 1.0, 1: 2.0}]):
-        assert math.isnan(agreement(costs)[1])
+    for costs in ([], [{0: 1.0, 1: 2.0}], [{0: 1.0}, {1: 1.0}], [{0: 1.0}, {0: 2.0}]):
+        assert agreement(costs) is None
+    kendall, p_value = agreement([{0: 1.0, 1: 2.0}, {0: 1.0, 1: 2.0}])
+    assert (math.isnan(kendall), p_value) == (True, 1)
+
+
+def iteration(number, best):
+    elite = Elite(configuration=best, mean=0.0, sd=0.0, n_results=2)
+    return IterationSummary(
+        iteration=number, postselection=False, budget=100, used=100, n_configurations=2, n_new=2, n_instances=2,
+        n_alive=1, elites=(elite,), soft_restart=False, stop_reason="", concordance=Concordance(0, 0, 0),
+    )  # fmt: skip
+
+
+class TestJudged:
+    """Of an iteration, given the costs of configurations."""
+
+    def test_a_first_iteration_of_which_one_was_accepted(self):
+        costs = [{0: 1.0, 1: 2.0}, {0: math.inf}, {0: math.inf}]
+        found = judged(iteration(1, 0), [], costs.__getitem__, [0, 1, 2], 1000)
+        assert found.note.startswith("too few configurations of the first iteration were accepted")
+
+    def test_a_single_newcomer_is_not_one_that_cannot_be_told_apart(self):
+        costs = [{0: 1.0, 1: 2.0}, {0: 3.0, 1: 4.0}]
+        ended = [iteration(1, 0)]
+        for number in range(2, 6):
+            ended.append(judged(iteration(number, 0), ended, costs.__getitem__, [1], 400))
+        [note] = [one.note for one in ended if one.note]
+        assert note == "no gain in 3 iterations, since iteration 1: the best is still configuration 0"
+
+    def test_a_best_that_was_rejected_is_no_measure(self):
+        costs = [{0: 1.0, 1: math.inf}, {0: 3.0, 1: 4.0}, {0: 5.0, 1: 9.0}]
+        assert judged(iteration(2, 1), [iteration(1, 0)], costs.__getitem__, [1, 2], 400).stagnant == 0
 
 
 class TestRecord:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any, Self
 
-from mercator_design.colours import COLOURS, STATE_COLOURS, ColourName
+from mercator_design.colours import COLOURS, RGB, STATE_COLOURS, ColourName
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
@@ -51,7 +51,7 @@ class Mercator:
     """
 
     def __init__(
-        self, settings: Settings, ports: Ports, reads: Iterable[str] = (), *, mission: str | None = None
+        self, settings: Settings, ports: Ports, reads: Iterable[str], labels: Mapping[ColourName, RGB]
     ) -> None:
         """Make the robot; nothing is sent yet.
 
@@ -59,7 +59,7 @@ class Mercator:
             settings: What is particular to it.
             ports: Its open ports.
             reads: The senses that are needed, of modules.SENSES; the robot stops if one of them is stale.
-            mission: Whose floor it is on.
+            labels: What the ground sensor reads on each colour of the floor.
 
         Raises:
             RobotError: if it lacks a sense.
@@ -77,7 +77,7 @@ class Mercator:
         self._talk = Talk(lines, self._take)
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model
-        self._labels = settings.labels_of(mission)
+        self._labels = labels
         self._sweep = Sweep(settings.lidar_angle)
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]

@@ -51,15 +51,18 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
         RobotError: if a device cannot be used, or the log cannot be written.
+        FsmError: if the header of the PFSM's file tells of no floor that there is.
         Signalled: if a signal came.
     """
     go_first(1)
     signals, pfsm = Signals(), what.file.pfsm
+    labels = settings.labels_of(what.file.header)
     with signals.caught(), open_ports(settings.ports) as ports:
-        robot = Mercator(settings, ports, pfsm.reads, mission=what.file.header.get("mission"))
+        robot = Mercator(settings, ports, pfsm.reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
         with watchdog, robot, Log(path) as log, signals.until_stopped():
+            robot.facts["floor"] = " or ".join(labels)
             _begin(log, settings, what, robot, tell)
             _await_heartbeat(settings, watchdog, robot)
             watchdog.arm()

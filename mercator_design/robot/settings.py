@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from mercator_design.colours import COLOURS, RGB, ColourName, Levels
-from mercator_design.errors import SettingsError
+from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import FieldError, Length, Name, Range, read
 from mercator_design.robot.ports import PortNames
@@ -53,7 +53,9 @@ class Settings:
     ports: PortNames = PortNames()
     limits: Limits = Limits()
     labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
-    missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = None  # colours of each one's floor
+    missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
+        None  # colours of each one's floor, if not those in fsm.txt
+    )
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
     swarm: Swarm = Swarm()
@@ -64,10 +66,18 @@ class Settings:
             if getattr(self.reference_model, name) != 0.0:
                 raise FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
 
-    def labels_of(self, mission: str | None) -> dict[ColourName, RGB]:
-        """What the ground sensor reads on each colour of a mission's floor; on any, if the mission is not known."""
+    def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
+        """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
+
+        Raises:
+            FsmError: if the floor in the header is not of colours.
+        """
         measured = self.labels or {}
-        names = (self.missions or {}).get(mission or "") or tuple(measured) or _USUAL
+        told = header["floor"].split(", ") if "floor" in header else []
+        if unknown := [name for name in told if name not in COLOURS]:
+            raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
+        floor = tuple(name for name in COLOURS if name in told)
+        names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or _USUAL
         return {name: COLOURS[name] if name not in measured else _floats(measured[name]) for name in names}
 
 

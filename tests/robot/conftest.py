@@ -1,4 +1,4 @@
-import sys
+from functools import partial
 
 import pytest
 
@@ -6,14 +6,6 @@ from mercator_design.robot.cli import main
 
 
 @pytest.fixture
-def robot_command(monkeypatch, capsys):
-    """Run a command line of mercator-robot; gives exit code, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["mercator-robot", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return stop.value.code or 0, out, err
-
-    return run
+def robot_command(run_command):
+    """Run mercator-robot with arguments."""
+    return partial(run_command, "mercator-robot", main)

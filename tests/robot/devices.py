@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import random
 import select
 import threading
 import time
@@ -34,6 +35,7 @@ class Devices(threading.Thread):
     silent: Names of lines, and of services, that tell nothing.
     refused: By name of a command, the error that answers it.
     noise: What the RVR says in place of anything else.
+    damage: Chance that a byte has a wrong bit.
     forgets: Whether commands run out.
     commands: Of the RVR: time [s], name, values.
     wheels: Speeds of the treads [m/s] from a time on: those commanded, or zero when a command had run out.
@@ -50,7 +52,7 @@ class Devices(threading.Thread):
         self.battery = 1
         self.silent = set()
         self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
-        self.stuck = False
+        self.stuck, self.damage, self._draw = False, 0.0, random.Random(1)
         self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
         self.commands, self.wheels, self.lidar_commands = [], [], []
         self._rvr = rvr.Device()
@@ -140,8 +142,13 @@ class Devices(threading.Thread):
 
     def _send(self, line, data):
         if line in self._ends and line not in self.silent:
+            data = self.noise if self.noise and line == "rvr" else data
+            if self.damage:
+                data = bytes(
+                    b ^ (1 << self._draw.randrange(8) if self._draw.random() < self.damage else 0) for b in data
+                )
             with contextlib.suppress(OSError):
-                os.write(self._ends[line], self.noise if self.noise and line == "rvr" else data)
+                os.write(self._ends[line], data)
 
     def _obey(self, command):
         now = time.monotonic()

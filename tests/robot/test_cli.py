@@ -40,6 +40,8 @@ class TestRun:
         code, _, err = robot_command("run", fsm)
         assert (code, err.startswith(f"Error: {fsm}:1: --s0, the behaviour of state 0: expected one of")) == (3, True)
         assert robot_command("run", tmp_path / "none.txt")[0] == 3
+        fsm.write_text(f"# floor: black, pink\n{GO}")
+        assert "found 'pink'" in robot_command("run", fsm)[2]
 
     def test_settings_that_are_none(self, robot_command, fsm, tmp_path, monkeypatch):
         settings = tmp_path / "robot.yaml"

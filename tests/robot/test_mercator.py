@@ -21,9 +21,9 @@ NEAR = ReferenceModel().neighbour_range
 
 
 @contextmanager
-def robot_on(devices, reads=SENSES, mission=None, **settings):
+def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
-    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, mission=mission) as robot:
+    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, settings.labels_of({})) as robot:
         yield robot
 
 
@@ -183,7 +183,17 @@ class TestStart:
         with pytest.raises(
             RobotError, match="expected a PFSM that reads proximity, neighbours, ground, found one that"
         ):
-            Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"})
+            Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"}, {})
+
+
+def test_damaged_bytes(devices):
+    """One byte of a thousand is wrong: one frame of thirty, of which five in a row make the robot stop (2e-8)."""
+    devices.damage = 0.001
+    devices.robots = [(0.5, 0.5)]
+    with robot_on(devices) as robot:
+        found = [told(robot, 0.1).neighbours for _ in range(40)]
+        robot.drive(Wheels(0.5, 0.5))
+    assert found[10:].count(1.0) >= 25
 
 
 def test_wheels_and_lamps(devices):

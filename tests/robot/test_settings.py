@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.errors import SettingsError
+from mercator_design.errors import FsmError, SettingsError
 from mercator_design.loading import dump, parse
 from mercator_design.robot.ports import PortNames
 from mercator_design.robot.settings import Limits, Settings, nearest, read_settings
@@ -61,7 +61,7 @@ def test_what_is_wrong_is_named(text, words):
 
 class TestLabels:
     def test_of_a_robot_that_was_not_measured(self):
-        labels = Settings().labels_of("aggregation")
+        labels = Settings().labels_of({"mission": "aggregation"})
         assert list(labels) == ["black", "gray", "white", "red", "green", "blue", "yellow"]
         assert nearest(labels, (60.0, 60.0, 60.0)) == "black"
         assert nearest(labels, (200.0, 200.0, 200.0)) == "white"
@@ -70,17 +70,23 @@ class TestLabels:
 
     def test_of_one_that_was(self):
         """The paper's reason for labels: sensors that read too dark or too bright."""
-        labels = settings("labels: {black: [2, 3, 3], gray: [30, 33, 31], white: [80, 85, 82]}").labels_of(None)
+        labels = settings("labels: {black: [2, 3, 3], gray: [30, 33, 31], white: [80, 85, 82]}").labels_of({})
         assert nearest(labels, (25.0, 25.0, 25.0)) == "gray"
         assert nearest(labels, (70.0, 70.0, 70.0)) == "white"
         assert list(labels) == ["black", "gray", "white"]
 
     def test_of_a_mission(self):
         text = "labels: {red: [90, 10, 10]}\nmissions: {two spots: [black, red]}"
-        labels = settings(text).labels_of("two spots")
+        labels = settings(text).labels_of({"mission": "two spots", "floor": "gray, white"})
         assert labels == {"black": (0.0, 0.0, 0.0), "red": (90.0, 10.0, 10.0)}
         assert nearest(labels, (200.0, 200.0, 200.0)) == "red"
-        assert list(settings(text).labels_of("another")) == ["red"]
+        assert list(settings(text).labels_of({"mission": "another"})) == ["red"]
+
+    def test_of_the_floor_in_the_header_of_an_fsm(self):
+        labels = settings("labels: {red: [90, 10, 10], black: [5, 5, 5]}").labels_of({"floor": "gray, black"})
+        assert labels == {"black": (5.0, 5.0, 5.0), "gray": (127.0, 127.0, 127.0)}
+        with pytest.raises(FsmError, match=r"floor in the header: expected black, .*, found 'grey'"):
+            Settings().labels_of({"floor": "grey, black"})
 
     def test_of_two_that_are_as_near_the_first(self):
         assert nearest({"white": (2.0, 0.0, 0.0), "black": (0.0, 0.0, 0.0)}, (1.0, 0.0, 0.0)) == "white"

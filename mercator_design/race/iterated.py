@@ -14,7 +14,7 @@ import numpy as np
 from mercator_design.errors import RaceError
 from mercator_design.race import budget as arithmetic
 from mercator_design.race.asking import Asking, Batches
-from mercator_design.race.effects import Floats, expected
+from mercator_design.race.effects import Floats, expected, table
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
@@ -428,16 +428,13 @@ class IteratedRace(Asking):
         accepted = [number for number in numbers if self._costs[number] and not self._is_rejected(number)]
         if not accepted:
             return []
-        table = self._table(accepted)
-        order = np.argsort(expected(table[:, ~np.isnan(table).all(axis=0)]), kind="stable")
+        costs = self._table(accepted)
+        order = np.argsort(expected(costs[:, ~np.isnan(costs).all(axis=0)]), kind="stable")
         return [accepted[k] for k in order]
 
     def _table(self, numbers: Sequence[int]) -> Floats:
         """Costs of some configurations, shape (configurations, instances), NaN where there is none."""
-        table = np.full((len(numbers), self._n_seen), math.nan)
-        for row, number in enumerate(numbers):
-            table[row, list(self._costs[number])] = list(self._costs[number].values())
-        return table
+        return table([self._costs[number] for number in numbers])
 
     def _former_elites(self) -> list[int]:
         """Those of all races, the latest first."""

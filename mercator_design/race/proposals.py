@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from threadpoolctl import ThreadpoolController
 
-from mercator_design.race.effects import effects
+from mercator_design.race.effects import effects, table
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.moves import Moves
 from mercator_design.race.parameter import Configuration, Value
@@ -100,14 +100,12 @@ class Proposer:
     def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
         """Fit the surrogate; the expected cost of each configuration that it was fitted to."""
         learnt_from = _most_telling(costs)
-        table = np.full((len(learnt_from), 1 + max(max(costs[number]) for number in learnt_from)), np.nan)
-        for row, number in enumerate(learnt_from):
-            table[row, list(costs[number])] = list(costs[number].values())
-        rejected = np.isinf(table).any(axis=1)
-        table = table[:, (~np.isnan(table[~rejected])).any(axis=0)]
-        means, variance = effects(table[~rejected])
-        y, noise = _compressed(means, variance / (~np.isnan(table[~rejected])).sum(axis=1))
-        values, errors = np.full(len(table), y.max()), np.full(len(table), noise.max())
+        known = table([costs[number] for number in learnt_from])
+        rejected = np.isinf(known).any(axis=1)
+        known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
+        means, variance = effects(known[~rejected])
+        y, noise = _compressed(means, variance / (~np.isnan(known[~rejected])).sum(axis=1))
+        values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
         values[~rejected], errors[~rejected] = y, noise
         scale = values.std() or 1.0
         features = self._features.of(self._places_of(learnt_from, configurations))

@@ -15,18 +15,7 @@ from pathlib import Path
 
 from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.rvr_streaming import streaming
-
-SERVICES = (
-    "accelerometer",
-    "color_detection",
-    "gyroscope",
-    "imu",
-    "ambient_light",
-    "locator",
-    "quaternion",
-    "velocity",
-)
-"""Those of the original robot."""
+from mercator_design.robot.samples import STREAMED
 
 
 class Client:
@@ -38,7 +27,7 @@ class Client:
         self.host, self.heard = rvr.Host(), [0, 0, 0]
         self.speeds = 0.15 + 0.01 * (number % 5), 0.2 - 0.01 * (number % 7)
         start = [self.host.send("wake"), self.host.send("enable_color_detection", is_enabled=True)]
-        start += [self.host.send(name, target=target, **values) for name, target, values in streaming(SERVICES, period)]
+        start += [self.host.send(name, target=target, **values) for name, target, values in streaming(STREAMED, period)]
         os.write(self.fds[0], b"".join(start))
         os.write(self.fds[1], ydlidar.encode_command("scan"))
         os.write(self.fds[2], multiflex.BINARY_MODE.encode())

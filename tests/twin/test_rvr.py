@@ -9,6 +9,7 @@ import pytest
 from mercator_design.robot.rvr import Flags, Frame, Host, Notification, Response, Unknown
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Error, Processor, lights
 from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.robot.samples import STREAMED
 from mercator_design.twin.rvr import SLEEPS, WAKES, Rvr
 from tests.twin.recordings import sdk
 
@@ -489,19 +490,7 @@ class TestTheMakersProgram:
             assert talk.hear(frame) == []
             talk.wait(2.0)
         host = Host()
-        for name, target, values in streaming(
-            [
-                "accelerometer",
-                "color_detection",
-                "gyroscope",
-                "imu",
-                "ambient_light",
-                "locator",
-                "quaternion",
-                "velocity",
-            ],
-            200,
-        ):
+        for name, target, values in streaming(STREAMED, 200):
             host.send(name, target=target, **values)  # so that it knows what the SDK has put where
         for frame in sdk("stream_start_original_driver"):
             assert talk.hear(frame) == []

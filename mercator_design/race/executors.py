@@ -37,6 +37,8 @@ MOST_TIMEOUTS = 2
 """Times that an experiment may take too long: the second is no accident."""
 START = 60.0
 """Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
+_GLANCE = 1.0
+"""Seconds from one look of a worker at whether its main process is there to the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,13 +277,21 @@ def _sentence(error: Exception) -> str:
 
 
 def _worker() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(max_workers=1, initializer=_begin)
+    return ProcessPoolExecutor(max_workers=1, initializer=_begin, initargs=(os.getpid(),))
 
 
-def _begin() -> None:
-    """Leave signals to the main process: Ctrl-C and schedulers send them to all."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+def _begin(main: int) -> None:
+    """Leave signals to the main process, as Ctrl-C and schedulers send them to all; and end when it has ended."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(main,), daemon=True).start()
+
+
+def _end_with(main: int) -> None:
+    """End this process, whatever it does, when its parent is another one: the main process has been killed."""
+    while os.getppid() == main:
+        time.sleep(_GLANCE)
+    os._exit(1)
 
 
 @lru_cache(maxsize=4)

@@ -7,12 +7,13 @@ modules are imported by the verb that needs them, so that `--help` is quick.
 
 import os
 import sys
+from pathlib import Path
 
 import click
 
 from mercator_design import __version__
 from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
-from mercator_design.cli.terminal import Terminated, tell
+from mercator_design.cli.terminal import Terminated, discard, tell, terminable
 from mercator_design.errors import MercatorError, printable
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
@@ -20,8 +21,10 @@ _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 p
 
 def main() -> None:
     """Run the command line; every way out has its exit code."""
+    _open_streams()
     try:
-        sys.exit(cli.main(prog_name="mdesign", standalone_mode=False))
+        with terminable():
+            sys.exit(cli.main(prog_name="mdesign", standalone_mode=False))
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.ClickException as error:
@@ -41,12 +44,21 @@ def main() -> None:
     except OSError as error:
         if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
             tell(f"Error: {error}")
-        if sys.stdout is not None:  # what could not be written would be tried again at the end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard(sys.stdout)
         sys.exit(1)
     except MemoryError:
         tell("Error: not enough memory")
         sys.exit(1)
+
+
+def _open_streams() -> None:
+    """What was closed (`2>&-`) leads nowhere: else a file of ours, such as the journal, might have its number."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - until the end
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -167,7 +167,8 @@ def _run(
     display: "RaceDisplay",
     mirror: "OptunaMirror | None",
 ) -> "Result":
-    from mercator_design.race.runner import ExperimentFailed, Stopped
+    from mercator_design.race.executors import Stopped
+    from mercator_design.race.runner import ExperimentFailed
 
     known = {number for number, one in folder.journal.experiments.items() if one.failure}
     done = failed = 0

@@ -1,13 +1,14 @@
 """What the verbs share of talking to people: messages, Ctrl-C, and files that cannot be written."""
 
 import contextlib
+import os
 import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TextIO
 
 import click
 
@@ -19,8 +20,16 @@ if TYPE_CHECKING:
 
 
 def tell(message: str) -> None:
-    """Say something that is no result."""
-    click.echo(printable(message), err=True)
+    """Say something that is no result, if there is still somebody to hear it."""
+    try:
+        click.echo(printable(message), err=True)
+    except OSError:  # such as that the terminal was closed
+        discard(sys.stderr)
+
+
+def discard(stream: TextIO) -> None:
+    """Let what could not be written, and would be tried again at the end, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def warn(doubts: Iterable[str]) -> None:
@@ -38,30 +47,52 @@ def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tupl
 
 def terminal_width() -> int | None:
     """Characters in a line of the terminal that stdout is; None if it is no terminal."""
-    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 class Terminated(BaseException):
-    """SIGTERM came, as a scheduler sends it some time before it kills; what is done can be resumed."""
+    """SIGTERM came, as a scheduler sends it some time before it kills, or SIGHUP, as a terminal that is closed does."""
+
+
+@contextlib.contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM and SIGHUP are `Terminated`, as Ctrl-C is KeyboardInterrupt."""
+    usual = {number: signal.signal(number, _terminate) for number in (signal.SIGTERM, *_hang_up())}
+    try:
+        yield
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+
+
+def _hang_up() -> list[signal.Signals]:
+    """SIGHUP, unless it is ignored, as nohup has it."""
+    return [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - as signal handlers are called
+    if number == signal.SIGHUP:  # the shell and the system both send it
+        signal.signal(number, signal.SIG_IGN)
+    raise Terminated
 
 
 class Interrupt:
-    """Ctrl-C while experiments run: noted at once, acted on between them; the second time acted on at once.
+    """Ctrl-C, SIGTERM and SIGHUP while experiments run: noted at once, acted on between them.
 
-    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback.
+    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback. The second
+    time it is raised at once, but for SIGHUP, which comes twice when a terminal is closed.
 
     Args:
-        terminable: Whether SIGTERM is noted too, and acted on by `Terminated`.
         then: Called when one comes.
     """
 
-    def __init__(self, *, terminable: bool = False, then: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, *, then: Callable[[], None] = lambda: None) -> None:
         self._came: int | None = None
         self._then = then
-        self._numbers = [signal.SIGINT, *([signal.SIGTERM] if terminable else [])]
 
     def __enter__(self) -> Self:
-        self._usual = {number: signal.signal(number, self._note) for number in self._numbers}
+        numbers = (signal.SIGINT, signal.SIGTERM, *_hang_up())
+        self._usual = {number: signal.signal(number, self._note) for number in numbers}
         return self
 
     def __exit__(
@@ -73,7 +104,8 @@ class Interrupt:
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
         self._came = number
         self._then()
-        signal.signal(number, self._usual[signal.Signals(number)])
+        if number != signal.SIGHUP:
+            signal.signal(number, self._usual[signal.Signals(number)])
 
     def came(self) -> bool:
         """Whether to stop."""

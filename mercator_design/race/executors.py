@@ -57,6 +57,10 @@ class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
     """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
 
 
+class Stopped(Exception):  # noqa: N818 - nothing is wrong
+    """What ran experiments was stopped, as it was asked to; of a race, what had finished is noted."""
+
+
 class Executor(Protocol):
     """Runs a function on items; a context manager, which lets go of its workers at the end."""
 
@@ -99,6 +103,7 @@ def in_order(
     function: Callable[[T], R],
     items: Iterable[T],
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[R]:
     """What a function gives for each item, in the order of the items.
 
@@ -107,16 +112,31 @@ def in_order(
         function: What to run.
         items: What to run it on.
         watch: Called with the number of items done.
+        stopped: Asked before each item whether to stop.
 
     Raises:
-        RaceError: One of them failed; or whatever it raised.
+        RaceError: One of them failed; or whatever it raised. What was under way has been waited for.
+        Stopped: see `stopped`; the same.
     """
     found: dict[int, R] = {}
-    for place, result in executor.run(function, items):
+    failed: list[Failed] = []
+
+    def wanted() -> Iterator[T]:
+        for item in items:
+            if failed or stopped():
+                return
+            yield item
+
+    for place, result in executor.run(function, wanted()):
         if isinstance(result, Failed):
-            raise result.error or RaceError(result.reason)
-        found[place] = result
-        watch(len(found))
+            failed.append(result)
+        else:
+            found[place] = result
+            watch(len(found))
+    if stopped():
+        raise Stopped
+    if failed:
+        raise failed[0].error or RaceError(failed[0].reason)
     return [found[place] for place in range(len(found))]
 
 

@@ -14,9 +14,9 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, journal
-from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.executors import Stopped, ThreadExecutor
 from mercator_design.race.journal import End, Finished, Journal, Measured, Record, from_line, is_locked, read, to_line
-from mercator_design.race.runner import ExperimentFailed, Stopped
+from mercator_design.race.runner import ExperimentFailed
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
 WHOLE = undisturbed()

@@ -25,6 +25,8 @@ CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunne
 REQUIRED = ("seed", "instance", "targetRunnerArgs")
 _GLANCE = 0.1
 """Seconds from one look at whether to stop to the next."""
+_GRACE = 1.0
+"""Seconds that what a program leaves behind may go on to print."""
 _MOST_SHOWN = 300
 """Characters of a program's output in a message."""
 
@@ -166,17 +168,24 @@ class Target:
         return out
 
     def _wait(self, process: "subprocess.Popen[str]", deadline: float) -> tuple[str, str]:
-        """What a program prints on stdout and stderr until it ends, or is ended."""
-        killed = False
+        """What a program prints on stdout and stderr until it ends, or is ended, and all that it has started."""
+        killed = ended = False
         while True:
             try:
                 return process.communicate(timeout=_GLANCE)
-            except subprocess.TimeoutExpired:
-                if killed and process.poll() is not None:  # what has left its group may hold them open for ever
-                    return "", ""
+            except subprocess.TimeoutExpired as late:
+                if not ended and process.poll() is not None:
+                    ended, deadline = True, min(deadline, time.monotonic() + _GRACE)
+                if killed and ended:  # what has left its group may hold them open for ever
+                    return _decoded(late.output), _decoded(late.stderr)
                 if self.stop.is_set() or time.monotonic() >= deadline:
                     _kill(process)
                     killed = True
+
+
+def _decoded(printed: bytes | None) -> str:
+    """What was printed so far, which subprocess gives as bytes."""
+    return (printed or b"").decode(errors="replace")
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:

@@ -170,6 +170,22 @@ def test_stopped_ends_the_whole_group(tmp_path, program):
     assert gone(child)
 
 
+def test_what_it_leaves_behind_ends_with_it(tmp_path, program):
+    started = time.monotonic()
+    runner = program("sleep 600 & echo $! > child; echo 3")
+    assert Target(runner=runner, folder=tmp_path)(CALL).score == 3
+    assert time.monotonic() - started < 60
+    assert gone(int((tmp_path / "child").read_text()))
+
+
+def test_what_is_left_of_it_may_leave_the_group(tmp_path, program):
+    leave = "import os, time; os.setsid(); print(os.getpid(), file=open('child', 'w'), flush=True); time.sleep(600)"
+    runner = program(f'{sys.executable} -c "{leave}" & until [ -s child ]; do sleep 0.05; done; echo 3')
+    score = Target(runner=runner, folder=tmp_path)(CALL).score
+    os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)
+    assert score == 3
+
+
 def test_what_left_the_group_is_not_waited_for(tmp_path, program):
     leave = "import os, time; os.setsid(); print(os.getpid(), file=open('child', 'w'), flush=True); time.sleep(600)"
     runner = program(f'{sys.executable} -c "{leave}" & sleep 600')

@@ -336,7 +336,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
         valid = isinstance(request, dict) and all(isinstance(race[key], kind) for key, kind in wanted.items())
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         valid = False
     if not valid:
         raise RaceError(f"{file}: expected what mdesign race writes, found something else")

@@ -224,6 +224,13 @@ class TestResume:
                 "expected journal.jsonl to be of the race in provenance.json",
             ),
             ("provenance.json", '"race"', '"rice"', "expected what mdesign race writes"),
+            ("provenance.json", "{", "[" * 100_000, "expected what mdesign race writes"),
+            (
+                "provenance.json",
+                '"plugins": {',
+                '"plugins": {"../mine.py": "1"',
+                "expected plugins by the names of files",
+            ),
         ],
     )
     def test_another_race_is_refused(self, mdesign, folder, file, old, new, words):

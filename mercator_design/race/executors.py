@@ -39,6 +39,8 @@ START = 60.0
 """Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
 _GLANCE = 1.0
 """Seconds from one look of a worker at whether its main process is there to the next."""
+_MOST_SAID = 2000
+"""Characters of what an experiment says of its failure, such as the command that failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ def attempt(function: Callable[[T], R], item: T) -> R | Failed:
     try:
         return function(item)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is about this experiment
-        return Failed(f"{type(error).__name__}: {error!s:.500}", error)
+        return Failed(f"{type(error).__name__}: {str(error)[:_MOST_SAID]}", error)
 
 
 def in_order(

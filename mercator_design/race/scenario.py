@@ -335,7 +335,7 @@ class _Reader:
         instances = self.listed(name, files)
         for one in instances:
             if "\0" in one or not _is_text(one):
-                raise RaceError(f"{self.path}: {name}: expected text without NUL bytes, found {excerpt(repr(one))}")
+                raise RaceError(f"{self.path}: {name}: expected text without NUL bytes, found {one!r}")
         return instances
 
     def listed(self, name: str, files: str) -> tuple[str, ...]:

@@ -125,6 +125,8 @@ class Target:
             numbers, printed = self._numbers(command)
         if not 1 <= len(numbers) <= 2:
             raise _failed("expected a cost, or a cost and a time", printed, command)
+        if math.isnan(numbers[0]):
+            raise _failed("expected a number as the cost", printed, command)
         return numbers[0]
 
     def _numbers(self, command: list[str]) -> tuple[list[float], str]:
@@ -209,7 +211,7 @@ def _signal(number: int) -> str:
 
 
 def _failed(what: str, printed: str, command: list[str]) -> TargetFailed:
-    shown = printed.strip()
+    shown = repr(printed.strip()[-_MOST_SHOWN:])
     if len(shown) > _MOST_SHOWN:
-        shown = f"... {shown[-_MOST_SHOWN:]}"
-    return TargetFailed(f"{what}; it printed {shown!r}; the command was: {shlex.join(command)}")
+        shown = f"'... {shown[-_MOST_SHOWN:]}"
+    return TargetFailed(f"{what}; it printed {shown}; the command was: {shlex.join(command)}")

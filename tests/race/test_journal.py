@@ -65,6 +65,11 @@ class TestLines:
         with pytest.raises(ValueError, match="not JSON compliant"):
             to_line({"score": float("nan")})
 
+    def test_brackets_within_brackets(self):
+        text = b'{"event":' + b"[" * 100_000 + b"]" * 100_000
+        with pytest.raises(ValueError, match="expected an event"):
+            from_line(text + b',"crc":"%08x"}\n' % zlib.crc32(text + b"}"))
+
 
 class TestResume:
     def test_a_finished_race_runs_nothing(self, tmp_path, complete):

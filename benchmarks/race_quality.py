@@ -30,20 +30,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import mannwhitneyu
 
-import mercator_design.race
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
+
+import mercator_design
+from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
-from mercator_design.race import (
-    Configuration,
-    IteratedRace,
-    Parameter,
-    RaceOptions,
-    Space,
-    categorical,
-    integer,
-    ordered,
-    real,
-)
+from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
 from mercator_design.race.methods import METHODS
+from mercator_design.race.tests import holm
 
 Row = dict[str, Any]
 Task = tuple[str | None, str, str, int, int]
@@ -53,21 +47,13 @@ SIGNIFICANT = 0.05
 
 def space_of(parameters: Iterable[Mapping[str, Any]]) -> Space:
     """The space of a problem's own description of its parameters."""
-    return Space([_parameter(p) for p in parameters])
+    return Space([parameter(p["name"], {**p, "condition": _condition(p["condition"])}) for p in parameters])
 
 
-def _parameter(p: Mapping[str, Any]) -> Parameter:
-    name, kind = p["name"], p["type"]
-    condition = None if p["condition"] is None else _condition(p["condition"])
-    if kind in {"cat", "ord"}:
-        return (categorical if kind == "cat" else ordered)(name, p["values"], condition=condition)
-    if kind == "int":
-        return integer(name, p["low"], p["high"], log=p["log"], condition=condition)
-    return real(name, p["low"], p["high"], log=p["log"], digits=p["digits"], condition=condition)
-
-
-def _condition(tree: list[Any]) -> str:
+def _condition(tree: list[Any] | None) -> str | None:
     """The text of a condition's tree: ["and", tree, ...], ["in", name, values] or [comparison, name, number]."""
+    if tree is None:
+        return None
     operation, *operands = tree
     if operation == "and":
         return " & ".join(f"({_condition(one)})" for one in operands)
@@ -213,18 +199,11 @@ def run(file: str | None, name: str, method: str, budget: int, seed: int) -> Row
     }
 
 
-def holm(p_values: list[float]) -> list[float]:
-    order = np.argsort(p_values, kind="stable")
-    adjusted = np.empty(len(p_values))
-    factors = np.arange(len(p_values), 0, -1)
-    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(factors * np.array(p_values)[order]))
-    return adjusted.tolist()
-
-
 def fingerprint() -> str:
-    """Of the race's source, so that cached results of other code are not taken for this one's."""
-    folder = Path(mercator_design.race.__file__).parent
-    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))).hexdigest()[:12]
+    """Of the source of races and of what they know of PFSMs, lest results of other code are taken for this one's."""
+    folder = Path(mercator_design.__file__).parent
+    files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]
 
 
 def results(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
@@ -287,7 +266,7 @@ def print_verdict(method: str, other: str, regrets: Mapping[tuple[str, str], lis
     if not both:
         return
     pairs = [(regrets[name, method], regrets[name, other]) for name in both]
-    p_values = holm([float(mannwhitneyu(mine, theirs).pvalue) for mine, theirs in pairs])
+    p_values = holm(np.array([mannwhitneyu(mine, theirs).pvalue for mine, theirs in pairs])).tolist()
     lower = [bool(np.mean(mine) < np.mean(theirs)) for mine, theirs in pairs]
     better = [is_lower and p < SIGNIFICANT for is_lower, p in zip(lower, p_values, strict=True)]
     worse = [not is_lower and p < SIGNIFICANT for is_lower, p in zip(lower, p_values, strict=True)]

@@ -156,6 +156,10 @@ class Designer(Task[tuple[Pfsm, int]]):
             "robot model": self.simulator.robot_model.name,
             "kernels": kernels_digest()[:16],
         }
+        floor = self.simulator.mission.floor
+        names = [colour for colour in floor.colours().values() if isinstance(colour, str)]
+        if floor.image is None and len(names) == len(floor.colours()):  # a robot tells colours apart by their names
+            header["floor"] = ", ".join(names)
         if plugins := loaded_plugins():
             header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
         return header

@@ -7,6 +7,8 @@
       SimulationError       1   an experiment cannot be set up or went wrong
       ProtocolError         1   a device cannot be told what was asked
       RobotError            1   a device of the robot cannot be used
+        SettingsError       3   the settings of a robot do not say what they should
+        Stopped             4   something stopped a robot's wheels
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.
@@ -60,3 +62,15 @@ class ProtocolError(MercatorError):
 
 class RobotError(MercatorError):
     """A device of the robot cannot be used."""
+
+
+class SettingsError(RobotError):
+    """The settings of a robot do not say what they should."""
+
+    exit_code = 3
+
+
+class Stopped(RobotError):  # noqa: N818 - a swarm that is told to stop has made no error
+    """Something stopped a robot's wheels; they turn no more before the next run."""
+
+    exit_code = 4

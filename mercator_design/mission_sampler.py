@@ -13,9 +13,10 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from mercator_design.colours import ColourName
 from mercator_design.errors import MissionError
 from mercator_design.missions.arena import Arena, Array, Box, Light, RegularPolygon
-from mercator_design.missions.floor import ColourName, Disc, Floor, Rectangle
+from mercator_design.missions.floor import Disc, Floor, Rectangle
 from mercator_design.missions.mission import Mission, Objective
 from mercator_design.missions.placement import DiscPlacement, HalfPlaneLimit
 from mercator_design.seeds import generator

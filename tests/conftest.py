@@ -1,4 +1,5 @@
 import sys
+from functools import partial
 
 import pytest
 from hypothesis import settings
@@ -21,8 +22,22 @@ def registries():
 
 
 @pytest.fixture
-def mdesign(monkeypatch, capsys):
-    """Run a command line; gives exit code, stdout, stderr."""
+def run_command(monkeypatch, capsys):
+    """Run a command by its name and function, with arguments; gives exit code, stdout, stderr."""
+
+    def run(name, main, *arguments):
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return stop.value.code or 0, out, err
+
+    return run
+
+
+@pytest.fixture
+def mdesign(monkeypatch, run_command):
+    """Run mdesign with arguments."""
     foreign = jit._foreign
 
     def of_users():
@@ -31,11 +46,4 @@ def mdesign(monkeypatch, capsys):
 
     monkeypatch.setattr(jit, "_foreign", of_users)
 
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["mdesign", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return stop.value.code or 0, out, err
-
-    return run
+    return partial(run_command, "mdesign", main)

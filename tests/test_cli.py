@@ -55,6 +55,7 @@ class TestRace:
         ]  # fmt: skip
         file = read_fsm(folder / "fsm.txt")
         assert (file.header["mission"], file.header["budget"], file.header["seed"]) == ("aggregation", "400", "7")
+        assert file.header["floor"] == "gray, black"
         mission = load_mission(folder / "mission.yaml")
         assert (mission.robots, mission.duration, mission.name) == (2, 3.0, "aggregation")
         assert load_robot_model(mission.robot_model) == load_robot_model("mercator")

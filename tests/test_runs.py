@@ -16,11 +16,12 @@ import pandas as pd
 import pytest
 
 from mercator_design import run_folder
+from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
 from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import Finished, Iteration, Journal, Record, read, to_line
+from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
 from mercator_design.report.iterations import iterations_table
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
@@ -413,7 +414,7 @@ class TestSignals:
                 raise
         assert process.returncode == 75
         last = read(folder / JOURNAL).record.sessions[-1]
-        assert (last["event"], last["why"]) == ("stop", "Terminated")
+        assert (last["event"], last["why"]) == ("stop", "Signalled")
 
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
     def test_before_its_first_experiment(self, tmp_path, number):

@@ -27,9 +27,9 @@ import numpy as np
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipped_with_original
 from benchmarks.argos.repeat import Original
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejected, visible_shift
+from mercator_design.colours import ColourName, rgb
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
-from mercator_design.missions.floor import ColourName, rgb
 from mercator_design.race.executors import ThreadExecutor, in_order
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator

@@ -13,12 +13,13 @@ import pymunk
 
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipped_with_original
 from benchmarks.argos.repeat import set_scene, twisters
+from mercator_design.colours import rgb
 from mercator_design.fsm import Readings, parse
 from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE
 from mercator_design.fsm.control import MEMORY
 from mercator_design.fsm.modules import NEIGHBOURS
 from mercator_design.jit import compiled
-from mercator_design.missions.floor import Tiles, rgb
+from mercator_design.missions.floor import Tiles
 from mercator_design.sim.kernel import EVERYTHING
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.sensing import sense

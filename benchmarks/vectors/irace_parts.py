@@ -6,7 +6,7 @@ CHANCE_SIGMAS standard errors off, so that one number fails by luck with a chanc
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -55,10 +55,11 @@ def checks(document: dict[str, Any]) -> Iterator[Check]:
 
 def parameters(vectors: Vectors) -> dict[str, Parameter]:
     """The parameters that models, quantiles and similar configurations are of."""
-    return {name: _parameter(name, described) for name, described in vectors["model"]["parameters"].items()}
+    return {name: parameter(name, described) for name, described in vectors["model"]["parameters"].items()}
 
 
-def _parameter(name: str, described: dict[str, Any]) -> Parameter:
+def parameter(name: str, described: Mapping[str, Any]) -> Parameter:
+    """A parameter as it is described: type (cat, ord, int or real), values or low and high, and what else it has."""
     kind, condition = described["type"], described.get("condition")
     if kind in {"cat", "ord"}:
         return (categorical if kind == "cat" else ordered)(name, described["values"], condition=condition)

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import read_controller
-from mercator_design.cli.options import FILE, FLAVOUR, LENIENT
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller
 
 
 @click.command()

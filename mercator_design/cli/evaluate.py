@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.inputs import mission_of, new_simulator, read_controller
-from mercator_design.cli.options import FILE, FLAVOUR, JOBS, LENIENT, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
-from mercator_design.cli.terminal import Interrupt, tell, warn, warn_of_doubts
+from mercator_design.cli.inputs import mission_of, new_simulator
+from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.cli.terminal import tell
+from mercator_design.command import tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
 

@@ -6,20 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.terminal import warn
 from mercator_design.errors import FsmError, MissionError, excerpt
 
 if TYPE_CHECKING:
     from mercator_design.fsm.text import FsmFile
     from mercator_design.missions.mission import Mission
     from mercator_design.sim.simulate import Simulator
-
-
-def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> "FsmFile":
-    """What an fsm.txt holds; what is tolerated in it is told."""
-    from mercator_design.fsm.text import read_fsm
-
-    return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)
 
 
 def new_simulator(mission: "Mission", robot_model: str | None) -> "Simulator":

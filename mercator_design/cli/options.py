@@ -5,9 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.fsm.pfsm import FLAVOURS
-
-FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
+from mercator_design.command import FILE
 
 SET = click.option(
     "--set",
@@ -56,17 +54,6 @@ PLUGIN = click.option(
     is_eager=True,  # before any argument is looked at
     callback=_load_plugins,
     help="Python file with more objectives or floor dynamics for missions. May be repeated.",
-)
-
-FLAVOUR = click.option(
-    "--flavour",
-    type=click.Choice(FLAVOURS),
-    help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
-)
-LENIENT = click.option(
-    "--lenient",
-    is_flag=True,
-    help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
 )
 
 

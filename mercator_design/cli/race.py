@@ -18,7 +18,8 @@ from mercator_design.cli.racing import (
     reopen,
     run,
 )
-from mercator_design.cli.terminal import Interrupt, tell, warn_of_doubts
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts
+from mercator_design.command import tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:

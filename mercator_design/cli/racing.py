@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.terminal import Interrupt
+from mercator_design.command import tell
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager

@@ -1,41 +1,21 @@
 """What the verbs share of talking to people: messages, Ctrl-C, and files that cannot be written."""
 
 import contextlib
-import os
 import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from os import EX_TEMPFAIL
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Self, TextIO
+from typing import TYPE_CHECKING, Self
 
-import click
-
-from mercator_design.errors import MercatorError, printable
+from mercator_design.command import Signalled, tell, warn
+from mercator_design.errors import MercatorError
 
 if TYPE_CHECKING:
     from mercator_design.fsm.modules import Module
     from mercator_design.sim.simulate import Simulator
-
-
-def tell(message: str) -> None:
-    """Say something that is no result, if there is still somebody to hear it."""
-    try:
-        click.echo(printable(message), err=True)
-    except OSError:  # such as that the terminal was closed
-        discard(sys.stderr)
-
-
-def discard(stream: TextIO) -> None:
-    """Let what could not be written, and would be tried again at the end, go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def warn(doubts: Iterable[str]) -> None:
-    """Say what may not be meant."""
-    for doubt in doubts:
-        tell(f"Warning: {doubt}")
 
 
 def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
@@ -50,13 +30,9 @@ def terminal_width() -> int | None:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
-class Terminated(BaseException):
-    """SIGTERM came, as a scheduler sends it some time before it kills, or SIGHUP, as a terminal that is closed does."""
-
-
 @contextlib.contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM and SIGHUP are `Terminated`, as Ctrl-C is KeyboardInterrupt."""
+    """SIGTERM and SIGHUP raise `Signalled`, as Ctrl-C raises KeyboardInterrupt."""
     usual = {number: signal.signal(number, _terminate) for number in (signal.SIGTERM, *_hang_up())}
     try:
         yield
@@ -71,9 +47,14 @@ def _hang_up() -> list[signal.Signals]:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - as signal handlers are called
-    if number == signal.SIGHUP:  # the shell and the system both send it
-        signal.signal(number, signal.SIG_IGN)
-    raise Terminated
+    # When a terminal is closed, the shell and the system both send it.
+    signal.signal(number, signal.SIG_IGN if number == signal.SIGHUP else signal.SIG_DFL)
+    raise _terminated()
+
+
+def _terminated() -> Signalled:
+    """Of SIGTERM, as a scheduler sends it some time before it kills, or of SIGHUP: what is done can be resumed."""
+    return Signalled("Terminated.", EX_TEMPFAIL)
 
 
 class Interrupt:
@@ -115,7 +96,7 @@ class Interrupt:
         """Stop, and say what there is, if a signal came."""
         if self._came is not None:
             tell(what)
-            raise KeyboardInterrupt if self._came == signal.SIGINT else Terminated
+            raise KeyboardInterrupt if self._came == signal.SIGINT else _terminated()
 
 
 @contextlib.contextmanager

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mercator_design.cli.options import FILE
 from mercator_design.cli.racing import (
     ON_FAILURE,
     OPTUNA,
@@ -17,7 +16,8 @@ from mercator_design.cli.racing import (
     reopen,
     run,
 )
-from mercator_design.cli.terminal import Interrupt, tell
+from mercator_design.cli.terminal import Interrupt
+from mercator_design.command import FILE, tell
 from mercator_design.errors import MercatorError, printable
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import new_simulator, read_controller
-from mercator_design.cli.options import FILE, FLAVOUR, LENIENT, PLUGIN
-from mercator_design.cli.terminal import tell, warn
+from mercator_design.cli.inputs import new_simulator
+from mercator_design.cli.options import PLUGIN
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.errors import FsmError, MissionError, printable
 
 

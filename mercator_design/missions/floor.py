@@ -1,7 +1,7 @@
 """What the floor looks like: a background, an image, and painted zones, the later over the earlier.
 
-What is decided here: the colours and their RGB values, how a zone and what changes it are written, and how the floor
-of one instance (tiles may be drawn at random) becomes a `FloorTable` of numbers. What a table means at a point is
+What is decided here: how a zone and what changes it are written, and how the floor of one instance (tiles may be drawn
+at random) becomes a `FloorTable` of numbers. What a table means at a point is
 said once, in floor_kernels.py, for sensors and objectives alike.
 """
 
@@ -18,31 +18,14 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.colours import RGB, Colour, ColourName, rgb
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
 from mercator_design.schema import parameters_of, values_in
 
-ColourName: TypeAlias = Literal["black", "white", "gray", "red", "green", "blue", "yellow", "magenta", "cyan", "orange"]
-Channel: TypeAlias = Annotated[int, Range(0, 255)]
-Colour: TypeAlias = ColourName | tuple[Channel, Channel, Channel]
-RGB: TypeAlias = tuple[float, float, float]
 _COLOURS = (Colour, *typing.get_args(Colour))
-
-COLOURS: Mapping[ColourName, RGB] = {
-    # As ARGoS defines them, but gray: the floors of its missions use GRAY50.
-    "black": (0.0, 0.0, 0.0),
-    "white": (255.0, 255.0, 255.0),
-    "gray": (127.0, 127.0, 127.0),
-    "red": (255.0, 0.0, 0.0),
-    "green": (0.0, 255.0, 0.0),
-    "blue": (0.0, 0.0, 255.0),
-    "yellow": (255.0, 255.0, 0.0),
-    "magenta": (255.0, 0.0, 255.0),
-    "cyan": (0.0, 255.0, 255.0),
-    "orange": (255.0, 140.0, 0.0),
-}
 
 DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
 """The first number of a row of a table."""
@@ -77,14 +60,6 @@ class FloorTable(NamedTuple):
 
 
 ZoneRow: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
-
-
-def rgb(colour: Colour) -> RGB:
-    """Red, green and blue, each in 0 .. 255."""
-    if isinstance(colour, str):
-        return COLOURS[colour]
-    red, green, blue = colour
-    return float(red), float(green), float(blue)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,9 @@
 Costs are taken to be the sum of the configuration's effect, the instance's, and an error.
 """
 
+from collections.abc import Mapping, Sequence
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +20,17 @@ _DEVIATIONS = 1.4826
 """Standard deviation of a normal distribution, in median absolute deviations."""
 _LEAST_SPREAD = 0.1
 """Part of the variance of the configurations' means that is never put down to errors."""
+
+
+def table(costs: Sequence[Mapping[int, float]]) -> Floats:
+    """The costs of configurations, each by instance: shape (configurations, instances), NaN where there is none.
+
+    The last instance is the last that any has seen; there may be some that none has.
+    """
+    found = np.full((len(costs), 1 + max(chain.from_iterable(costs), default=-1)), np.nan)
+    for row, own in enumerate(costs):
+        found[row, list(own)] = list(own.values())
+    return found
 
 
 def effects(costs: Floats) -> tuple[Floats, float]:

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError
-from mercator_design.race.effects import effects
+from mercator_design.race.effects import effects, table
 from mercator_design.race.parameter import Configuration, Value
 from mercator_design.race.space import Space
 from mercator_design.race.surrogate import Features, Floats, Surrogate
@@ -90,12 +90,10 @@ def explain(
     usable = [usable[k * len(usable) // min(len(usable), _MOST)] for k in range(min(len(usable), _MOST))]
     if len(usable) < FEWEST:
         raise RaceError(f"importance: expected at least {FEWEST} configurations that were raced, found {len(usable)}")
-    table = np.full((len(usable), 1 + max(max(costs[k]) for k in usable)), np.nan)
-    for row, k in enumerate(usable):
-        table[row, list(costs[k])] = list(costs[k].values())
-    table = table[:, ~np.isnan(table).all(axis=0)]
-    means, variance = effects(table)
-    noise = variance / (~np.isnan(table)).sum(axis=1)
+    known = table([costs[k] for k in usable])
+    known = known[:, ~np.isnan(known).all(axis=0)]
+    means, variance = effects(known)
+    noise = variance / (~np.isnan(known)).sum(axis=1)
     between = float(means.var() - noise.mean())
     if between <= 0:
         raise RaceError("importance: expected configurations of different costs, found no difference beyond noise")

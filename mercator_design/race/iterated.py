@@ -14,7 +14,7 @@ import numpy as np
 from mercator_design.errors import RaceError
 from mercator_design.race import budget as arithmetic
 from mercator_design.race.asking import Asking, Batches
-from mercator_design.race.effects import Floats, expected
+from mercator_design.race.effects import Floats, expected, table
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration, Value
@@ -80,6 +80,7 @@ class IteratedRace(Asking):
                 f"found {wanted}"
             )
         self._initial = self._checked(initial)
+        self._before = 0  # iterations, that came before the budget was extended and are not counted
         self._n_seen = 0  # instances
         self._n_new_instances = self.options.new_instances
         self._model = SamplingModel(
@@ -124,13 +125,14 @@ class IteratedRace(Asking):
         """Go on with a larger budget after the end.
 
         What is added is planned as the budget of a race of its own is: as many iterations, or fewer until it suffices.
-        They begin with the elites that the race has ended with, their distributions as wide as after the first
-        iteration.
+        The first of them takes the place of a second one: it begins with the elites that the race has ended with, their
+        distributions as wide as after a first iteration.
 
         Raises:
             RaceError: The race has not ended yet, or the budget is no larger.
         """
         super().extend(budget)
+        self._before = self._iteration - 1
         try:
             plan = self._plan()
         except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
@@ -183,7 +185,7 @@ class IteratedRace(Asking):
             return f"all {self._n_iterations} iterations are done"
         share = arithmetic.iteration_budget(remaining, iteration, max(iteration, self._n_iterations))
         budget = min(self.options.experiments_per_iteration or share, remaining)
-        n = self._n_configurations(budget, iteration)
+        n = self._n_configurations(budget, iteration - self._before)
         wanted = self.options.n_configurations
         if wanted is not None and n < wanted:
             if budget == share < remaining:
@@ -256,8 +258,8 @@ class IteratedRace(Asking):
             self._elite_configurations(),
             {elite: parent for elite in elites if (parent := self.parents[elite]) is not None},
             n_new=n_new,
-            iteration=self._iteration,
-            iterations=self._n_iterations,
+            iteration=self._iteration - self._before,
+            iterations=self._n_iterations - self._before,
         )
         generator = self._generator("sampling")
         known = len(self.configurations) / (_LEARNT_FROM * self.space.n_variable)
@@ -426,16 +428,13 @@ class IteratedRace(Asking):
         accepted = [number for number in numbers if self._costs[number] and not self._is_rejected(number)]
         if not accepted:
             return []
-        table = self._table(accepted)
-        order = np.argsort(expected(table[:, ~np.isnan(table).all(axis=0)]), kind="stable")
+        costs = self._table(accepted)
+        order = np.argsort(expected(costs[:, ~np.isnan(costs).all(axis=0)]), kind="stable")
         return [accepted[k] for k in order]
 
     def _table(self, numbers: Sequence[int]) -> Floats:
         """Costs of some configurations, shape (configurations, instances), NaN where there is none."""
-        table = np.full((len(numbers), self._n_seen), math.nan)
-        for row, number in enumerate(numbers):
-            table[row, list(self._costs[number])] = list(self._costs[number].values())
-        return table
+        return table([self._costs[number] for number in numbers])
 
     def _former_elites(self) -> list[int]:
         """Those of all races, the latest first."""

@@ -27,7 +27,6 @@ import os
 import socket
 import sys
 import time
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -35,6 +34,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
+from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
@@ -42,10 +42,6 @@ from mercator_design.race.race import Experiment
 FORMAT = 1
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
-_CRC = ',"crc":"'
-_TAIL = len(_CRC) + 8 + len('"}')
-
-Event = dict[str, Any]
 
 
 class Measured(NamedTuple):
@@ -255,32 +251,6 @@ class Record:
 
 
 _FIELDS = Finished.__slots__
-
-
-def to_line(event: Mapping[str, Any]) -> str:
-    """An event as a line with its checksum."""
-    text = json.dumps(event, separators=(",", ":"), allow_nan=False)
-    return f'{text[:-1]}{_CRC}{zlib.crc32(text.encode()):08x}"}}\n'
-
-
-def from_line(line: bytes) -> Event:
-    """The event of a line.
-
-    Raises:
-        ValueError: saying what was expected of the line.
-    """
-    if not line.endswith(b'"}\n') or line[-_TAIL - 1 : -11] != _CRC.encode():
-        raise ValueError('expected an event that ends in its checksum ("crc") and a newline')
-    text, crc = line[: -_TAIL - 1] + b"}", line[-11:-3].decode("ascii", "replace")
-    if f"{zlib.crc32(text):08x}" != crc:
-        raise ValueError(f"expected the checksum {zlib.crc32(text):08x}, found {crc}")
-    try:
-        event = json.loads(text)
-    except RecursionError:
-        event = None
-    if not isinstance(event, dict):
-        raise ValueError("expected an event")  # noqa: TRY004 - it is the line's fault
-    return event
 
 
 @dataclass(frozen=True, slots=True)

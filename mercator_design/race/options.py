@@ -45,9 +45,10 @@ class RaceOptions:
         means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
             keeps its value.
         postselection: Spend what is left of the budget on a race among the best of all iterations.
-        confirmation: Part of the budget that is kept, with what is left, to choose the winner among the best of all
-            iterations by its mean cost on instances they have not seen; there is no post-selection then. None if there
-            is a number of `instances`, or if the budget would not allow an iteration beside it.
+        confirmation: Part of the budget that is kept, with what is left, to run the best of all iterations on instances
+            that they have not seen, and to choose the winner by the mean cost that all its results let expect; there is
+            no post-selection then. None if there is a number of `instances`, or if the budget would not allow an
+            iteration beside it.
 
     Raises:
         RaceError: An option is out of its range.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from threadpoolctl import ThreadpoolController
 
-from mercator_design.race.effects import effects
+from mercator_design.race.effects import effects, table
 from mercator_design.race.model import SamplingModel
 from mercator_design.race.moves import Moves
 from mercator_design.race.parameter import Configuration, Value
@@ -67,47 +67,33 @@ class Proposer:
             excluded: True for what must not be proposed.
         """
         with self._threads.limit(limits=1, user_api="blas"):
-            return self._propose(n, ranked, configurations, costs, model, generator, excluded)
-
-    def _propose(
-        self,
-        n: int,
-        ranked: Sequence[int],
-        configurations: Sequence[Configuration],
-        costs: Sequence[Mapping[int, float]],
-        model: SamplingModel,
-        generator: Generator,
-        excluded: Callable[[Configuration], bool],
-    ) -> list[tuple[Configuration, int]]:
-        expected = self._learn(configurations, costs)
-        best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
-        parents = [configurations[number] for number in (*ranked, *best)]
-        candidates, places = self._candidates(parents, ranked, model, generator, excluded)
-        if not candidates:
-            return []
-        features = self._features.of(places)
-        mean, spread = self._surrogate.predict(features)
-        promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
-        n = min(n, len(promising))
-        chosen: list[int] = []
-        for values in self._surrogate.sample(features[promising], n, generator):
-            values[chosen] = np.inf
-            chosen.append(int(values.argmin()))
-        elites = self._features.of(self._places_of(ranked, configurations))
-        nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
-        return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
+            expected = self._learn(configurations, costs)
+            best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
+            parents = [configurations[number] for number in (*ranked, *best)]
+            candidates, places = self._candidates(parents, ranked, model, generator, excluded)
+            if not candidates:
+                return []
+            features = self._features.of(places)
+            mean, spread = self._surrogate.predict(features)
+            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
+            n = min(n, len(promising))
+            chosen: list[int] = []
+            for values in self._surrogate.sample(features[promising], n, generator):
+                values[chosen] = np.inf
+                chosen.append(int(values.argmin()))
+            elites = self._features.of(self._places_of(ranked, configurations))
+            nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
+            return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
 
     def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
         """Fit the surrogate; the expected cost of each configuration that it was fitted to."""
         learnt_from = _most_telling(costs)
-        table = np.full((len(learnt_from), 1 + max(max(costs[number]) for number in learnt_from)), np.nan)
-        for row, number in enumerate(learnt_from):
-            table[row, list(costs[number])] = list(costs[number].values())
-        rejected = np.isinf(table).any(axis=1)
-        table = table[:, (~np.isnan(table[~rejected])).any(axis=0)]
-        means, variance = effects(table[~rejected])
-        y, noise = _compressed(means, variance / (~np.isnan(table[~rejected])).sum(axis=1))
-        values, errors = np.full(len(table), y.max()), np.full(len(table), noise.max())
+        known = table([costs[number] for number in learnt_from])
+        rejected = np.isinf(known).any(axis=1)
+        known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
+        means, variance = effects(known[~rejected])
+        y, noise = _compressed(means, variance / (~np.isnan(known[~rejected])).sum(axis=1))
+        values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
         values[~rejected], errors[~rejected] = y, noise
         scale = values.std() or 1.0
         features = self._features.of(self._places_of(learnt_from, configurations))

@@ -1,11 +1,22 @@
-"""The robot: what its devices say on their serial lines.
+"""The robot: what its devices say on their serial lines, and how it runs control software.
 
     framing     frames in a stream of bytes
     rvr         the Sphero RVR: frames, commands, responses, notifications; rvr_messages, rvr_streaming: its tables
     ydlidar     the YDLIDAR X4
     multiflex   the Teraranger Hub Multiflex
     ports       the serial ports: finding and opening them
+    settings    what is particular to one robot: robot.yaml
+    talk        what the devices are told and asked, and what is heard meanwhile
+    start       what each device is told before it is of use
+    samples     measurements of the RVR, with axes and units converted
+    sweep       the lidar's last turn
+    mercator    the robot as one object: sensors, wheels, lamps
+    safety      what keeps the wheels from turning when nobody is in control of them
+    swarm       what is told to all robots
+    log         what happened in a run, and the same decisions again
+    runner      a run
+    cli         the command mercator-robot
 
-All but the last do no input or output: bytes in, events out, commands to bytes; both ends of each line from one
-definition. Plain Python on the standard library; ports also needs pyserial and PyYAML.
+The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one
+definition, on the standard library alone. The others also need pyserial, PyYAML and click.
 """

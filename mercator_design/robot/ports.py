@@ -14,7 +14,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.loading import Pattern, read
+from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
 BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
@@ -39,15 +39,6 @@ class Ports(NamedTuple):
     proximity: serial.Serial
 
 
-def read_port_names(path: str | Path) -> PortNames:
-    """The names in a YAML file; those that it leaves out are the usual ones.
-
-    Raises:
-        RobotError: with file, line, key, what was expected and what was found.
-    """
-    return read(path, PortNames, error=RobotError)
-
-
 @contextlib.contextmanager
 def open_ports(names: PortNames) -> Iterator[Ports]:
     """The three ports, for this program alone; closed on the way out.
@@ -56,7 +47,7 @@ def open_ports(names: PortNames) -> Iterator[Ports]:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
-        yield Ports(*(stack.enter_context(_open(device, getattr(names, device))) for device in Ports._fields))
+        yield Ports(*(stack.enter_context(open_port(device, getattr(names, device))) for device in Ports._fields))
 
 
 def find_port(device: str, name: str) -> str:
@@ -76,7 +67,8 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
-def _open(device: str, name: str) -> serial.Serial:
+def open_port(device: str, name: str) -> serial.Serial:
+    """One of the three ports, for this program alone; errors are those of `open_ports`."""
     path = find_port(device, name)
     try:
         return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
@@ -118,3 +110,41 @@ def _usb_name(port: ListPortInfo) -> str:
     if port.vid is None:
         return ""
     return f"usb:{port.vid:04x}:{port.pid:04x}" + (f":{port.serial_number}" if port.serial_number else "")
+
+
+class Line:
+    """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost."""
+
+    def __init__(self, device: str, port: serial.Serial) -> None:
+        self.device = device
+        self._port = port
+
+    def fileno(self) -> int:
+        """For select."""
+        return int(self._port.fileno())
+
+    def read(self) -> bytes:
+        """What has come; waits for something, but not for long.
+
+        Raises:
+            RobotError: if the port is lost.
+        """
+        with self._naming():
+            return bytes(self._port.read(self._port.in_waiting or 1))
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; errors are those of `read`."""
+        with self._naming():
+            self._port.write(data)
+
+    def set_dtr(self, *, high: bool) -> None:
+        """Set the line that turns a lidar's motor on and off, where there is one."""
+        with contextlib.suppress(OSError):  # a pseudo-terminal has none
+            self._port.dtr = high
+
+    @contextlib.contextmanager
+    def _naming(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise RobotError(f"{self.device}: {self._port.name} is lost: {error}") from None

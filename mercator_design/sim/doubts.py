@@ -5,11 +5,11 @@ A user is told of them; nothing is refused, because what is left may be what is 
 
 from collections.abc import Iterable, Iterator
 
+from mercator_design.colours import RGB
 from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.perception import gray_level, ground_by_vote
 from mercator_design.fsm.reference import Readings
-from mercator_design.missions.floor import RGB
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import Neighbours, RobotModel
 

@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from mercator_design import shipped
+from mercator_design.colours import STATE_COLOURS, Levels
 from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range, is_name, read
 from mercator_design.missions.arena import Array, Height
-from mercator_design.missions.floor import Channel
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
 Extent = Annotated[float, Range(0.01, 10.0)]
@@ -277,12 +277,7 @@ class Leds:
     """Lamps that show the state."""
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 64)]  # [m] forwards, leftwards of the centre
-    colors: Annotated[tuple[tuple[Channel, Channel, Channel], ...], Length(4, 4)] = (  # red, green, blue in each state
-        (0, 114, 178),
-        (230, 159, 0),
-        (0, 158, 115),
-        (204, 121, 167),
-    )
+    colors: Annotated[tuple[Levels, ...], Length(4, 4)] = STATE_COLOURS  # red, green, blue in each state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from mercator_design import seeds
+from mercator_design.colours import COLOURS
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.loading import dump
 from mercator_design.missions.dynamics import change_floor
-from mercator_design.missions.floor import COLOURS, Disc, Dynamics, Floor, Rectangle, Tiles
+from mercator_design.missions.floor import Disc, Dynamics, Floor, Rectangle, Tiles
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 from mercator_design import seeds, shipped
+from mercator_design.colours import COLOURS
 from mercator_design.errors import MissionError
 from mercator_design.loading import FieldError, dump
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
-    COLOURS,
     Disc,
     Dynamics,
     Floor,

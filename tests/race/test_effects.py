@@ -2,10 +2,16 @@
 
 import numpy as np
 
-from mercator_design.race.effects import effects, expected
+from mercator_design.race.effects import effects, expected, table
 
 INSTANCES = np.array([0.0, 10.0, -20.0, 5.0, 1.0, 4.0])
 TRUE = np.array([3.0, 1.0, 2.0, 8.0])
+
+
+def test_a_table_of_costs():
+    found = table([{0: 1.0, 3: 2.0}, {}, {1: np.inf}])
+    np.testing.assert_array_equal(found, [[1, np.nan, np.nan, 2], [np.nan] * 4, [np.nan, np.inf, np.nan, np.nan]])
+    assert table([]).shape == (0, 0)
 
 
 def test_instances_are_taken_out_where_there_are_gaps():

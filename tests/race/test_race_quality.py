@@ -52,10 +52,6 @@ def test_methods_are_options():
         race_quality.options_of("no-such")
 
 
-def test_p_values_are_holm_s():
-    assert race_quality.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-
-
 def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, capsys):
     module, cache, recorded = tmp_path / "tiny.py", tmp_path / "cache.jsonl", tmp_path / "irace.json"
     module.write_text(PROBLEM)

@@ -4,10 +4,11 @@ import time
 
 import pytest
 
+from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import journal, testing  # whose classes pytest would take for tests
 from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.journal import Journal, Measured, Record, read, to_line
+from mercator_design.race.journal import Journal, Measured, Record, read
 from mercator_design.race.race import Experiment
 from mercator_design.race.runner import ExperimentFailed
 from tests.race import racing

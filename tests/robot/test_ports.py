@@ -12,7 +12,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.ports import PortNames, find_port, open_ports, read_port_names
+from mercator_design.robot.ports import PortNames, find_port, open_ports
 
 
 @pytest.fixture
@@ -140,24 +140,3 @@ class TestPortsByWhatTheyAre:
         ):
             find_port("lidar", "usb:10c4:ea60")
         assert find_port("lidar", "usb:10c4:ea60:8") == "/dev/ttyUSB1"
-
-
-class TestNamesInAFile:
-    def test_those_left_out_are_the_usual_ones(self, tmp_path):
-        file = tmp_path / "ports.yaml"
-        file.write_text("proximity: usb:0483:5740:A1\n")
-        assert read_port_names(file) == PortNames(proximity="usb:0483:5740:A1")
-
-    @pytest.mark.parametrize(
-        ("text", "words"),
-        [
-            ("lider: /dev/ttyUSB0", "lider"),
-            ("lidar: ttyUSB0", r'lidar: expected text: a path or usb:VENDOR:PRODUCT\[:SERIAL\], found "ttyUSB0"'),
-            ("lidar: usb:10C4:EA60", "lidar: expected text: a path or"),
-        ],
-    )
-    def test_others_are_refused_with_their_line(self, tmp_path, text, words):
-        file = tmp_path / "ports.yaml"
-        file.write_text(f"# the robot\n{text}\n")
-        with pytest.raises(RobotError, match=rf"ports.yaml:2: {words}"):
-            read_port_names(file)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from mercator_design import shipped
+from mercator_design.colours import COLOURS
 from mercator_design.errors import MissionError
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.loading import FieldError
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
-    COLOURS,
     Disc,
     Dynamics,
     Floor,

@@ -4,10 +4,11 @@ import itertools
 import math
 from typing import Annotated
 
+from mercator_design.colours import Colour, rgb
 from mercator_design.jit import jittable
 from mercator_design.loading import FieldError, Length, Positive, Range
 from mercator_design.missions.arena import Array
-from mercator_design.missions.floor import Colour, FloorTable, rgb
+from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import Site, Zones, dynamic
 
 Time = Annotated[float, Range(0.0, 86_400.0)]

@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.colours import Colour, ColourName, rgb
 from mercator_design.loading import Length, Range
-from mercator_design.missions.floor import Colour, ColourName, rgb
 from mercator_design.missions.plugins import When, Zones, objective
 from mercator_design.missions.trace import Trace
 

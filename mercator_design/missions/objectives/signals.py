@@ -5,9 +5,9 @@ from typing import Annotated
 
 import numpy as np
 
+from mercator_design.colours import Colour, ColourName, rgb
 from mercator_design.loading import Length
 from mercator_design.missions.arena import Size
-from mercator_design.missions.floor import Colour, ColourName, rgb
 from mercator_design.missions.plugins import Zone, Zones, objective
 from mercator_design.missions.trace import Flags, Trace
 

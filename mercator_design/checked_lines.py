@@ -1,0 +1,37 @@
+"""Events as lines of a file that is appended to: JSON with a checksum in it, so that half a line is known as such."""
+
+import json
+import zlib
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+Event: TypeAlias = dict[str, Any]
+
+_CRC = ',"crc":"'
+_TAIL = len(_CRC) + 8 + len('"}')
+
+
+def to_line(event: Mapping[str, Any]) -> str:
+    """An event as a line with its checksum."""
+    text = json.dumps(event, separators=(",", ":"), allow_nan=False)
+    return f'{text[:-1]}{_CRC}{zlib.crc32(text.encode()):08x}"}}\n'
+
+
+def from_line(line: bytes) -> Event:
+    """The event of a line.
+
+    Raises:
+        ValueError: saying what was expected of the line.
+    """
+    if not line.endswith(b'"}\n') or line[-_TAIL - 1 : -11] != _CRC.encode():
+        raise ValueError('expected an event that ends in its checksum ("crc") and a newline')
+    text, crc = line[: -_TAIL - 1] + b"}", line[-11:-3].decode("ascii", "replace")
+    if f"{zlib.crc32(text):08x}" != crc:
+        raise ValueError(f"expected the checksum {zlib.crc32(text):08x}, found {crc}")
+    try:
+        event = json.loads(text)
+    except RecursionError:
+        event = None
+    if not isinstance(event, dict):
+        raise ValueError("expected an event")  # noqa: TRY004 - it is the line's fault
+    return event

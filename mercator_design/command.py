@@ -1,0 +1,104 @@
+"""What the commands mdesign and mercator-robot share: messages, ways out with their exit codes, an fsm.txt as argument.
+
+Results go to stdout or named files, messages to stderr.
+"""
+
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from mercator_design.errors import MercatorError, printable
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.fsm.text import FsmFile, read_fsm
+
+_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
+
+FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
+
+FLAVOUR = click.option(
+    "--flavour",
+    type=click.Choice(FLAVOURS),
+    help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
+)
+LENIENT = click.option(
+    "--lenient",
+    is_flag=True,
+    help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
+)
+
+
+class Signalled(BaseException):
+    """A signal ends the program, with this exit code."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+def run(command: click.Command, name: str) -> None:
+    """Run a command line; every way out has its exit code."""
+    _open_streams()
+    try:
+        sys.exit(command.main(prog_name=name, standalone_mode=False))
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        if not isinstance(error, _HELP):
+            error.message = printable(error.message)  # type: ignore[misc]  # the only way in
+        error.show()
+        sys.exit(error.exit_code)
+    except MercatorError as error:
+        tell(f"Error: {error}")
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        tell("Interrupted.")
+        sys.exit(130)
+    except Signalled as signalled:
+        tell(str(signalled))
+        sys.exit(signalled.exit_code)
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
+            tell(f"Error: {error}")
+        _discard(sys.stdout)
+        sys.exit(1)
+    except MemoryError:
+        tell("Error: not enough memory")
+        sys.exit(1)
+
+
+def _open_streams() -> None:
+    """What was closed (`2>&-`) leads nowhere: else a file of ours, such as the journal, might have its number."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - until the end
+
+
+def _discard(stream: TextIO) -> None:
+    """Let what could not be written, and would be tried again at the end, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def tell(message: str) -> None:
+    """Say something that is no result, if there is still somebody to hear it."""
+    try:
+        click.echo(printable(message), err=True)
+    except OSError:  # such as that the terminal was closed
+        _discard(sys.stderr)
+
+
+def warn(doubts: Iterable[str]) -> None:
+    """Say what may not be meant."""
+    for doubt in doubts:
+        tell(f"Warning: {doubt}")
+
+
+def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:
+    """What an fsm.txt holds; what is tolerated in it is told."""
+    return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)

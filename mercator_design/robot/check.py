@@ -1,0 +1,131 @@
+"""What may be wrong with a robot before it runs, each with what to do: the computer, then each device by itself."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.multiflex import Distances
+from mercator_design.robot.ports import Line, Ports, open_port
+from mercator_design.robot.settings import Settings
+from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.talk import Event, Talk
+from mercator_design.robot.ydlidar import Packet, Turns
+
+_KERNEL = Path("/proc/cmdline")
+_LISTEN = 2.0  # [s] to a lidar or hub
+_LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
+_LEAST_READINGS = 2  # in a turn of a lidar that sees
+_LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
+_LOW = 20  # [%] of the battery
+_OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the control system's manual
+
+
+class Finding(NamedTuple):
+    """What was looked at, and how it is; if something is wrong, with what to do."""
+
+    what: str
+    is_fine: bool
+    words: str
+
+
+def check(settings: Settings) -> Iterator[Finding]:
+    """Look at all that a run needs, of which nothing moves but the lidar."""
+    yield check_clock(time.time())
+    yield check_console(settings.ports.rvr, _KERNEL.read_text() if _KERNEL.exists() else "")
+    for device in Ports._fields:
+        try:
+            with open_port(device, getattr(settings.ports, device)) as port:
+                line = Line(device, port)
+                yield from _DEVICES[device](settings, line)
+        except RobotError as error:
+            yield Finding(device, is_fine=False, words=str(error).removeprefix(f"{device}: "))
+
+
+def check_clock(now: float) -> Finding:
+    """Whether a clock [s since 1970] may be right: this program was not installed in the future."""
+    date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
+    if now >= Path(__file__).stat().st_mtime:
+        return Finding("clock", is_fine=True, words=date)
+    return Finding("clock", is_fine=False, words=f"{date} is past; a Pi has no clock of its own: give it a network")
+
+
+def check_console(port: str, kernel: str) -> Finding:
+    """Whether the system has its console on the RVR's port, by the kernel's command line."""
+    names = {Path(port).name, Path(port).resolve().name}
+    consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
+    if names.isdisjoint(consoles):
+        return Finding("console", is_fine=True, words=f"not on {port}")
+    what_to_do = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
+    return Finding("console", is_fine=False, words=f"the system's console is on {port}: {what_to_do}")
+
+
+def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
+    talk = Talk([line], lambda _event, _now: None)
+    facts = wake_rvr(talk)
+    for name, oldest in _OLDEST.items():
+        is_fine = tuple(map(int, facts[name].split("."))) >= oldest
+        advice = "" if is_fine else "; update it with the app Sphero Edu"
+        yield Finding(name.replace("_", " "), is_fine, facts[name] + advice)
+    is_fine = int(facts["battery"].split()[0]) >= _LOW
+    yield Finding("battery", is_fine, facts["battery"] + ("" if is_fine else "; charge it"))
+
+
+def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
+    turns, found = Turns(), []
+
+    def take(event: Event, _now: float) -> None:
+        if isinstance(event, Packet) and (turn := turns.receive(event)) is not None:
+            found.append(sum(distance > 0.0 for _, distance in turn))
+
+    talk = Talk([line], take)
+    yield Finding("lidar", is_fine=True, words=start_lidar(talk, line)["lidar"])
+    try:
+        talk.until(lambda: bool(found), _LISTEN)  # the motor starts
+        found.clear()
+        talk.attend(time.monotonic() + _LISTEN)
+    finally:
+        stop_lidar(talk, line)
+    rate = len(found) / _LISTEN
+    is_fine = rate >= _LEAST_TURNS
+    advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
+    yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
+    if found:
+        seen = found[len(found) // 2]
+        is_fine = seen >= _LEAST_READINGS
+        advice = "" if is_fine else "; is there anything at its height, and its window clean?"
+        yield Finding("lidar's sight", is_fine, f"{seen} readings in a turn" + advice)
+
+
+def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
+    found: list[Distances] = []
+
+    def take(event: Event, _now: float) -> None:
+        if isinstance(event, Distances):
+            found.append(event)
+
+    talk = Talk([line], take)
+    start_hub(talk)
+    found.clear()
+    talk.attend(time.monotonic() + _LISTEN)
+    rate = len(found) / _LISTEN
+    is_fine = rate >= _LEAST_DISTANCES
+    advice = "" if is_fine else f"; {talk.remedy('proximity')}"
+    yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
+    if not found:
+        return
+    last = found[-1]
+    for i, (angle, distance) in enumerate(zip(settings.proximity_angles, last.metres(), strict=True)):
+        is_fine = bool(last.mask >> i & 1)
+        seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
+        words = f"{seen}; a hand before it shows whether it is this one" if is_fine else "off; plug it in"
+        yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
+
+
+_DEVICES: dict[str, Callable[[Settings, Line], Iterator[Finding]]] = {
+    "rvr": _check_rvr,
+    "lidar": _check_lidar,
+    "proximity": _check_hub,
+}

@@ -1,0 +1,42 @@
+"""mercator-robot replay: what a controller decided in each cycle of a run, and whether it would again."""
+
+import math
+from pathlib import Path
+
+import click
+
+from mercator_design.command import FILE
+from mercator_design.errors import RobotError
+from mercator_design.fsm import Pfsm
+from mercator_design.fsm.conditions import ground_level
+from mercator_design.robot.log import Decision
+from mercator_design.robot.log import replay as decisions
+
+
+@click.command()
+@click.argument("log", type=FILE)
+def replay(log: Path) -> None:
+    """Show the decision of every cycle of a run, from its log, which may still be written.
+
+    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else.
+    """
+    differing = [first for first in map(_show, decisions(log)) if first]
+    if differing:
+        raise RobotError(f"{log}: {differing[0]}; {len(differing)} cycles differ")
+
+
+def _show(decided: tuple[Pfsm, Decision]) -> str:
+    """Print a decision; how it differs from the log."""
+    pfsm, decision = decided
+    state, readings = pfsm.states[decision.state], decision.readings
+    moved = ""
+    if decision.next_state != decision.state:
+        conditions = [edge.condition for edge in state.transitions if edge.target == decision.next_state]
+        moved = f"  -> {decision.next_state} ({' or '.join(conditions)})"
+    obstacle = math.hypot(readings.proximity_x, readings.proximity_y)
+    click.echo(
+        f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {state.behaviour:<14} "
+        f"obstacle {obstacle:4.2f}  neighbours {readings.neighbours:2.0f}  ground {ground_level(readings):5.1f}  "
+        f"wheels {decision.wheels.left:5.2f} {decision.wheels.right:5.2f}{moved}"
+    )
+    return f"cycle {decision.cycle}: {decision.differs}" if decision.differs else ""

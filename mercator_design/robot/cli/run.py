@@ -1,0 +1,49 @@
+"""mercator-robot run: a PFSM on the robot."""
+
+import secrets
+import time
+from pathlib import Path
+
+import click
+
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell
+from mercator_design.robot.cli.options import ROBOT
+from mercator_design.robot.runner import Run
+from mercator_design.robot.runner import run as drive
+from mercator_design.robot.settings import Settings
+
+
+@click.command()
+@click.argument("fsm", type=FILE)
+@ROBOT
+@click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="[default: until it is stopped]")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    help="Of the random draws; robots of a swarm need different ones.  [default: a fresh one; the log has it]",
+)
+@click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")
+@click.option("-o", "--log", "path", type=FILE, metavar="LOG", help="[default: run-DATE-TIME.jsonl]")
+@FLAVOUR
+@LENIENT
+def run(
+    fsm: Path,
+    settings: Settings,
+    duration: float | None,
+    seed: int | None,
+    dry_run: bool,
+    path: Path | None,
+    flavour: str | None,
+    lenient: bool,
+) -> None:
+    """Run the PFSM of an fsm.txt.
+
+    The robot stops when the duration is over, on Ctrl-C or another signal, and when something is wrong: a sensor that
+    the PFSM reads is silent, a port is lost, the battery is critical, the swarm is told to stop.
+    """
+    file = read_controller(fsm, flavour, lenient=lenient)
+    seed = secrets.randbits(32) if seed is None else seed
+    path = path or Path(time.strftime("run-%Y%m%d-%H%M%S.jsonl"))
+    what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run)
+    drive(settings, what, path, tell)
+    tell(f"The duration is over; the log is {path}")

@@ -1,0 +1,174 @@
+"""What happened in a run, cycle by cycle, in a file that can be read while it is written and after any crash.
+
+An event a line (checked_lines.py), only ever appended:
+
+    start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
+    cycle   its number, the time since the start [s], the state that acted and the one after it, readings, draws,
+            wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
+            each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
+            and 0 where something is too near to tell
+    note    what a device told
+    end     why the run ended
+
+Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
+"""
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mercator_design.checked_lines import Event, from_line, to_line
+from mercator_design.errors import FsmError, RobotError
+from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
+
+FORMAT = 1
+SYNC_EVERY = 1.0
+"""Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+
+
+class Log:
+    """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
+
+    failure: Why it cannot be written any more; empty if it can.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Begin a new file.
+
+        Raises:
+            RobotError: if it cannot be written, or exists.
+        """
+        self.path = path
+        self.failure = ""
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise RobotError(f"{path}: cannot be written: {error.strerror}") from None
+        self._thread = threading.Thread(target=self._write_all, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        why = "The duration is over" if error is None else str(error) or type(error).__name__
+        self.note("end", why=why, time=now())
+        self._events.put(None)
+        self._thread.join()
+        os.close(self._file)
+
+    def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Append an event."""
+        self._events.put({"event": event, **values})
+
+    def _write_all(self) -> None:
+        synced = time.monotonic()
+        try:
+            while (event := self._events.get()) is not None:
+                line = to_line(event).encode()
+                while line:
+                    line = line[os.write(self._file, line) :]
+                if time.monotonic() - synced > SYNC_EVERY:
+                    os.fsync(self._file)
+                    synced = time.monotonic()
+            os.fsync(self._file)
+        except (OSError, ValueError) as error:
+            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+
+
+def now() -> str:
+    """The time, for people."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def read(path: Path) -> Iterator[Event]:
+    """The events of a log; half a line at its end, which is being written or never will be, is passed over.
+
+    Raises:
+        RobotError: if it cannot be read, is no log, or is damaged before its end.
+    """
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                try:
+                    event = from_line(line)
+                    if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
+                        raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
+                except ValueError as error:
+                    if number > 1 and next(file, None) is None:
+                        return
+                    raise RobotError(f"{path}, line {number}: {error}") from None
+                yield event
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What a controller decided in a cycle.
+
+    time: Since the start of the run [s].
+    differs: How what it decides now differs from the log; empty if it does not.
+    """
+
+    cycle: int
+    time: float
+    state: int
+    next_state: int
+    readings: Readings
+    wheels: Wheels
+    differs: str
+
+
+def controller_of(start: Mapping[str, Any]) -> tuple[Pfsm, Controller]:
+    """What the start of a log says was run.
+
+    Raises:
+        KeyError, TypeError, FsmError: if it does not.
+    """
+    pfsm = parse(start["fsm"], start["flavour"], tolerate=lambda _: None)
+    return pfsm, Controller(pfsm, ReferenceModel(**start["reference_model"]))
+
+
+def replay(path: Path) -> Iterator[tuple[Pfsm, Decision]]:
+    """Run the controller of a log again on its readings and draws.
+
+    Raises:
+        RobotError: as `read`, or if the log is not of this version's making.
+    """
+    events = read(path)
+    try:
+        pfsm, controller = controller_of(next(events))
+        for event in events:
+            if event["event"] == "cycle":
+                yield pfsm, _decide(controller, event)
+    except StopIteration:
+        raise RobotError(f"{path}: expected a robot's log, found nothing") from None
+    except (KeyError, TypeError, ValueError, IndexError, FsmError) as error:
+        raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
+
+
+def _decide(controller: Controller, event: Event) -> Decision:
+    readings, wheels = Readings(*event["readings"]), Wheels(*event["wheels"])
+    state = controller.state
+    decided = controller.step(readings, event["draws"])
+    found, logged = (state, controller.state, decided), (event["state"], event["next_state"], wheels)
+    return Decision(
+        cycle=event["cycle"],
+        time=event["time"],
+        state=state,
+        next_state=controller.state,
+        readings=readings,
+        wheels=decided,
+        differs="" if found == logged else f"decides {found}, the log has {logged}",
+    )

@@ -1,0 +1,266 @@
+"""The robot as one object: what its sensors tell and how old that is, the wheels, the lamps; start-up and shut-down.
+
+What measurements mean to a behaviour is said in fsm/, for simulation and robot alike.
+"""
+
+import contextlib
+import math
+import time
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any, Self
+
+from mercator_design.colours import COLOURS, RGB, STATE_COLOURS, ColourName
+from mercator_design.errors import RobotError, Stopped
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.perception import perceive, proximity_weight
+from mercator_design.fsm.reference import Readings, Wheels
+from mercator_design.robot.multiflex import Distances
+from mercator_design.robot.ports import Line, Ports
+from mercator_design.robot.rvr import Notification, Response
+from mercator_design.robot.rvr_messages import LIGHTS, Processor, lights
+from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.safety import Brake
+from mercator_design.robot.samples import STREAMED, Sample, samples
+from mercator_design.robot.settings import Settings, nearest
+from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.sweep import BINS, STEP, Sweep
+from mercator_design.robot.talk import Event, Talk, words
+from mercator_design.robot.ydlidar import Packet
+
+COMMANDS_END = 0.3
+"""[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
+PERIOD = 0.05
+"""[s] of the RVR's streaming."""
+
+_BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
+_POLL = 10.0  # [s] between questions after the battery
+_SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
+_CRITICAL = 3  # state of the battery
+_TANK, _BRAKING = 2, 0  # controllers of the drive
+
+
+class Mercator:
+    """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
+
+    samples: The latest of each sensor, by name: those of `samples`, `proximity` [m] in the order of the hub, and
+        `lidar`, without values: when a turn has ended.
+    neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
+    facts: Versions and the like, for people.
+    notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
+    """
+
+    def __init__(
+        self, settings: Settings, ports: Ports, reads: Iterable[str], labels: Mapping[ColourName, RGB]
+    ) -> None:
+        """Make the robot; nothing is sent yet.
+
+        Args:
+            settings: What is particular to it.
+            ports: Its open ports.
+            reads: The senses that are needed, of modules.SENSES; the robot stops if one of them is stale.
+            labels: What the ground sensor reads on each colour of the floor.
+
+        Raises:
+            RobotError: if it lacks a sense.
+        """
+        limits = settings.limits
+        sources = {
+            "proximity": ("proximity", limits.proximity, "proximity"),
+            "neighbours": ("lidar", limits.lidar, "lidar"),
+            "ground": ("ground", limits.rvr, "rvr"),
+        }
+        if lacking := sorted(set(reads) - set(sources)):
+            raise RobotError(f"expected a PFSM that reads {', '.join(sources)}, found one that reads {lacking[0]}")
+        self._needed = [("attitude", limits.rvr, "rvr"), *(sources[sense] for sense in sorted(reads))]
+        lines = [Line(device, port) for device, port in zip(Ports._fields, ports, strict=True)]
+        self._talk = Talk(lines, self._take)
+        _, self._lidar, _ = lines
+        self._settings, self._model = settings, settings.reference_model
+        self._labels = labels
+        self._sweep = Sweep(settings.lidar_angle)
+        self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
+        self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
+        self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
+        self._polled = -math.inf
+        self._shown: tuple[float, int] | None = None
+        self.samples: dict[str, Sample] = {}
+        self.neighbours: list[tuple[float, float]] = []
+        self.facts: dict[str, Any] = {}
+        self.notes: list[str] = []
+        zero = self._drive_command(0.0, 0.0) + self._talk.command("drive_stop")
+        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, zero, limits.speed)
+
+    def __enter__(self) -> Self:
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def attend(self, until: float) -> None:
+        """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
+
+        Raises:
+            Stopped: if a device says that the robot must not drive.
+            RobotError: if a port is lost.
+        """
+        self._talk.attend(until)
+
+    def readings(self) -> Readings:
+        """What the robot perceives now; what no sensor tells any more is neutral.
+
+        Raises:
+            Stopped: if a sense that is needed is stale.
+        """
+        now = time.monotonic()
+        if stale := self._stale(now):
+            raise Stopped(stale)
+        limits, model = self._settings.limits, self._model
+        distances, bearings_x, bearings_y = self._found
+        proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
+        n, ground = 0, COLOURS["white"]
+        if self.age("proximity", now) <= limits.proximity:
+            proximity = self.samples["proximity"].values
+        if self.age("lidar", now) <= limits.lidar:
+            n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
+        if self.age("ground", now) <= limits.rvr:
+            ground = COLOURS[self._label()]
+        self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
+        weights = [proximity_weight(model, distance) for distance in proximity]
+        return perceive(
+            model,
+            weights,
+            self._looks_x,
+            self._looks_y,
+            distances,
+            bearings_x,
+            bearings_y,
+            n,
+            float(n),
+            ground,
+            (0.0, 0.0),
+        )
+
+    def age(self, name: str, now: float) -> float:
+        """Of a sample [s]; infinite if there is none."""
+        return now - self.samples[name].time if name in self.samples else math.inf
+
+    def drive(self, wheels: Wheels) -> None:
+        """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
+
+        Raises:
+            Stopped: if something has stopped the wheels, or a fraction is out of range or not a number.
+            RobotError: if the port is lost.
+        """
+        speed = self._settings.limits.speed
+        self.brake.drive(speed * wheels.left, speed * wheels.right)
+        if time.monotonic() - self._polled > _POLL:
+            self._polled = time.monotonic()
+            self._talk.tell("get_battery_voltage_state")
+            self._talk.tell("get_battery_percentage")
+
+    def show(self, state: int) -> None:
+        """Let the lamps show a state of the PFSM."""
+        now = time.monotonic()
+        if self._shown is None or self._shown[1] != state or now - self._shown[0] > _SHOW:
+            self._shown = now, state
+            self._talk.tell("set_all_leds", **lights(dict.fromkeys(LIGHTS, STATE_COLOURS[state])))
+
+    def close(self) -> None:
+        """Stop the wheels, then all else; nothing is raised."""
+        self.brake.stop("the run has ended")
+        talk = self._talk
+        talk.is_ending = True
+        with contextlib.suppress(RobotError):
+            stop_lidar(talk, self._lidar)
+        with contextlib.suppress(RobotError):
+            for processor in Processor:
+                talk.tell("clear_streaming_service", processor)
+            talk.tell("enable_color_detection", is_enabled=False)
+            talk.tell("release_led_requests")
+            talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
+            talk.tell("restore_default_control_system_timeout")
+
+    def _start(self) -> None:
+        talk = self._talk
+        self.facts |= wake_rvr(talk)
+        self._polled = time.monotonic()
+        talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
+        self._watch_commands_end()
+        talk.tell("enable_battery_voltage_state_change_notify", is_enabled=True)
+        talk.tell("enable_motor_fault_notify", is_enabled=True)
+        talk.tell("reset_yaw")
+        talk.tell("reset_locator_x_and_y")
+        talk.tell("enable_color_detection", is_enabled=True)
+        for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
+            talk.ask(name, processor, **values)
+        self.facts |= start_lidar(talk, self._lidar)
+        start_hub(talk)
+        talk.until(lambda: not self._stale(time.monotonic()), _BEGIN)
+        if stale := self._stale(time.monotonic()):
+            raise RobotError(stale)
+
+    def _watch_commands_end(self) -> None:
+        """See whether a command to drive, at speed zero, ends by itself as it was told to.
+
+        The maker's documents do not say what a robot that was stopped so answers, so this is not held against it.
+        """
+        self.brake.drive(0.0, 0.0)
+        first = self._talk.ask("get_active_control_system_id")["controller_id"]
+        self.attend(time.monotonic() + COMMANDS_END + 0.1)
+        then = self._talk.ask("get_active_control_system_id")["controller_id"]
+        self.facts["commands_end"] = (
+            f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
+        )
+
+    def _stale(self, now: float) -> str:
+        """What is wrong with the age of a sample that is needed; empty if nothing is."""
+        for name, limit, device in self._needed:
+            if (age := self.age(name, now)) > limit:
+                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
+                return f"{name}: {found}; {self._talk.remedy(device)}"
+        return ""
+
+    def _label(self) -> ColourName:
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
+
+    def _drive_command(self, left: float, right: float) -> bytes:
+        return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
+
+    def _take(self, event: Event, now: float) -> None:
+        match event:
+            case StreamData(is_valid=True):
+                self.samples.update(samples(event, now))
+            case Packet():
+                self._sweep.add(event)
+                if event.is_ring_start and self._sweep.is_whole:
+                    self.samples["lidar"] = Sample(now, ())
+            case Distances():
+                metres = event.metres()
+                if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
+                    self.samples["proximity"] = Sample(now, tuple(metres))
+            case Response() if not self._talk.is_ending:
+                self._heed(event.name, event.values)
+                if event.name == "drive_tank_si_units" and event.error:
+                    raise Stopped(f"rvr: it does not drive: {words(event.error)}")
+            case Notification() if not self._talk.is_ending:
+                self.notes.append(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
+                self._heed(event.name, event.values)
+
+    def _heed(self, name: str, values: Mapping[str, Any]) -> None:
+        """Stop if the RVR says that it must not drive."""
+        match name:
+            case "get_battery_percentage":
+                self.notes.append("battery {percentage} %".format_map(values))
+            case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
+                raise Stopped("rvr: the battery is critical; charge it")
+            case "did_sleep":
+                raise Stopped("rvr: it fell asleep")
+            case "motor_fault" if values["is_fault"]:
+                raise Stopped("rvr: a motor has a fault")

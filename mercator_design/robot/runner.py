@@ -1,0 +1,151 @@
+"""A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from mercator_design import __version__
+from mercator_design.errors import RobotError
+from mercator_design.fsm import Controller, Wheels, to_text
+from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm.text import FsmFile
+from mercator_design.robot.log import FORMAT, Log, now
+from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.ports import open_ports
+from mercator_design.robot.safety import Signals, Watchdog, go_first
+from mercator_design.robot.settings import Settings
+
+CONTROL_PERIOD = 0.1
+"""[s] of a control cycle, as missions have it unless they say otherwise."""
+_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What is to be run.
+
+    file: The PFSM and its header.
+    seed: Of the draws.
+    duration: [s]; None: until something stops it.
+    is_dry: The wheels stay at rest.
+    """
+
+    file: FsmFile
+    seed: int
+    duration: float | None = None
+    is_dry: bool = False
+
+
+def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) -> None:
+    """Run a PFSM on the robot, until its duration is over.
+
+    Args:
+        settings: The robot.
+        what: To run.
+        path: Of the log, a new file.
+        tell: Called with what people should know.
+
+    Raises:
+        Stopped: if something stopped the wheels, with what it was.
+        RobotError: if a device cannot be used, or the log cannot be written.
+        FsmError: if the header of the PFSM's file tells of no floor that there is.
+        Signalled: if a signal came.
+    """
+    go_first(1)
+    signals, pfsm = Signals(), what.file.pfsm
+    labels = settings.labels_of(what.file.header)
+    with signals.caught(), open_ports(settings.ports) as ports:
+        robot = Mercator(settings, ports, pfsm.reads, labels)
+        signals.brake = robot.brake
+        watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
+        with watchdog, robot, Log(path) as log, signals.until_stopped():
+            robot.facts["floor"] = " or ".join(labels)
+            _begin(log, settings, what, robot, tell)
+            _await_heartbeat(settings, watchdog, robot)
+            watchdog.arm()
+            _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
+    if log.failure:
+        raise RobotError(log.failure)
+
+
+def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
+    pfsm = what.file.pfsm
+    log.note(
+        "start",
+        format=FORMAT,
+        version=__version__,
+        time=now(),
+        robot=settings.name,
+        fsm=to_text(pfsm),
+        flavour=pfsm.flavour,
+        header=dict(what.file.header),
+        seed=what.seed,
+        duration=what.duration,
+        dry_run=what.is_dry,
+        control_period=CONTROL_PERIOD,
+        reference_model=settings.reference_model._asdict(),
+        facts=dict(robot.facts),
+    )
+    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in robot.facts.items())
+    tell(f"{settings.name}: {said}")
+
+
+def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
+    if settings.swarm.heartbeat is None:
+        return
+    end = time.monotonic() + _FIRST_HEARTBEAT
+    while watchdog.heard is None:
+        if time.monotonic() > end:
+            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
+        robot.attend(time.monotonic() + CONTROL_PERIOD)
+
+
+def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
+    """Control cycles until the duration is over; one that comes late is not made up for."""
+    random = Random(what.seed)
+    start = due = time.monotonic()
+    most = math.inf if what.duration is None else what.duration - 0.5 * CONTROL_PERIOD
+    cycle = 0
+    while True:
+        robot.attend(due)
+        begin, worked = time.monotonic(), time.thread_time()
+        if begin - start >= most:
+            return
+        if log.failure:
+            raise RobotError(log.failure)
+        state, readings = controller.state, robot.readings()
+        draws = [random.random() for _ in range(DRAWS)]
+        wheels = controller.step(readings, draws)
+        robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
+        robot.show(controller.state)
+        log.note(
+            "cycle",
+            cycle=cycle,
+            time=round(begin - start, 6),
+            state=state,
+            next_state=controller.state,
+            readings=readings,
+            draws=draws,
+            wheels=wheels,
+            cpu=round(time.thread_time() - worked, 6),
+            neighbours=robot.neighbours,
+            sensed={
+                name: [round(begin - sample.time, 4), *map(_plain, sample.values)]
+                for name, sample in robot.samples.items()
+            },
+        )
+        for note in robot.notes:
+            log.note("note", cycle=cycle, text=note)
+        robot.notes.clear()
+        cycle += 1
+        due = max(due + CONTROL_PERIOD, time.monotonic())
+
+
+def _plain(value: float) -> float | None:
+    """As JSON has it: null where nothing is in sight, 0 where something is too near."""
+    if math.isinf(value):
+        return None if value > 0.0 else 0.0
+    return round(value, 6)

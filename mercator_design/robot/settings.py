@@ -1,0 +1,100 @@
+"""What is particular to one robot: its ports, limits, colours, and where its sensors look. A YAML file, robot.yaml."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from mercator_design.colours import COLOURS, RGB, ColourName, Levels
+from mercator_design.errors import FsmError, SettingsError, excerpt
+from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.loading import FieldError, Length, Name, Range, read
+from mercator_design.robot.ports import PortNames
+
+Angle = Annotated[float, Range(-7.0, 7.0)]
+Age = Annotated[float, Range(0.05, 10.0)]
+
+_RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
+"""As the robot model mercator has its proximity sensors."""
+_USUAL: tuple[ColourName, ...] = ("black", "gray", "white", "red", "green", "blue", "yellow")
+_NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
+"""Constants of reference models that remember, as the e-puck's does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Beyond these the robot stops."""
+
+    speed: Annotated[float, Range(0.01, 1.55)] = 0.3  # [m/s] of a tread that a behaviour drives at full speed
+    rvr: Age = 0.25  # [s] since the RVR last told something
+    proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
+    lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swarm:
+    """What is told to all robots over the network."""
+
+    port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, on which `mercator-robot stop` is heard; null: none
+    heartbeat: Age | None = None  # [s] of silence of `mercator-robot heartbeat` that stop the robot; null: none needed
+
+    def __post_init__(self) -> None:
+        if self.heartbeat is not None and self.port is None:
+            raise FieldError("heartbeat", "there is no port to hear it on")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """One robot; what is left out is as usual."""
+
+    schema: Literal[1] = 1  # version of this format
+    name: Name = "mercator"  # by which it answers
+    ports: PortNames = PortNames()
+    limits: Limits = Limits()
+    labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
+    missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
+        None  # colours of each one's floor, if not those in fsm.txt
+    )
+    proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
+    lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
+    swarm: Swarm = Swarm()
+    reference_model: ReferenceModel = ReferenceModel()
+
+    def __post_init__(self) -> None:
+        for name in _NOT_HERE:
+            if getattr(self.reference_model, name) != 0.0:
+                raise FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
+
+    def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
+        """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
+
+        Raises:
+            FsmError: if the floor in the header is not of colours.
+        """
+        measured = self.labels or {}
+        told = header["floor"].split(", ") if "floor" in header else []
+        if unknown := [name for name in told if name not in COLOURS]:
+            raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
+        floor = tuple(name for name in COLOURS if name in told)
+        names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or _USUAL
+        return {name: COLOURS[name] if name not in measured else _floats(measured[name]) for name in names}
+
+
+def read_settings(path: Path) -> Settings:
+    """The settings in a YAML file.
+
+    Raises:
+        SettingsError: with file, line, key, what was expected and what was found.
+    """
+    return read(path, Settings, error=SettingsError)
+
+
+def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
+    """The label whose colour is nearest to a measured one; the first of several (the Mercator paper, eqs. 1 and 2)."""
+    return min(labels, key=lambda name: math.dist(labels[name], found))
+
+
+def _floats(levels: Levels) -> RGB:
+    red, green, blue = levels
+    return float(red), float(green), float(blue)

@@ -1,0 +1,72 @@
+"""What each device is told before it is of use, and what it says of itself then."""
+
+from functools import partial
+from typing import Any
+
+from mercator_design.errors import RobotError
+from mercator_design.robot import multiflex
+from mercator_design.robot.multiflex import Acknowledgement
+from mercator_design.robot.ports import Line
+from mercator_design.robot.rvr_messages import Processor
+from mercator_design.robot.talk import Talk
+from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
+
+_WAKING = 2.0  # [s] that the RVR may take to wake up
+
+
+def wake_rvr(talk: Talk) -> dict[str, Any]:
+    """End what a former program has begun, and wake the RVR: its firmware and battery.
+
+    Raises:
+        RobotError: if it does not answer.
+    """
+    talk.tell("disable_notifications_and_active_commands")
+    for processor in Processor:
+        talk.tell("clear_streaming_service", processor)
+    talk.tell("wake")
+    talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
+    facts = {}
+    for processor in Processor:
+        version = talk.ask("get_main_application_version", processor)
+        facts[f"firmware_{processor.name.lower()}"] = "{major}.{minor}.{revision}".format_map(version)
+    talk.ask("get_battery_voltage_state")
+    return facts | {"battery": "{percentage} %".format_map(talk.ask("get_battery_percentage"))}
+
+
+def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
+    """Start the lidar's motor and its scan: what device it is.
+
+    Raises:
+        RobotError: if it does not answer, or has an error.
+    """
+    stop_lidar(talk, line)
+    line.set_dtr(high=True)
+    health = talk.exchange("lidar", partial(encode_command, "health"), Health)
+    if health.status == 2:
+        raise RobotError(f"lidar: it reports an error, {health.error_code:#x}; take its power away for a moment")
+    info = talk.exchange("lidar", partial(encode_command, "device_info"), DeviceInfo)
+    talk.exchange("lidar", partial(encode_command, "scan"), ScanStarted)
+    major, minor = info.firmware
+    return {"lidar": f"model {info.model}, firmware {major}.{minor}, serial {info.serial}"}
+
+
+def stop_lidar(talk: Talk, line: Line) -> None:
+    """Stop its scan and its motor."""
+    talk.send("lidar", encode_command("force_stop") + encode_command("stop"))
+    line.set_dtr(high=False)
+
+
+def start_hub(talk: Talk) -> None:
+    """Let the hub tell the distances of all its sensors.
+
+    Raises:
+        RobotError: if it does not answer, or refuses.
+    """
+    for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
+        said = talk.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
+        if not said.ok:
+            raise RobotError(f"proximity: command {command.code:#x} was refused")
+
+
+def _acknowledges(command: multiflex.Command, said: Acknowledgement) -> bool:
+    return said.code == command.code

@@ -1,0 +1,60 @@
+"""The lidar's last turn: ranges in a ring by angle, each kept until the lidar comes by again."""
+
+import math
+
+from mercator_design.robot.ydlidar import Packet
+
+BINS = 1440
+"""Of the ring: more than an X4 has samples in a turn, so that none takes another's place."""
+STEP = math.tau / BINS
+"""[rad] from one to the next; the first is at the front."""
+
+_TURN = 360 * 64  # in the unit of angles in packets
+_BACKWARDS = 10 * 64
+_SAME_PASS = 90 * 64
+
+
+class Sweep:
+    """Takes packets, whatever their size and number; there are ranges at any time.
+
+    What is old is told by the angle that was swept since, not by time: so it does not matter how fast the lidar turns,
+    nor in which pieces its bytes arrive.
+    """
+
+    def __init__(self, front: float = 0.0) -> None:
+        """Begin without a range; `front` is the angle of the lidar's front from the robot's [rad]."""
+        self._front = front
+        self._ranges = [0.0] * BINS
+        self._written = [-_TURN] * BINS  # how far the lidar had swept
+        self._swept = 0
+        self._last: int | None = None  # angle of the last packet's last sample
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the lidar has gone round once."""
+        return self._swept >= _TURN
+
+    def add(self, packet: Packet) -> None:
+        """Take in a packet."""
+        if packet.is_suspect:
+            return
+        if self._last is not None:
+            ahead = (packet.first - self._last) % _TURN
+            self._swept += ahead if ahead < _TURN - _BACKWARDS else 0
+        span = (packet.last - packet.first) % _TURN
+        for angle, distance in packet.points():
+            k = round((angle + self._front) / STEP) % BINS
+            # Corrected angles of what is near and far overlap: the nearer hides the other.
+            hidden = 0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS
+            if distance > 0.0 and not hidden:
+                self._ranges[k] = distance
+                self._written[k] = self._swept + span
+        self._swept += span
+        self._last = packet.last
+
+    def ranges(self) -> list[float]:
+        """Of each bin [m]; 0 where nothing was seen in the last turn."""
+        oldest = self._swept - _TURN
+        return [
+            distance if written > oldest else 0.0 for distance, written in zip(self._ranges, self._written, strict=True)
+        ]

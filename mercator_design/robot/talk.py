@@ -1,0 +1,158 @@
+"""Talk with the three devices: what they are told and asked, and all that is heard meanwhile."""
+
+import select
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeAlias, TypeVar
+
+from mercator_design.errors import RobotError
+from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.multiflex import Acknowledgement
+from mercator_design.robot.ports import Line
+from mercator_design.robot.rvr import Flags, Notification, Response, Unknown
+from mercator_design.robot.rvr_messages import Error, Processor, Value
+from mercator_design.robot.rvr_streaming import StreamData
+from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted
+
+_ANSWER = 0.3  # [s] that a device may take to answer, ...
+_TRIES = 5  # ... and how often it is asked
+_LOOK = 0.01  # [s]
+_REMEMBERED = 100
+_MUCH = 1000  # bytes without a meaning; a few are normal after a start
+_REMEDIES = {
+    "rvr": "is it switched on, its UART wired, and no login shell on it (raspi-config)?",
+    "lidar": "has it power (5 V, 1 A)?",
+    "proximity": "is this the hub's port, and are all sensors plugged in?",
+}
+
+Said: TypeAlias = Response | Notification | Health | DeviceInfo | ScanStarted | Acknowledgement
+Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
+S = TypeVar("S", bound=Said)
+
+
+class Talk:
+    """The devices' lines.
+
+    said: Answers and notifications, the latest last.
+    is_ending: Whether a line that is lost is no matter any more.
+    """
+
+    def __init__(self, lines: Iterable[Line], take: Callable[[Event, float], None]) -> None:
+        """Begin; nothing is sent yet.
+
+        Args:
+            lines: To the devices.
+            take: Called with what is heard, and when [s].
+        """
+        self._lines = {line.device: line for line in lines}
+        self._open = list(self._lines.values())
+        self._take = take
+        self._host, self._lidar, self._hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
+        self.said: deque[Said] = deque(maxlen=_REMEMBERED)
+        self.is_ending = False
+
+    def send(self, device: str, data: bytes) -> None:
+        """Send bytes to a device.
+
+        Raises:
+            RobotError: if the port is lost.
+        """
+        self._lines[device].write(data)
+
+    def command(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
+        """A command to the RVR, which answers if it refuses, or if it is asked something."""
+        return self._host.send(name, target=target, reply=Flags.ANSWER | Flags.ONLY_ERRORS, **values)
+
+    def tell(self, name: str, target: Processor | None = None, /, **values: Value) -> None:
+        """Tell the RVR something; errors are those of `send`."""
+        self.send("rvr", self.command(name, target, **values))
+
+    def ask(self, name: str, target: Processor | None = None, /, **values: Value) -> Mapping[str, Any]:
+        """What the RVR answers to a command.
+
+        Raises:
+            RobotError: if it does not, or refuses, or a port is lost.
+        """
+
+        def command() -> bytes:
+            return self._host.send(name, target=target, reply=Flags.ANSWER, **values)
+
+        def answers(response: Response) -> bool:
+            return response.name == name and response.processor == (target or response.processor)
+
+        response = self.exchange("rvr", command, Response, answers)
+        if response.error:
+            raise RobotError(f"rvr: {name} was refused: {words(response.error)}")
+        return response.values
+
+    def exchange(
+        self, device: str, command: Callable[[], bytes], kind: type[S], answers: Callable[[S], bool] = lambda _: True
+    ) -> S:
+        """What a device answers to a command, which is repeated until it does; errors are those of `ask`."""
+
+        def found() -> list[S]:
+            return [said for said in self.said if isinstance(said, kind) and answers(said)]
+
+        for _ in range(_TRIES):
+            self.said.clear()
+            self.send(device, command())
+            if self.until(lambda: bool(found()), _ANSWER):
+                return found()[0]
+        raise RobotError(f"{device}: no answer; {self.remedy(device)}")
+
+    def remedy(self, device: str) -> str:
+        """What to look at if a device says nothing, or nothing that makes sense."""
+        lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
+        noise = f" ({lost} bytes from it make no sense: another device, or another baud rate)" if lost > _MUCH else ""
+        return _REMEDIES[device] + noise
+
+    def until(self, done: Callable[[], bool], seconds: float) -> bool:
+        """Hear the devices until something is so, or for so long; whether it is. Errors are those of `attend`."""
+        end = time.monotonic() + seconds
+        while not done():
+            if time.monotonic() >= end:
+                return False
+            self.attend(time.monotonic() + _LOOK)
+        return True
+
+    def attend(self, until: float) -> None:
+        """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
+
+        Raises:
+            RobotError: if a port is lost; or what `take` raises.
+        """
+        while True:
+            left = until - time.monotonic()
+            ready, _, _ = select.select(self._open, [], [], max(0.0, left))
+            for line in ready:
+                self._hear(line)
+            if left <= 0.0:
+                return
+
+    def _hear(self, line: Line) -> None:
+        try:
+            data = line.read()
+        except RobotError:
+            self._open.remove(line)
+            if self.is_ending:
+                return
+            raise
+        now = time.monotonic()
+        heard: Iterable[Event]
+        match line.device:
+            case "rvr":
+                heard = self._host.receive(data)
+            case "lidar":
+                heard = self._lidar.receive(data)
+            case _:
+                heard = self._hub.receive(data)
+        for event in heard:
+            if isinstance(event, Said):
+                self.said.append(event)
+            self._take(event, now)
+
+
+def words(error: int) -> str:
+    """An error of the RVR's, as text."""
+    return Error(error).name.lower().replace("_", " ") if error in list(Error) else f"error {error:#04x}"

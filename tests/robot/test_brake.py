@@ -1,0 +1,86 @@
+"""The brake: what passes it, and that nothing does after a stop, whoever pulls it and when."""
+
+import math
+import threading
+
+import pytest
+
+from mercator_design.errors import RobotError, Stopped
+from mercator_design.robot.safety import Brake
+
+
+class Wire:
+    """What is sent: speeds, or "zero"."""
+
+    def __init__(self):
+        self.sent = []
+        self.during = None  # what happens while a command is being sent
+        self.is_lost = False
+
+    def write(self, data):
+        if self.is_lost:
+            raise RobotError("rvr: lost")
+        if self.during and data != b"zero":
+            self.during()
+        self.sent.append(data)
+
+
+@pytest.fixture
+def wire():
+    return Wire()
+
+
+@pytest.fixture
+def brake(wire):
+    return Brake(wire.write, lambda left, right: f"{left:g} {right:g}".encode(), b"zero", 0.3)
+
+
+def test_what_is_in_range_passes(wire, brake):
+    brake.drive(0.3, -0.3)
+    brake.drive(0.0, 0.1)
+    assert wire.sent == [b"0.3 -0.3", b"0 0.1"]
+
+
+@pytest.mark.parametrize("speeds", [(0.3001, 0.0), (0.0, -0.3001), (math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0)])
+def test_what_is_not_stops_for_good(wire, brake, speeds):
+    with pytest.raises(Stopped, match="wheels: expected speeds from"):
+        brake.drive(*speeds)
+    assert wire.sent == [b"zero"] * 2
+    with pytest.raises(Stopped, match="wheels"):
+        brake.drive(0.1, 0.1)
+    assert wire.sent == [b"zero"] * 2
+
+
+def test_the_first_reason_stays_and_every_stop_is_sent(wire, brake):
+    brake.stop("one")
+    brake.stop("another")
+    assert brake.why == "one"
+    assert wire.sent == [b"zero"] * 4
+
+
+def test_a_lost_line_raises_when_driving_and_not_when_stopping(wire, brake):
+    wire.is_lost = True
+    with pytest.raises(RobotError, match="lost"):
+        brake.drive(0.1, 0.1)
+    brake.stop("the end")
+    assert brake.why == "the end"
+
+
+def test_a_stop_waits_for_a_command_that_is_being_sent_but_not_for_long(wire, brake):
+    """Another thread's stop, while a command to drive is stuck: zero has the last word."""
+
+    def other():
+        thread = threading.Thread(target=brake.stop, args=["stuck"])
+        thread.start()
+        thread.join()
+
+    wire.during = other
+    brake.drive(0.2, 0.2)
+    assert wire.sent[:3] == [b"zero", b"zero", b"0.2 0.2"]
+    assert wire.sent[3:] == [b"zero"] * 2
+
+
+def test_a_stop_by_a_signal_handler_while_a_command_is_being_sent(wire, brake):
+    wire.during = lambda: brake.stop("SIGTERM")
+    brake.drive(0.2, 0.2)
+    assert wire.sent[-2:] == [b"zero"] * 2

@@ -1,0 +1,155 @@
+"""The log of a run: whole to its last line, and the same decisions when it is replayed, here and compiled."""
+
+import random
+
+import numpy as np
+import pytest
+
+from mercator_design.checked_lines import to_line
+from mercator_design.errors import RobotError
+from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
+from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
+from mercator_design.jit import compiled
+from mercator_design.robot.cli import cli
+from mercator_design.robot.log import Log, controller_of, read, replay
+from tests.fsm.test_parity import program_arrays
+
+FSM = (
+    "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 3 --p0x0 1 --w0x0 5 "
+    "--s1 2 --att1 2.5 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.3"
+)
+CYCLES = 300
+
+
+@pytest.fixture
+def log(tmp_path):
+    """The log of a run with readings drawn at random."""
+    draw = random.Random(5)
+    controller = Controller(parse(FSM))
+    with Log(tmp_path / "log.jsonl") as log:
+        model = ReferenceModel()._asdict()
+        log.note("start", format=1, fsm=FSM, flavour="watermelon", reference_model=model)
+        for cycle in range(CYCLES):
+            readings = Readings(*(draw.uniform(-1, 1) for _ in range(2)), draw.choice([0.0, 1.0, 2.0]), draw.random())
+            draws = [draw.random() for _ in range(DRAWS)]
+            state = controller.state
+            wheels = controller.step(readings, draws)
+            log.note(
+                "cycle",
+                cycle=cycle,
+                time=0.1 * cycle,
+                state=state,
+                next_state=controller.state,
+                readings=readings,
+                draws=draws,
+                wheels=wheels,
+            )
+    return tmp_path / "log.jsonl"
+
+
+def lines(log):
+    return log.read_bytes().splitlines(keepends=True)
+
+
+def test_it_replays_identically(log):
+    decisions = [decision for _, decision in replay(log)]
+    assert len(decisions) == CYCLES
+    assert {decision.differs for decision in decisions} == {""}
+    assert {decision.state for decision in decisions} == {0, 1}
+
+
+def test_the_simulator_s_kernel_decides_the_same(log):
+    start, *events = read(log)
+    pfsm, _ = controller_of(start)
+    program, memory = program_arrays(pfsm), np.zeros(MEMORY)
+    model = ReferenceModel(**start["reference_model"])
+    for event in events[:-1]:
+        assert int(memory[0]) == event["state"]
+        wheels = compiled(control_cycle)(model, program, Readings(*event["readings"]), memory, np.array(event["draws"]))
+        assert list(wheels) == event["wheels"]
+        assert int(memory[0]) == event["next_state"]
+
+
+def test_a_cycle_that_was_decided_otherwise_is_named(log, robot_command):
+    start, *events = read(log)
+    events[7]["wheels"] = [0.5, 0.5]
+    log.write_text("".join(map(to_line, [start, *events])))
+    code, out, err = robot_command("replay", log)
+    assert code == 1
+    assert "cycle 7: decides" in err
+    assert "1 cycles differ" in err
+    assert len(out.splitlines()) == CYCLES
+
+
+def test_replay_shows_every_decision(log, robot_command):
+    code, out, err = robot_command("replay", log)
+    assert (code, err) == (0, "")
+    assert "state 0 exploration" in out
+    assert "-> 1 (neighbours count)" in out
+    assert "-> 0 (fixed probability)" in out
+
+
+def test_half_a_line_at_the_end_is_passed_over(log):
+    whole = log.read_bytes()
+    last = lines(log)[-1]
+    for cut in (1, len(last) // 2, len(last) - 1):
+        log.write_bytes(whole[:-cut])
+        assert [event["event"] for event in read(log)].count("cycle") == CYCLES
+    log.write_bytes(whole)
+    assert [*read(log)][-1]["why"] == "The duration is over"
+
+
+@pytest.mark.parametrize("number", [1, 2, 100])
+def test_damage_before_the_end_is_named(log, number):
+    damaged = lines(log)
+    damaged[number - 1] = damaged[number - 1].replace(b"0", b"1", 1)
+    log.write_bytes(b"".join(damaged))
+    with pytest.raises(RobotError, match=f"log.jsonl, line {number}: expected the checksum"):
+        [*read(log)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected a robot's log, found nothing"),
+        ("nonsense\n", "line 1: expected an event"),
+        (to_line({"event": "start", "format": 2}), "line 1: expected the start of a robot's log, of format 1"),
+        (to_line({"event": "start", "format": 1}), "expected what this version writes"),
+    ],
+)
+def test_what_is_no_log(tmp_path, robot_command, text, words):
+    file = tmp_path / "other.jsonl"
+    file.write_text(text)
+    code, _, err = robot_command("replay", file)
+    assert (code, words in err) == (1, True), err
+
+
+def test_a_log_is_never_written_over(log):
+    with pytest.raises(RobotError, match=r"log.jsonl: cannot be written: File exists"):
+        Log(log)
+
+
+def test_it_can_be_read_while_it_is_written(tmp_path):
+    path = tmp_path / "log.jsonl"
+    with Log(path) as log:
+        log.note("start", format=1)
+        while not path.stat().st_size:
+            pass
+        assert [event["event"] for event in read(path)] == ["start"]
+
+
+def test_why_it_ended(tmp_path):
+    def fail():
+        with Log(tmp_path / "log.jsonl") as log:
+            log.note("start", format=1)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert [*read(tmp_path / "log.jsonl")][-1]["why"] == "ZeroDivisionError"
+
+
+def test_every_verb_has_help(robot_command):
+    for verb in cli.commands:
+        code, out, _ = robot_command(verb, "-h")
+        assert (code, out.startswith(f"Usage: mercator-robot {verb}")) == (0, True)

@@ -1,0 +1,214 @@
+"""What the robot makes of what its devices tell, and how it is started up and shut down, on pseudo-terminals."""
+
+import math
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from mercator_design.errors import RobotError, Stopped
+from mercator_design.fsm import Readings, ReferenceModel, Wheels
+from mercator_design.fsm.perception import proximity_weight
+from mercator_design.robot import mercator, start, talk
+from mercator_design.robot.mercator import COMMANDS_END, Mercator
+from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.settings import Settings
+from mercator_design.sim.robot_model import load_robot_model
+from tests.robot.devices import Devices
+
+SENSES = ("proximity", "neighbours", "ground")
+NEAR = ReferenceModel().neighbour_range
+
+
+@contextmanager
+def robot_on(devices, reads=SENSES, **settings):
+    settings = Settings(ports=devices.names, **settings)
+    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, settings.labels_of({})) as robot:
+        yield robot
+
+
+@pytest.fixture
+def devices():
+    with Devices() as devices:
+        yield devices
+
+
+def told(robot, seconds=0.3):
+    """What the robot perceives once the devices have told it."""
+    robot.attend(time.monotonic() + seconds)
+    return robot.readings()
+
+
+class TestReadings:
+    def test_one_after_the_other(self, devices):
+        """One robot through all senses, as it takes a second to start."""
+        with robot_on(devices) as robot:
+            self.nothing_in_sight(robot)
+            self.axes(devices, robot)
+            self.ground(devices, robot)
+            self.obstacles(devices, robot)
+            self.robots(devices, robot)
+
+    def nothing_in_sight(self, robot):
+        assert told(robot) == Readings(ground_red=0.0, ground_green=0.0, ground_blue=0.0)
+
+    def axes(self, devices, robot):
+        """What is to the right, forwards and up on the line is forwards, to the left and up here."""
+        right_forwards_up = {"x": 0.25, "y": 0.5, "z": 1.0}
+        devices.sensed |= dict.fromkeys(("accelerometer", "gyroscope", "locator", "velocity"), right_forwards_up)
+        devices.sensed["quaternion"] = {"w": 0.1, "x": 0.2, "y": 0.3, "z": 0.4}
+        devices.sensed["imu"] = {"pitch": 10.0, "roll": 20.0, "yaw": 90.0}
+        devices.sensed["ambient_light"] = {"light": 500.0}
+        told(robot)
+        values = {name: sample.values for name, sample in robot.samples.items()}
+        degree = math.pi / 180.0
+        expected = {
+            "acceleration": (0.5 * 9.80665, -0.25 * 9.80665, 9.80665),
+            "turning": (0.5 * degree, -0.25 * degree, degree),
+            "position": (0.5, -0.25),
+            "velocity": (0.5, -0.25),
+            "orientation": (0.1, 0.3, -0.2, 0.4),
+            "attitude": (20.0 * degree, -10.0 * degree, 90.0 * degree),
+            "ambient_light": (500.0,),
+        }
+        for name, vector in expected.items():
+            assert values[name] == pytest.approx(vector, abs=2e-5), name
+
+    def ground(self, devices, robot):
+        devices.sensed["color_detection"] |= {"r": 190, "g": 200, "b": 30}
+        assert told(robot)[5:8] == (255.0, 255.0, 0.0)
+        assert robot.samples["ground"].values == (190, 200, 30)
+
+    def obstacles(self, devices, robot):
+        """Sensor 7 looks to the left; 65535 is nothing, less than 50 too near, more than 2000 too far."""
+        devices.millimetres = [2500, 65535, 2000, 401, 65535, 65535, 65535, 200]
+        readings = told(robot)
+        weight = proximity_weight(ReferenceModel(), 0.2)
+        assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, weight))
+        devices.millimetres = [65535, 30, *[65535] * 6]
+        assert told(robot)[:2] == pytest.approx((1.0, 0.0))
+
+    def robots(self, devices, robot):
+        """One in front, over the end of the ring; one to the left and behind; one that is too far."""
+        devices.robots = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
+        readings = told(robot, 1.0)
+        assert readings.neighbours == 2
+        places = sorted(robot.neighbours)
+        assert places[0] == pytest.approx((0.4, 0.01), abs=0.01)
+        assert places[1] == pytest.approx((0.7, 2.5), abs=0.01)
+        pulls = [(1 / 1.4, 0.01), (1 / 1.7, 2.5)]
+        x = sum(weight * math.cos(angle) for weight, angle in pulls)
+        y = sum(weight * math.sin(angle) for weight, angle in pulls)
+        assert (readings.neighbours_x, readings.neighbours_y) == pytest.approx((x, y), abs=0.01)
+
+    def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
+        assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles
+        assert Settings().limits.speed == load_robot_model("mercator").drive.maximum_speed
+
+    def test_what_is_not_needed_and_silent_is_neutral(self, devices):
+        devices.silent = {"color_detection"}
+        with robot_on(devices, ("proximity",)) as robot:
+            assert told(robot)[5:8] == (255.0, 255.0, 255.0)
+            devices.silent.add("proximity")
+            robot.attend(time.monotonic() + 0.7)
+            with pytest.raises(
+                Stopped, match=r"^proximity: nothing for 0\.\d\d s; the limit is 0\.5 s; is this the hub's"
+            ):
+                robot.readings()
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Devices that say nothing are given up soon."""
+    monkeypatch.setattr(mercator, "_BEGIN", 1.0)
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.5)
+
+
+class TestStart:
+    def test_commands(self, devices):
+        with robot_on(devices) as robot:
+            assert robot.facts["firmware_st"] == "9.1.462"
+            assert robot.facts["battery"] == "87 %"
+            assert robot.facts["commands_end"] == "seen after 0.3 s"
+        names = [name for _, name, _ in devices.commands]
+        assert names[:4] == ["disable_notifications_and_active_commands", *["clear_streaming_service"] * 2, "wake"]
+        values = {name: values for _, name, values in devices.commands}
+        assert values["set_custom_control_system_timeout"] == {"command_timeout": round(1000 * COMMANDS_END)}
+        assert names.index("reset_yaw") < names.index("start_streaming_service")
+        assert {"reset_locator_x_and_y", "enable_battery_voltage_state_change_notify"} <= set(names)
+        assert not devices.drives()
+        assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
+
+    def test_commands_that_do_not_end_are_not_said_to(self, devices):
+        devices.forgets = False
+        with robot_on(devices, ()) as robot:
+            assert robot.facts["commands_end"] == "not seen"
+
+    @pytest.mark.parametrize(
+        ("prepare", "words"),
+        [
+            (lambda d: setattr(d, "battery", 3), r"^rvr: the battery is critical; charge it$"),
+            (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
+            (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
+            (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
+            (lambda d: d.silent.add("color_detection"), r"^ground: nothing yet; is it switched on"),
+            (
+                lambda d: d.refused.update(set_custom_control_system_timeout=3),
+                r"^rvr: set_custom_control_system_timeout was refused: not yet implemented$",
+            ),
+            (
+                lambda d: d.refused.update(set_custom_control_system_timeout=0x55),
+                r"^rvr: set_custom_control_system_timeout was refused: error 0x55$",
+            ),
+            (lambda d: setattr(d, "health", 2), r"^lidar: it reports an error"),
+        ],
+    )
+    @pytest.mark.usefixtures("impatient")
+    def test_refused(self, devices, prepare, words):
+        prepare(devices)
+        with pytest.raises(RobotError, match=words) as refused, robot_on(devices):
+            pass
+        assert refused.value.exit_code == (4 if devices.battery == 3 else 1)
+        assert not devices.drives()
+        assert devices.wheels[-1][1:] == (0.0, 0.0)
+
+    def test_another_baud_rate_is_told(self, devices, impatient):
+        devices.noise = b"\x00\xf8\x1c" * 50
+        words = r"\d+ bytes from it make no sense: another device, or another baud rate"
+        with pytest.raises(RobotError, match=words), robot_on(devices):
+            pass
+
+    def test_a_sense_that_it_has_not(self):
+        with pytest.raises(
+            RobotError, match="expected a PFSM that reads proximity, neighbours, ground, found one that"
+        ):
+            Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"}, {})
+
+
+def test_damaged_bytes(devices):
+    """One byte of a thousand is wrong: one frame of thirty, of which five in a row make the robot stop (2e-8).
+
+    One packet of the lidar in ten is lost, and with it perhaps the robot that is there, never all the time (1e-20).
+    """
+    devices.damage = 0.001
+    devices.robots = [(0.5, 0.5)]
+    with robot_on(devices) as robot:
+        found = [told(robot, 0.1).neighbours for _ in range(40)]
+        robot.drive(Wheels(0.5, 0.5))
+    assert set(found[10:]) | {0.0} == {0.0, 1.0}
+
+
+def test_wheels_and_lamps(devices):
+    with robot_on(devices, (), limits=Settings().limits) as robot:
+        robot.drive(Wheels(1.0, -0.5))
+        robot.show(2)
+        robot.attend(time.monotonic() + 0.1)
+        assert devices.wheels[-1][1:] == pytest.approx((0.3, -0.15))
+        _, _, lamps = next(each for each in devices.commands[::-1] if each[1] == "set_all_leds")
+        assert lamps["led_group"] == 0x3FFFFFFF
+        assert bytes(lamps["led_brightness_values"]) == bytes((0, 158, 115)) * 10
+        with pytest.raises(Stopped, match=r"found 0\.3, nan"):
+            robot.drive(Wheels(1.0, math.nan))
+        with pytest.raises(Stopped, match=r"found 0\.3, nan"):  # once and for all
+            robot.drive(Wheels(0.1, 0.1))

@@ -1,0 +1,92 @@
+"""A robot's settings: what a file may say, and which colours its floor may have."""
+
+from pathlib import Path
+
+import pytest
+
+from mercator_design.errors import FsmError, SettingsError
+from mercator_design.loading import dump, parse
+from mercator_design.robot.ports import PortNames
+from mercator_design.robot.settings import Limits, Settings, nearest, read_settings
+
+
+def settings(text):
+    return parse(text, Settings, error=SettingsError)
+
+
+def test_all_may_be_left_out(tmp_path):
+    file = tmp_path / "robot.yaml"
+    file.write_text("name: r7\n")
+    assert read_settings(file) == Settings(name="r7")
+    assert settings(dump(Settings())) == Settings()
+
+
+def test_the_example_in_the_documents_has_every_key():
+    document = (Path(__file__).parents[2] / "docs" / "robot.md").read_text()
+    example = document.partition("### robot.yaml")[2].split("```")[1]
+    read = settings(example)
+    assert (read.name, read.missions) == ("mercator-3", {"aggregation": ("black", "gray")})
+    keys = {line.partition(":")[0].strip() for line in example.splitlines()}
+    assert keys >= {*Settings.__dataclass_fields__, *Limits.__dataclass_fields__} - {"schema"}
+
+
+def test_ports_that_are_left_out_are_the_usual_ones():
+    assert settings("ports: {proximity: usb:0483:5740:A1}").ports == PortNames(proximity="usb:0483:5740:A1")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("limits: {spede: 0.3}", "limits.spede: unknown key; did you mean 'speed'"),
+        ("limits: {speed: 1.6}", 'limits.speed: expected a number >= 0.01 and <= 1.55, found "1.6"'),
+        ("labels: {blak: [0, 0, 0]}", "labels.blak: expected one of black.*; did you mean 'black'?"),
+        ("labels: {black: [0, 0, 256]}", "labels.black\\[2\\]"),
+        ("missions: {aggregation: []}", "missions.aggregation: expected a list of at least 1"),
+        ("proximity_angles: [0, 1]", "proximity_angles: expected a list"),
+        ("swarm: {port: null, heartbeat: 1}", "swarm.heartbeat: there is no port to hear it on"),
+        ("reference_model: {neighbour_memory: 5}", "reference_model.neighbour_memory: expected 0"),
+        ("ports: {lider: /dev/ttyUSB0}", "ports.lider"),
+        (
+            "ports: {lidar: ttyUSB0}",
+            r'ports.lidar: expected text: a path or usb:VENDOR:PRODUCT\[:SERIAL\], found "ttyUSB0"',
+        ),
+        ("ports: {lidar: usb:10C4:EA60}", "ports.lidar: expected text: a path or"),
+    ],
+)
+def test_what_is_wrong_is_named(text, words):
+    with pytest.raises(SettingsError, match=f"text:2: {words}") as refused:
+        settings(f"# a robot\n{text}\n")
+    assert refused.value.exit_code == 3
+
+
+class TestLabels:
+    def test_of_a_robot_that_was_not_measured(self):
+        labels = Settings().labels_of({"mission": "aggregation"})
+        assert list(labels) == ["black", "gray", "white", "red", "green", "blue", "yellow"]
+        assert nearest(labels, (60.0, 60.0, 60.0)) == "black"
+        assert nearest(labels, (200.0, 200.0, 200.0)) == "white"
+        assert nearest(labels, (130.0, 140.0, 120.0)) == "gray"
+        assert nearest(labels, (250.0, 240.0, 90.0)) == "yellow"
+
+    def test_of_one_that_was(self):
+        """The paper's reason for labels: sensors that read too dark or too bright."""
+        labels = settings("labels: {black: [2, 3, 3], gray: [30, 33, 31], white: [80, 85, 82]}").labels_of({})
+        assert nearest(labels, (25.0, 25.0, 25.0)) == "gray"
+        assert nearest(labels, (70.0, 70.0, 70.0)) == "white"
+        assert list(labels) == ["black", "gray", "white"]
+
+    def test_of_a_mission(self):
+        text = "labels: {red: [90, 10, 10]}\nmissions: {two spots: [black, red]}"
+        labels = settings(text).labels_of({"mission": "two spots", "floor": "gray, white"})
+        assert labels == {"black": (0.0, 0.0, 0.0), "red": (90.0, 10.0, 10.0)}
+        assert nearest(labels, (200.0, 200.0, 200.0)) == "red"
+        assert list(settings(text).labels_of({"mission": "another"})) == ["red"]
+
+    def test_of_the_floor_in_the_header_of_an_fsm(self):
+        labels = settings("labels: {red: [90, 10, 10], black: [5, 5, 5]}").labels_of({"floor": "gray, black"})
+        assert labels == {"black": (5.0, 5.0, 5.0), "gray": (127.0, 127.0, 127.0)}
+        with pytest.raises(FsmError, match=r"floor in the header: expected black, .*, found 'grey'"):
+            Settings().labels_of({"floor": "grey, black"})
+
+    def test_of_two_that_are_as_near_the_first(self):
+        assert nearest({"white": (2.0, 0.0, 0.0), "black": (0.0, 0.0, 0.0)}, (1.0, 0.0, 0.0)) == "white"

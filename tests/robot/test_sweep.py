@@ -1,0 +1,96 @@
+"""The lidar's last turn: any number of readings, anywhere in the turn, and nothing older."""
+
+import math
+
+import pytest
+
+from mercator_design.fsm import ReferenceModel
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.robot.sweep import BINS, STEP, Sweep
+from mercator_design.robot.ydlidar import Packet, correction
+
+TURN = 360 * 64
+THREE = [(0.0, 0.3), (2.0, 0.6), (-1.0, 0.5)]
+
+
+def packets(heads, n=714, *, wall=0.0, size=40):
+    """A turn of n readings: heads of other lidars, 7 cm across, at angles [rad] and distances [m], before a wall."""
+    angles = [round(TURN * k / n) for k in range(n)]
+    ranges = [reading(-math.tau * angle / TURN, heads, wall) for angle in angles]
+    for k in range(0, n, size):
+        samples = tuple(round(4000 * distance) for distance in ranges[k : k + size])
+        yield Packet(angles[k], angles[min(k + size, n) - 1], samples, is_ring_start=k == 0)
+
+
+def reading(towards, heads, wall):
+    """What the lidar reads towards an angle; where that is depends on how far it is."""
+    for at, distance in heads:
+        off = towards + correction(distance) - at
+        if abs((off + math.pi) % math.tau - math.pi) < math.asin(0.035 / distance):
+            return distance
+    return wall
+
+
+def found(sweep):
+    rows = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
+    n = lidar_neighbours(ReferenceModel(), sweep.ranges(), 0.0, STEP, *rows)
+    return sorted((rows[0][k], math.atan2(rows[2][k], rows[1][k])) for k in range(n))
+
+
+@pytest.mark.parametrize("n", [360, 500, 714, 719, 833, 1000])
+@pytest.mark.parametrize("front", [0.0, 1.0])
+def test_any_number_of_readings(n, front):
+    sweep = Sweep(front)
+    for packet in [*packets(THREE, n)] * 3:
+        sweep.add(packet)
+    expected = [(0.3, front), (0.5, front - 1.0), (0.6, front + 2.0)]
+    assert [place == pytest.approx(each, abs=0.02) for place, each in zip(found(sweep), expected, strict=True)] == [
+        True
+    ] * 3
+
+
+def test_while_it_turns_there_is_always_a_whole_turn():
+    sweep = Sweep()
+    turn = [*packets(THREE)]
+    for packet in [*turn, turn[0]]:
+        sweep.add(packet)
+    for packet in turn[1:] * 3 + turn * 3:
+        sweep.add(packet)
+        assert len(found(sweep)) == 3
+
+
+def test_what_has_gone_is_forgotten_when_the_lidar_has_come_by():
+    sweep = Sweep()
+    assert not sweep.is_whole
+    for packet in [*packets([(2.0, 0.6)])] * 2:
+        sweep.add(packet)
+    assert sweep.is_whole
+    assert len(found(sweep)) == 1
+    for packet in packets([], 700):
+        sweep.add(packet)
+    sweep.add(Packet(0, 0, (0,), is_ring_start=True))
+    assert found(sweep) == []
+
+
+def test_what_is_far_does_not_hide_what_is_near():
+    """Corrected angles of a wall behind a head reach over the head's: not one of its readings is lost."""
+    sweep = Sweep()
+    for packet in [*packets([(1.0, 0.5)])] * 2:
+        sweep.add(packet)
+    alone = sum(0.4 < distance < 0.6 for distance in sweep.ranges())
+    for packet in [*packets([(1.0, 0.5)], wall=4.0)] * 2:
+        sweep.add(packet)
+    assert sum(0.4 < distance < 0.6 for distance in sweep.ranges()) == alone
+    assert len(found(sweep)) == 1
+
+
+def test_lost_and_senseless_packets():
+    """A gap in a turn is a gap, not a turn; angles that go backwards elsewhere than through north are nobody's."""
+    sweep = Sweep()
+    turn = [*packets([(2.0, 0.6), (-1.0, 0.5)])]
+    for packet in [*turn, *turn[:3], *turn[9:], *turn[:1]]:
+        sweep.add(packet)
+    sweep.add(Packet(TURN // 2, TURN // 2 - 640, (2000, 2000)))
+    assert [distance for distance, _ in found(sweep)] == pytest.approx([0.6], abs=0.01)
+    sweep.add(Packet(turn[0].last - 3, turn[0].last - 3, (0,)))  # a step back
+    assert len(found(sweep)) == 1

@@ -1,0 +1,347 @@
+"""Every way out of a run, from the fault to wheels at rest, as the robot hears it over its serial line.
+
+`mercator-robot run` is a process of its own; clocks are the same in all processes. Time that this machine takes to get
+to a process when it has much else to do is not the program's, so of three attempts the best counts.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mercator_design.robot.log import read
+from mercator_design.robot.mercator import COMMANDS_END
+from mercator_design.robot.swarm import HEARTBEAT, Speaker
+from tests.robot.devices import Devices
+
+ROOT = Path(__file__).parents[2]
+GO = "--nstates 1 --s0 0 --rwm0 20"
+ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
+"""Drives, and reads every sense."""
+
+LATEST = 0.25
+"""[s] from a fault to wheels at rest."""
+ATTEMPTS = 3
+
+# What a controller does from the moment on at which there is a file "fault"; it prints when that is.
+FAULTS = """
+import math, os, sys, time
+from mercator_design.fsm import Controller, Wheels
+step = Controller.step
+def faulty(self, readings, draws):
+    if os.path.exists("fault"):
+        print(time.monotonic(), flush=True)
+        {fault}
+    return step(self, readings, draws)
+Controller.step = faulty
+"""
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return probe.getsockname()[1]
+
+
+class Robot:
+    """A run of `mercator-robot` on devices that a test has in hand."""
+
+    def __init__(self, folder, devices, fsm, settings, fault, options):
+        self.folder, self.devices, self.port = folder, devices, free_port()
+        names = devices.names
+        (folder / "fsm.txt").write_text(fsm)
+        (folder / "robot.yaml").write_text(
+            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
+            f"swarm: {{port: {self.port}{settings}}}\n"
+        )
+        script = (FAULTS.format(fault=fault) if fault else "") + "from mercator_design.robot.cli import main; main()"
+        arguments = ["run", "fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1", *options]
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", script, *arguments],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def drives(self):
+        self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
+        assert self.process.poll() is None, self.process.stderr.read()
+        time.sleep(0.25)
+
+    def fault(self):
+        """Let the controller's fault begin; when it has [s]."""
+        (self.folder / "fault").touch()
+        return float(self.process.stdout.readline())
+
+    def ended(self, seconds=10.0):
+        """The exit code, and what was said."""
+        _, error = self.process.communicate(timeout=seconds)
+        return self.process.returncode, error
+
+
+@contextmanager
+def running(folder, fsm=GO, settings="", fault="", *options):
+    folder.mkdir(exist_ok=True)
+    with Devices() as devices:
+        robot = Robot(folder, devices, fsm, settings, fault, options)
+        try:
+            yield robot
+        finally:
+            robot.process.kill()
+            robot.process.communicate()
+
+
+def soonest(attempt):
+    """The least of what an attempt takes, made again if it takes too long."""
+    times = []
+    while len(times) < ATTEMPTS and (not times or min(times) > LATEST):
+        times.append(attempt(len(times)))
+    return min(times)
+
+
+def check(robot, code, words, *, zeros=True):
+    """How a run has ended."""
+    returned, error = robot.ended()
+    assert (returned, words in error) == (code, True), (returned, error)
+    if zeros:
+        stops = [name for _, name, _ in robot.devices.commands if name == "drive_stop"]
+        assert len(stops) >= 2
+        *_, end = read(robot.folder / "log.jsonl")
+        assert end["event"] == "end"
+        assert end["why"] in error
+    return error
+
+
+def silence(*names):
+    return lambda robot: robot.devices.silent.update(names)
+
+
+def tells(name, **values):
+    return lambda robot: robot.devices.tell(name, **values)
+
+
+def refuses(robot):
+    robot.devices.refused["drive_tank_si_units"] = 4
+
+
+def unplugs(line):
+    return lambda robot: robot.devices.unplug(line)
+
+
+DEVICE_FAULTS = {
+    # what happens: how, seconds that it may go on, what is said
+    "ground silent": (silence("color_detection"), 0.25, "ground: nothing for"),
+    "rvr silent": (silence("rvr"), 0.25, "nothing for"),
+    "hub silent": (silence("proximity"), 0.5, "proximity: nothing for"),
+    "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
+    "hub lost": (unplugs("proximity"), 0.0, "proximity: /dev/pts/"),
+    "lidar lost": (unplugs("lidar"), 0.0, "lidar: /dev/pts/"),
+    "battery critical": (tells("battery_voltage_state_change", state=3), 0.0, "rvr: the battery is critical"),
+    "asleep": (tells("did_sleep"), 0.0, "rvr: it fell asleep"),
+    "motor fault": (tells("motor_fault", is_fault=True), 0.0, "rvr: a motor has a fault"),
+    "drive refused": (refuses, 0.1, "rvr: it does not drive: restricted"),
+}
+
+
+@pytest.mark.parametrize("what", DEVICE_FAULTS)
+def test_devices_that_fail(what, tmp_path):
+    act, allowed, words = DEVICE_FAULTS[what]
+
+    def attempt(number):
+        with running(tmp_path / str(number), ALL) as robot:
+            robot.drives()
+            began = time.monotonic()
+            act(robot)
+            check(robot, 1 if "lost" in what else 4, words)
+            return robot.devices.rests_since() - began - allowed
+
+    assert soonest(attempt) <= LATEST
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"])
+def test_signals(number, tmp_path):
+    which = signal.Signals[number]
+
+    def attempt(k):
+        with running(tmp_path / str(k)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.process.send_signal(which)
+            check(robot, 128 + which, f"Stopped by {number}.")
+            return robot.devices.rests_since() - began
+
+    assert soonest(attempt) <= LATEST
+
+
+CONTROLLER_FAULTS = {
+    "exception": ("1 / 0", 1, "ZeroDivisionError"),
+    "exit": ("sys.exit(7)", 7, ""),
+    "not a number": ("return Wheels(math.nan, 1.0)", 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3"),
+    "infinite": ("return Wheels(0.0, -math.inf)", 4, "found 0, -inf"),
+    "too fast": ("return Wheels(1.0, 1.01)", 4, "found 0.3, 0.303"),
+    "stalled": ("time.sleep(1.0)", 4, "the control loop stalled"),
+    "busy": ("while not os.path.exists('stop'): pass", 4, "stalled"),
+}
+
+
+@pytest.mark.parametrize("what", CONTROLLER_FAULTS)
+def test_controllers_that_fail(what, tmp_path):
+    fault, code, words = CONTROLLER_FAULTS[what]
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=fault) as robot:
+            robot.drives()
+            began = robot.fault()
+            if what == "busy":
+                time.sleep(0.5)
+                (robot.folder / "stop").touch()
+            returned, error = robot.ended()
+            assert (returned, words in error) == (code, True), (returned, error)
+            return robot.devices.rests_since() - began
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_a_stalled_loop_does_not_drive_again_and_can_be_ended(tmp_path):
+    with running(tmp_path, fault="time.sleep(60)") as robot:
+        robot.drives()
+        robot.fault()
+        time.sleep(1.0)
+        assert robot.process.poll() is None
+        robot.process.terminate()
+        check(robot, 143, "Stopped by SIGTERM.")
+        assert not any(left or right for _, left, right in robot.devices.wheels[-3:])
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_process_that_is_killed_or_suspended_is_stopped_by_the_robot(number, tmp_path):
+    def attempt(k):
+        with running(tmp_path / str(k)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.process.send_signal(number)
+            time.sleep(COMMANDS_END + 0.1)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt) <= 0.05
+
+
+def test_the_log_is_whole_but_for_its_end_when_the_process_is_killed(tmp_path):
+    with running(tmp_path) as robot:
+        robot.drives()
+        robot.process.kill()
+        robot.process.wait()
+        kinds = [event["event"] for event in read(tmp_path / "log.jsonl")]
+    assert kinds[0] == "start"
+    assert kinds.count("cycle") >= 2
+
+
+def test_the_rvr_lost(tmp_path):
+    """Nothing can be told to a robot whose line is cut, but it stops by itself."""
+
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.devices.unplug("rvr")
+            check(robot, 1, "rvr: /dev/pts/", zeros=False)
+            time.sleep(COMMANDS_END)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt) <= 0.05
+
+
+def test_the_end_of_the_duration(tmp_path):
+    with running(tmp_path, GO, "", "", "--duration", "1") as robot:
+        check(robot, 0, "The duration is over")
+        driven = [when for when, left, _ in robot.devices.wheels if left]
+        assert 0.8 < robot.devices.rests_since() - driven[0] < 1.3
+        names = [name for _, name, _ in robot.devices.commands]
+        stopped = len(names) - 1 - names[::-1].index("clear_streaming_service") - 1
+        assert names[stopped : stopped + 4] == [
+            *["clear_streaming_service"] * 2,
+            "enable_color_detection",
+            "release_led_requests",
+        ]
+        assert names[stopped - 4 : stopped] == ["drive_tank_si_units", "drive_stop"] * 2
+        assert set(names[stopped + 4 : -1]) == {"drive_stop"}
+        assert names[-1] == "restore_default_control_system_timeout"
+        assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
+
+
+def test_a_dry_run_never_turns_the_wheels(tmp_path):
+    with running(tmp_path, GO, "", "", "--duration", "1", "--dry-run") as robot:
+        check(robot, 0, "The duration is over")
+        assert not robot.devices.drives()
+        cycles = [event for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle"]
+        assert cycles[0]["wheels"] == [1.0, 1.0]
+
+
+def test_a_full_disk(tmp_path):
+    """A run whose log is lost is worth nothing."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (12000, 12000)); pass"
+    with running(tmp_path, fault=limit) as robot:
+        robot.drives()
+        robot.fault()
+        returned, error = robot.ended()
+        assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
+        assert not any(left for _, left, _ in robot.devices.wheels[-3:])
+
+
+class TestSwarm:
+    def test_stop(self, tmp_path):
+        def attempt(number):
+            with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+                robot.drives()
+                began = time.monotonic()
+                assert speaker.stop() == ["mercator (127.0.0.1)"]
+                check(robot, 4, "swarm: told to stop by 127.0.0.1")
+                return robot.devices.rests_since() - began
+
+        assert soonest(attempt) <= LATEST
+
+    def test_silence(self, tmp_path):
+        def attempt(number):
+            over = threading.Event()
+            with (
+                running(tmp_path / str(number), GO, ", heartbeat: 0.4") as robot,
+                Speaker(["127.0.0.1"], robot.port) as speaker,
+            ):
+
+                def beat():
+                    while not over.wait(0.05):
+                        speaker.tell(HEARTBEAT)
+
+                beating = threading.Thread(target=beat)
+                beating.start()
+                robot.drives()
+                time.sleep(0.5)
+                assert robot.process.poll() is None
+                over.set()
+                beating.join()
+                began = time.monotonic()
+                check(robot, 4, "swarm: no heartbeat for 0.4 s")
+                return robot.devices.rests_since() - began - 0.4
+
+        assert soonest(attempt) <= LATEST
+
+    def test_without_a_heartbeat_it_does_not_begin(self, tmp_path):
+        with running(tmp_path, GO, ", heartbeat: 0.4") as robot:
+            error = check(robot, 1, "swarm: no heartbeat; is `mercator-robot heartbeat` running")
+            assert "Traceback" not in error
+            assert not robot.devices.drives()
+
+    def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
+        with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("", robot.port))
+            returned, error = robot.ended()
+        assert (returned, "does another mercator-robot run here?" in error) == (1, True), error

@@ -225,25 +225,28 @@ def _check_start(path: Path, journal: Journal, start: Mapping[str, Any]) -> None
 
 def verify(
     path: Path,
+    task: Task[Any],
     number: int,
     executor: Executor,
     announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
     """Check a run folder, and run a sample of its experiments again; gives what was checked, in sentences.
 
     Args:
         path: The folder.
+        task: As `restored` gives it.
         number: Experiments to run again, evenly spread over the race.
         executor: Runs them.
         announce: Called with a sentence if there is something to compile.
+        stopped: Asked before each whether to stop.
 
     Raises:
-        RaceError: if something is not as it was, or this program is not the one that ran the race.
-        MissionError: as `RunFolder.reopen`.
+        RaceError: if something is not as it was.
+        Stopped: see `stopped`; what was under way has been waited for.
     """
     reading = read_journal(path)
     record = reading.record
-    task = restored(path)
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
@@ -272,7 +275,8 @@ def verify(
         )
         for one in sample
     ]
-    for one, (score, outcome) in zip(sample, in_order(executor, task.function, items), strict=True):
+    found_again = in_order(executor, task.function, items, stopped=stopped)
+    for one, (score, outcome) in zip(sample, found_again, strict=True):
         if (score, outcome) != (one.score, one.outcome):
             what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
             raise RaceError(
@@ -326,7 +330,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
         valid = isinstance(provenance["request"], dict) and _is_start(provenance["race"])
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         valid = False
     if not valid:
         raise RaceError(f"{file}: expected what mdesign race writes, found something else")

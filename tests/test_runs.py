@@ -96,16 +96,20 @@ def stop(folder, number):
         (folder / name).unlink()
 
 
+def wait_for_an_experiment(folder):
+    journal = folder / JOURNAL
+    deadline = time.monotonic() + 120
+    while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def interrupted(folder, number, command=SLOW):
     """Start a race, send it a signal when it has some experiments, and see it end."""
     with subprocess.Popen(
         [*MDESIGN, *command, "-o", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        journal = folder / JOURNAL
-        deadline = time.monotonic() + 120
-        while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_for_an_experiment(folder)
         process.send_signal(number)
         out, err = process.communicate(timeout=60)
     return process.returncode, out, err
@@ -230,6 +234,13 @@ class TestResume:
                 "expected journal.jsonl to be of the race in provenance.json",
             ),
             ("provenance.json", '"race"', '"rice"', "expected what mdesign race writes"),
+            ("provenance.json", "{", "[" * 100_000, "expected what mdesign race writes"),
+            (
+                "provenance.json",
+                '"plugins": {',
+                '"plugins": {"../mine.py": "1"',
+                "expected plugins by the names of files",
+            ),
         ],
     )
     def test_another_race_is_refused(self, mdesign, folder, file, old, new, words):
@@ -437,7 +448,12 @@ class TestProgress:
 
 class TestSignals:
     @pytest.mark.parametrize(
-        ("number", "code", "word"), [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated.")]
+        ("number", "code", "word"),
+        [
+            (signal.SIGINT, 130, "Interrupted."),
+            (signal.SIGTERM, 75, "Terminated."),
+            (signal.SIGHUP, 75, "Terminated."),
+        ],
     )
     def test_a_signal_stops_cleanly(self, mdesign, tmp_path, number, code, word):
         folder = tmp_path / "r"
@@ -453,6 +469,40 @@ class TestSignals:
         assert reading.torn == ""
         assert reading.record.sessions[-1]["event"] == "stop"
         assert "stopped" in mdesign("runs", "show", folder)[1]
+
+    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
+        """All its processes get the signal, as of a scheduler, and none is left."""
+        folder = tmp_path / "r"
+        command = [*MDESIGN, *SLOW, "--executor", "processes", "-o", str(folder)]
+        with subprocess.Popen(
+            ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh", *command], stdout=subprocess.PIPE, start_new_session=True
+        ) as process:
+            try:
+                wait_for_an_experiment(folder)
+                os.killpg(process.pid, signal.SIGTERM)
+                assert process.communicate(timeout=60) == (b"", None)  # which a worker would hold open
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+        assert process.returncode == 75
+        last = read(folder / JOURNAL).record.sessions[-1]
+        assert (last["event"], last["why"]) == ("stop", "Signalled")
+
+    @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+    def test_before_its_first_experiment(self, tmp_path, number):
+        plugin = tmp_path / "plugin.py"
+        plugin.write_text(f"import os\nos.kill(os.getpid(), {int(number)})\n")
+        command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode, done.stdout, done.stderr) == (75, "", "Terminated.\n")
+
+    def test_nohup(self, tmp_path):
+        """It goes on, and finds fault with the plugin."""
+        plugin = tmp_path / "plugin.py"
+        plugin.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGHUP)\n")
+        command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
+        command = ["/bin/sh", "-c", 'trap "" HUP; exec "$@"', "sh", *command]
+        assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 3
 
     def test_killed(self, mdesign, tmp_path, undisturbed):
         folder = tmp_path / "r"

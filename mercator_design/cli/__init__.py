@@ -9,12 +9,14 @@ import click
 
 from mercator_design import __version__
 from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
+from mercator_design.cli.terminal import terminable
 from mercator_design.command import run
 
 
 def main() -> None:
     """Run the command line."""
-    run(cli, "mdesign")
+    with terminable():
+        run(cli, "mdesign")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -125,7 +125,7 @@ def race(
         folder = _new_folder(
             mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
         )
-    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
+    with folder, Interrupt(then=folder.task.stop) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)

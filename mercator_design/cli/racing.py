@@ -131,7 +131,8 @@ def run(
         optuna: Storage to mirror the race into.
         interrupt: What may stop it.
     """
-    from mercator_design.race.runner import ExperimentFailed, Stopped
+    from mercator_design.race.executors import Stopped
+    from mercator_design.race.runner import ExperimentFailed
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.report.summary import race_summary
 

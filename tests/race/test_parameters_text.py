@@ -89,6 +89,9 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
             'a "-a" r (0, 0.00001)',
             "p.txt:1: parameter 'a', domain (0, 0.00001): expected bounds of at most 4 digits",
         ),
+        ('a "-a" r (-1e308, 1e308)', "p.txt:1: parameter 'a', domain "),
+        ('a "-a" r (-1e308, 1e308)', ": expected a finite difference, found too large bounds"),
+        ('a "-a" i (0, 2147483648)', "expected integers up to 2147483647, found too large bounds"),
         ('a "-a" c,log (1, 2)', "p.txt:1: parameter 'a': only integer and real parameters may be log"),
         ('a "-a" c (1, 1)', "p.txt:1: parameter 'a': expected different values, found '1' twice"),
         (

@@ -8,7 +8,20 @@ modules are imported by the verb that needs them, so that `--help` is quick.
 import click
 
 from mercator_design import __version__
-from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
+from mercator_design.cli import (
+    bundle,
+    draw,
+    evaluate,
+    export,
+    missions,
+    race,
+    record,
+    robots,
+    runs,
+    schema,
+    tune,
+    validate,
+)
 from mercator_design.command import run
 
 
@@ -40,5 +53,6 @@ for _verb in (
     missions.missions,
     robots.robots,
     schema.schema,
+    bundle.bundle,
 ):
     cli.add_command(_verb)

@@ -10,6 +10,7 @@ import click
 from mercator_design import __version__
 from mercator_design.cli import (
     bundle,
+    deploy,
     draw,
     evaluate,
     export,
@@ -54,5 +55,6 @@ for _verb in (
     robots.robots,
     schema.schema,
     bundle.bundle,
+    deploy.deploy,
 ):
     cli.add_command(_verb)

@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -39,12 +39,13 @@ _START = f"""
 mkdir -p logs && name=logs/run-$(date +%Y%m%d-%H%M%S)
 setsid python3 {PROGRAM} run {FSM} -o "$name.jsonl" "$@" >"$name.txt" 2>&1 </dev/null &
 echo $! >pid
-for _ in $(seq 100); do
+for _ in $(seq 200); do
     if [ -s "$name.jsonl" ]; then echo "runs, $name.jsonl"; exit 0; fi
     if ! kill -0 $! 2>/dev/null; then wait $!; code=$?; tail -n 1 "$name.txt" >&2; exit $code; fi
     sleep 0.1
 done
-echo "has not begun after 10 s" >&2
+kill -TERM $!
+echo "has not begun after 20 s, and was ended" >&2
 exit 1
 """
 _STOP = f"""
@@ -80,13 +81,13 @@ class Fleet:
 
     def __post_init__(self) -> None:
         names: set[str] = set()
-        places: set[tuple[str, int | None, str]] = set()
+        places: set[Robot] = set()
         for number, robot in enumerate(self.robots):
-            place = (robot.host, robot.port, robot.folder)
+            place = replace(robot, name="")
             if robot.name in names:
                 raise FieldError(f"robots[{number}].name", f"there are two robots {robot.name}")
             if place in places:
-                raise FieldError(f"robots[{number}].host", "another robot has the same host and folder")
+                raise FieldError(f"robots[{number}].host", "another robot is at the same place")
             names.add(robot.name)
             places.add(place)
 

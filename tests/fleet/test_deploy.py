@@ -183,7 +183,7 @@ def test_wrong_usage(deploy, field, arguments):
             "robots:\n- {name: a, host: b}\n- {name: a, host: c}",
             "robots.yaml:3: robots[1].name: there are two robots a",
         ),
-        ("robots:\n- {name: a, host: b}\n- {name: c, host: b}", "robots.yaml:3: robots[1].host: another robot"),
+        ("robots:\n- {name: a, host: b}\n- {name: c, host: b}", "robots.yaml:3: robots[1].host: another robot is at"),
     ],
 )
 def test_robots_that_are_none(deploy, field, text, error):

@@ -67,35 +67,23 @@ class Proposer:
             excluded: True for what must not be proposed.
         """
         with self._threads.limit(limits=1, user_api="blas"):
-            return self._propose(n, ranked, configurations, costs, model, generator, excluded)
-
-    def _propose(
-        self,
-        n: int,
-        ranked: Sequence[int],
-        configurations: Sequence[Configuration],
-        costs: Sequence[Mapping[int, float]],
-        model: SamplingModel,
-        generator: Generator,
-        excluded: Callable[[Configuration], bool],
-    ) -> list[tuple[Configuration, int]]:
-        expected = self._learn(configurations, costs)
-        best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
-        parents = [configurations[number] for number in (*ranked, *best)]
-        candidates, places = self._candidates(parents, ranked, model, generator, excluded)
-        if not candidates:
-            return []
-        features = self._features.of(places)
-        mean, spread = self._surrogate.predict(features)
-        promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
-        n = min(n, len(promising))
-        chosen: list[int] = []
-        for values in self._surrogate.sample(features[promising], n, generator):
-            values[chosen] = np.inf
-            chosen.append(int(values.argmin()))
-        elites = self._features.of(self._places_of(ranked, configurations))
-        nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
-        return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
+            expected = self._learn(configurations, costs)
+            best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
+            parents = [configurations[number] for number in (*ranked, *best)]
+            candidates, places = self._candidates(parents, ranked, model, generator, excluded)
+            if not candidates:
+                return []
+            features = self._features.of(places)
+            mean, spread = self._surrogate.predict(features)
+            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
+            n = min(n, len(promising))
+            chosen: list[int] = []
+            for values in self._surrogate.sample(features[promising], n, generator):
+                values[chosen] = np.inf
+                chosen.append(int(values.argmin()))
+            elites = self._features.of(self._places_of(ranked, configurations))
+            nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
+            return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
 
     def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
         """Fit the surrogate; the expected cost of each configuration that it was fitted to."""

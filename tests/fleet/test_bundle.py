@@ -58,6 +58,7 @@ def test_the_command_line(application, python):
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith("Usage: mercator-robot")
     assert run(python, application, "run", "none.txt").returncode == 3
+    assert "No such command" in run(python, application, "twin").stderr
 
 
 def test_a_run_and_its_replay(application, python, tmp_path):
@@ -120,7 +121,7 @@ def imported(node):
 def test_what_is_in_it(sources):
     folders = {name.partition("/")[0] for name in sources} - {"_yaml"}  # a name that PyYAML once had
     assert folders == {"__main__.py", "licences", "mercator_design", *NEEDED}
-    for part in ("sim", "race", "missions", "report", "cli", "fleet"):
+    for part in ("sim", "race", "missions", "report", "cli", "fleet", "twin"):
         assert not [name for name in sources if name.startswith(f"{OURS}{part}")]
     licences = {name: text for name, text in sources.items() if name.startswith("licences/")}
     assert {Path(name).stem for name in licences} == {"click", "mercator-design", "PyYAML", "pyserial"}

@@ -54,3 +54,7 @@ def test_the_command_runs_where_the_designer_s_packages_are_not(tmp_path):
         assert devices.drives()
     replayed = command("replay", "log.jsonl")
     assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
+    assert b"twin" in command("--help").stdout
+    refused = command("twin", "aggregation")
+    assert refused.returncode == 1
+    assert refused.stderr.startswith(b"Error: a twin needs what the designer needs: the robot has no ")

@@ -1,9 +1,14 @@
 """The command `mercator-robot`; each verb has its file. Exit codes stand in its help."""
 
+import importlib
+
 import click
 
 from mercator_design import __version__, command
 from mercator_design.robot.cli import check, replay, run, stop
+
+_ELSEWHERE = {"twin": "mercator_design.twin.cli"}
+"""Verbs of the designer's part, which a robot need not have: the module of each."""
 
 
 def main() -> None:
@@ -11,7 +16,23 @@ def main() -> None:
     command.run(cli, "mercator-robot")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Verbs(click.Group):
+    """The verbs here, and those elsewhere that are there."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted([*super().list_commands(ctx), *_ELSEWHERE])
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _ELSEWHERE:
+            return super().get_command(ctx, cmd_name)
+        try:
+            found: click.Command = getattr(importlib.import_module(_ELSEWHERE[cmd_name]), cmd_name)
+        except ImportError:
+            return None
+        return found
+
+
+@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="mercator-robot")
 def cli() -> None:
     """Run control software on a Mercator robot.

@@ -1,0 +1,190 @@
+"""The twin's arena: a mission's, in which robots move as their treads do, and are measured by the simulator's devices.
+
+A tick is a step of the physics. Devices that look back, such as the gyroscope, look back over a control cycle of the
+mission, as in the simulator.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.errors import MissionError
+from mercator_design.jit import compiled, is_cached, jit_wanted
+from mercator_design.missions.dynamics import change_floor
+from mercator_design.missions.mission import Mission
+from mercator_design.robot.multiflex import SENSORS
+from mercator_design.robot.ydlidar import encode_command
+from mercator_design.sim.chipmunk import new_bridge
+from mercator_design.sim.devices import PARTS, Recording
+from mercator_design.sim.kernel import move, note_poses
+from mercator_design.sim.lidar import scan
+from mercator_design.sim.noise import NO_NOISE, WHEELS_DRAWS, noise
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.scene import Scene
+from mercator_design.sim.simulate import Simulator, referee_motion
+from mercator_design.sim.swarm import Swarm, new_history
+from mercator_design.twin.drive import Treads
+from mercator_design.twin.lidar import FINE, Lidar, put
+
+Floats = NDArray[np.float64]
+
+MEASURED = (
+    "ground_sensors",
+    "ambient_light",
+    "velocity",
+    "accelerometer",
+    "gyroscope",
+    "imu",
+    "locator",
+    "quaternion",
+    "proximity",
+)
+"""Devices of the simulator that the twin's measure, beside the lidar."""
+TREADS = "treads"
+"""What a measurement is called of how far each tread has gone [m]."""
+_LOOKS_BACK = 2  # cycles
+
+
+class Arena:
+    """An arena with robots at rest, as an instance of a mission has them.
+
+    period: Of a tick [s].
+    ticks: How many there were.
+    cycle: How many are a control cycle.
+    samples: Of a turn of a lidar.
+    """
+
+    def __init__(self, mission: Mission, robot_model: RobotModel, seed: int) -> None:
+        """Place the robots.
+
+        Raises:
+            MissionError: if they do not fit, or have not the devices of a Mercator.
+        """
+        missing = [part for part in ("lidar", *MEASURED) if getattr(robot_model, PARTS.get(part, part)) is None]
+        if robot_model.lidar is None or missing:
+            lacking = ", ".join(PARTS.get(part, part) for part in missing)
+            raise MissionError(f"robot model {robot_model.name}: a twin needs all devices; missing: {lacking}")
+        if robot_model.proximity is not None and len(robot_model.proximity.angles) != SENSORS:
+            found = len(robot_model.proximity.angles)
+            raise MissionError(f"robot model {robot_model.name}: a hub has {SENSORS} proximity sensors, found {found}")
+        fine = dataclasses.replace(robot_model.lidar, beams=FINE * robot_model.lidar.beams, first_angle=0.0)
+        instance = Simulator(mission, dataclasses.replace(robot_model, lidar=fine)).instance(seed)
+        scene = instance.scene._replace(sub_steps=1)
+        cycle, n = instance.scene.sub_steps, mission.robots
+        self.robot_model = instance.robot_model
+        self.samples, self.robots = robot_model.lidar.beams, n
+        self.period, self.ticks = scene.time_step, 0
+        self.cycle, self._scene, self._swarm = cycle, scene, instance.swarm
+        self._instance = dataclasses.replace(instance, scene=scene)
+        self._still = scene._replace(floor=scene.floor._replace(changes=scene.floor.changes[:0]))
+        self._move: Callable[[], None] = (
+            functools.partial(compiled(move), new_bridge(instance.space, instance.robots), scene, self._swarm)
+            if jit_wanted()
+            else functools.partial(referee_motion, self._instance)
+        )
+        self._start = self._swarm.poses[:, :3].copy()
+        self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # round and round
+        self._latest.poses[:] = self._start
+        self._driven = np.zeros((len(self._latest.poses), n, 2))
+        self._ways = np.zeros((n, 2))
+        self._scans = np.zeros((n, fine.beams))
+        self._is_scanned = False
+        self._measured: dict[str, Floats] = {TREADS: self._ways}
+        compiled(note_poses)(self._swarm, self._latest, 0)
+
+    @property
+    def poses(self) -> Floats:
+        """Where the robots are (robots, 3): x, y [m], heading [rad]."""
+        poses: Floats = self._swarm.poses[:, :3]
+        return poses
+
+    def rehearse(self, announce: Callable[[str], None]) -> None:
+        """Do all once, which compiles what is not yet compiled.
+
+        Args:
+            announce: Called with a sentence if there is something to compile.
+        """
+        if not is_cached(put):
+            announce("Compiling the twin; later runs find it in the cache ...")
+        self.step([(0.0, 0.0)] * self.robots)
+        for device in MEASURED:
+            self.measure(0, device)
+        lidar = Lidar(functools.partial(self.scan, 0), samples=self.samples)
+        lidar.set_motor(on=True, now=-1.0)
+        lidar.receive(encode_command("scan"), now=0.0)
+        lidar.advance(1.0 / self.samples)
+
+    def step(self, treads: Sequence[Treads]) -> None:
+        """One tick, in which the treads of the robots have these speeds."""
+        swarm, row = self._swarm, (self.ticks + 1) % len(self._latest.poses)
+        swarm.commands[:] = treads
+        if self._scene.wheel_noise[0] != NO_NOISE:
+            compiled(_disturb)(self._scene, swarm, self.ticks // self.cycle)
+        self._driven[row] = swarm.commands
+        before = swarm.poses.copy()
+        self._move()
+        compiled(note_poses)(swarm, self._latest, row)
+        moved = swarm.poses - before
+        ahead = before[:, 3] * moved[:, 0] + before[:, 4] * moved[:, 1]
+        aside = 0.5 * self._scene.tread_distance * moved[:, 2]
+        self._ways += np.column_stack([ahead - aside, ahead + aside])
+        self.ticks += 1
+        if self.ticks % self.cycle == 0:
+            compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
+        self._measured = {TREADS: self._ways}
+        self._is_scanned = False
+
+    def measure(self, robot: int, device: str) -> Sequence[float]:
+        """What a robot's device measures now: TREADS, or one of MEASURED, in its units, with y forwards."""
+        if device not in self._measured:
+            self._measured[device] = self._measure(device)
+        values: list[float] = self._measured[device][robot].tolist()
+        return values
+
+    def scan(self, robot: int) -> Floats:
+        """What is around a robot now: FINE ranges [m] for each sample of its lidar; 0 if none."""
+        if not self._is_scanned:
+            compiled(_scan)(self._scene, self._swarm, self.ticks, self._scans)
+            self._is_scanned = True
+        ranges: Floats = self._scans[robot]
+        return ranges
+
+    def _measure(self, device: str) -> Floats:
+        rows = [(self.ticks - age * self.cycle) % len(self._latest.poses) for age in range(_LOOKS_BACK, -1, -1)]
+        history = new_history(len(rows), self.robots, everything=True)
+        history.poses[0] = self._start
+        history.poses[1:] = self._latest.poses[rows]
+        history.commands[:-1] = self._driven[rows[1:]]  # a command moves the treads one cycle later
+        keys = self._swarm.noise_keys + np.uint64(self.ticks)  # other noise in each tick
+        recording = Recording(self.robot_model, self._still, history, keys, self.cycle * self.period)
+        (measured,) = recording.measure(device, every=len(rows))
+        if getattr(getattr(self.robot_model, device, None), "forward", "y") == "x":
+            measured[:, :2] = np.column_stack([-measured[:, 1], measured[:, 0]])
+        rows_of_robots: Floats = measured.reshape(self.robots, -1)
+        return rows_of_robots
+
+
+def without_noise(part: Any) -> Any:  # noqa: ANN401 - a robot model, or whatever is in one
+    """A robot model that measures and does what it should."""
+    if not dataclasses.is_dataclass(part) or isinstance(part, type):
+        return part
+    quiet = {"noise": None, "weight_noise": None, "loss": 0.0}
+    values = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    return dataclasses.replace(part, **{name: quiet.get(name, without_noise(value)) for name, value in values.items()})
+
+
+def _disturb(scene: Scene, swarm: Swarm, cycle: int) -> None:
+    """Put the drive's noise on the commands of a cycle."""
+    for i in range(len(swarm.commands)):
+        for side in range(2):
+            part = noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS_DRAWS, 2 * cycle + side)
+            swarm.commands[i, side] += swarm.commands[i, side] * part
+
+
+def _scan(scene: Scene, swarm: Swarm, tick: int, found: Floats) -> None:
+    for i in range(len(found)):
+        scan(scene, swarm.poses, i, swarm.noise_keys[i], tick, found[i])

@@ -1,0 +1,168 @@
+"""What goes wrong with a twin, and when: a script in YAML, and what it does to bytes on a line.
+
+schema: 1
+seed: 7       # of which bytes are hit
+faults:
+  - {kind: flip, at: 5, duration: 10, robot: 0, device: rvr, rate: 0.01}
+  - {kind: port_loss, at: 20, duration: 2, robot: 1, device: lidar}
+"""
+
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from mercator_design.errors import SettingsError
+from mercator_design.loading import Length, Range, read
+
+Device: TypeAlias = Literal["rvr", "lidar", "proximity"]
+Direction: TypeAlias = Literal["from_robot", "to_robot"]
+Time = Annotated[float, Range(0.0, 86_400.0)]
+Rate = Annotated[float, Range(0.0, 1.0)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fault:
+    at: Time  # [s] since the twin began
+    duration: Time = 86_400.0  # [s] that it lasts
+    robot: Annotated[int, Range(0, 999)]  # its number, from 0
+
+    def is_on(self, now: float) -> bool:
+        """Whether it is there at a time [s]."""
+        return self.at <= now < self.at + self.duration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LineFault(_Fault):
+    device: Device  # on whose line
+    direction: Literal["from_robot", "to_robot", "both"] = "both"  # of the bytes that it meets
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flip(_LineFault):
+    """Bytes have one bit flipped."""
+
+    kind: Literal["flip"] = "flip"
+    rate: Rate  # of the bytes that it meets
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:
+        return bytes([byte ^ 1 << chance.randrange(8)]) if chance.random() < self.rate else bytes([byte])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lose(_LineFault):
+    """Bytes are lost."""
+
+    kind: Literal["lose"] = "lose"
+    rate: Rate  # of the bytes that it meets
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:
+        return b"" if chance.random() < self.rate else bytes([byte])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Double(_LineFault):
+    """Bytes come twice."""
+
+    kind: Literal["double"] = "double"
+    rate: Rate  # of the bytes that it meets
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:
+        return bytes([byte] * (1 + (chance.random() < self.rate)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Insert(_LineFault):
+    """Random bytes are put in."""
+
+    kind: Literal["insert"] = "insert"
+    rate: Rate  # of them, to bytes that are there
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:
+        return bytes([byte, chance.randrange(256)]) if chance.random() < self.rate else bytes([byte])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Silence(_LineFault):
+    """Nothing comes through."""
+
+    kind: Literal["silence"] = "silence"
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:  # noqa: ARG002 - as the others
+        return b""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrongBaud(_LineFault):
+    """All bytes come as others, as from a line at another speed."""
+
+    kind: Literal["wrong_baud"] = "wrong_baud"
+
+    def damaged(self, byte: int, chance: random.Random) -> bytes:  # noqa: ARG002 - as the others
+        return bytes([chance.randrange(256)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortLoss(_Fault):
+    """The port goes away, as if it were pulled out, and comes back."""
+
+    kind: Literal["port_loss"] = "port_loss"
+    device: Device  # whose port
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Battery(_Fault):
+    """The battery falls to a level: below 6 % it is critical, below 34 % low."""
+
+    kind: Literal["battery"] = "battery"
+    level: Annotated[float, Range(0.0, 100.0)]  # [%]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stall(_Fault):
+    """A motor is stuck."""
+
+    kind: Literal["stall"] = "stall"
+    motor: Literal["left", "right"]  # which
+
+
+LineFault: TypeAlias = Flip | Lose | Double | Insert | Silence | WrongBaud
+Fault: TypeAlias = LineFault | PortLoss | Battery | Stall
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Script:
+    """What goes wrong with the robots of an arena."""
+
+    schema: Literal[1] = 1  # version of this format
+    seed: Annotated[int, Range(0, 2**63 - 1)] = 1  # of which bytes are hit, and how
+    faults: Annotated[tuple[Fault, ...], Length(0, 10_000)] = ()  # in any order
+
+
+def read_script(path: str | Path) -> Script:
+    """The script in a file.
+
+    Raises:
+        SettingsError: with file, line, key, what was expected and what was found.
+    """
+    return read(path, Script, error=SettingsError)
+
+
+class Damage:
+    """What faults do to the bytes of one direction of a line."""
+
+    def __init__(self, faults: Iterable[LineFault], direction: Direction, seed: str) -> None:
+        """The damage by some faults, drawn from a seed."""
+        self._faults = [
+            (fault, random.Random(f"{seed} {number}"))
+            for number, fault in enumerate(faults)
+            if fault.direction in {direction, "both"}
+        ]
+
+    def __call__(self, data: bytes, now: float) -> bytes:
+        """What comes through of these bytes."""
+        for fault, chance in self._faults:
+            if fault.is_on(now):
+                data = b"".join(fault.damaged(byte, chance) for byte in data)
+        return data

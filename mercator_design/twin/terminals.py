@@ -1,0 +1,210 @@
+"""The twin's ports: pseudo-terminals by stable names, and the loop that moves bytes and keeps time."""
+
+import contextlib
+import errno
+import fcntl
+import json
+import math
+import os
+import select
+import socket
+import time
+import tty
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, TextIO
+
+from mercator_design.errors import RobotError
+from mercator_design.loading import dump
+from mercator_design.robot.ports import PortNames
+from mercator_design.robot.settings import Limits, Settings, Swarm
+from mercator_design.twin.faults import Device
+from mercator_design.twin.twin import DEVICES, Log, Twin
+
+ROBOT = "robot.yaml"
+LOG = "twin.jsonl"
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How time was kept.
+
+    duration: Of all [s].
+    cpu: Seconds of a processor for each of them.
+    latest: Most that anything was done too late [s].
+    dropped: Bytes that nobody fetched in time.
+    """
+
+    duration: float
+    cpu: float
+    latest: float
+    dropped: int
+
+
+@contextlib.contextmanager
+def open_log(folder: Path) -> Iterator[Log]:
+    """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
+
+    Raises:
+        RobotError: if another twin has the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOG).open("a", encoding="utf-8") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
+        stream.truncate(0)
+        yield lambda event: _write(stream, event)
+
+
+def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
+    stream.write(json.dumps(event) + "\n")
+    stream.flush()
+
+
+class Terminals:
+    """The ports of all robots: in `folder`/N, for robot N, links to them, and robot.yaml, which names them."""
+
+    def __init__(self, twin: Twin, folder: Path) -> None:
+        """No ports yet: entering makes them, and leaving takes them away."""
+        self._twin, self._folder = twin, folder.resolve()
+        self._fds: dict[tuple[int, Device], int] = {}
+        self._ports: dict[int, tuple[int, Device]] = {}
+        self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
+        self._is_open: set[int] = set()
+        self._dropped = 0
+
+    @property
+    def robots(self) -> list[Path]:
+        """The file of port names of each robot."""
+        return [self._folder / str(number) / ROBOT for number in range(len(self._twin.robots))]
+
+    def __enter__(self) -> Self:
+        for number, file in enumerate(self.robots):
+            file.parent.mkdir(exist_ok=True)
+            for device in DEVICES:
+                self._plug_in(number, device)
+            file.write_text(dump(self._settings(number)))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, device in list(self._fds):
+            self._unplug(number, device)
+        for file in self.robots:
+            with contextlib.suppress(OSError):  # somebody else's files may be there
+                file.unlink()
+                file.parent.rmdir()
+
+    def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
+        """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
+        start, began, latest = clock(), time.process_time(), 0.0
+        self._twin.note("clock", start=start)
+        while not is_over(now := clock() - start):
+            latest = max(latest, now - self._twin.next_tick)
+            self._keep_up(now)
+            self._look(now)
+            wait = max(0.0, self._twin.next_tick - (clock() - start))
+            for fd, _ in self._open.poll(math.ceil(1000.0 * wait)):
+                now = clock() - start
+                self._keep_up(now)
+                self._receive(fd, now)
+        return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
+
+    def _keep_up(self, now: float) -> None:
+        for number, device, said in self._twin.advance(now):
+            self._send(self._fds.get((number, device)), said)
+
+    def _settings(self, number: int) -> Settings:
+        """What a program is to know of a robot."""
+        model = self._twin.arena.robot_model
+        angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
+        return Settings(
+            name=f"twin-{number}",
+            ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
+            limits=Limits(speed=model.drive.maximum_speed),
+            swarm=Swarm(port=_free_port()),  # robots are all on one machine
+            proximity_angles=angles,
+            reference_model=model.reference_model,
+        )
+
+    def _look(self, now: float) -> None:
+        """See which ports are plugged in, and which have been opened."""
+        for number, robot in enumerate(self._twin.robots):
+            for device in DEVICES:
+                is_there = (number, device) in self._fds
+                if robot.is_plugged_in(device) and not is_there:
+                    self._plug_in(number, device)
+                elif is_there and not robot.is_plugged_in(device):
+                    self._note(self._fds[number, device], now, is_open=False)
+                    self._unplug(number, device)
+        hung_up = {fd for fd, events in self._closed.poll(0) if not events & select.POLLIN}
+        for fd in self._ports.keys() - self._is_open - hung_up:
+            self._note(fd, now, is_open=True)
+
+    def _receive(self, fd: int, now: float) -> None:
+        number, device = self._ports[fd]
+        try:
+            data = os.read(fd, _CHUNK)
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            self._note(fd, now, is_open=False)
+        else:
+            self._send(fd, self._twin.robots[number].receive(device, data, now))
+
+    def _send(self, fd: int | None, data: bytes) -> None:
+        """Send to whoever has the port open; what does not fit is lost, as on a wire."""
+        if fd is None or fd not in self._is_open or not data:
+            return
+        try:
+            sent = os.write(fd, data)
+        except OSError as error:
+            if error.errno not in {errno.EAGAIN, errno.EIO}:  # full, or just closed
+                raise
+            sent = 0
+        self._dropped += len(data) - sent
+
+    def _note(self, fd: int, now: float, *, is_open: bool) -> None:
+        """Somebody has opened a port, or nobody has it open any more."""
+        if is_open == (fd in self._is_open):
+            return
+        before, after = (self._closed, self._open) if is_open else (self._open, self._closed)
+        before.unregister(fd)
+        after.register(fd, select.POLLIN)
+        self._is_open ^= {fd}
+        number, device = self._ports[fd]
+        self._twin.robots[number].note_port(device, is_open=is_open, now=now)
+
+    def _plug_in(self, number: int, device: Device) -> None:
+        fd, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(fd, False)
+        link = self._link(number, device)
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        self._fds[number, device] = fd
+        self._ports[fd] = number, device
+        self._closed.register(fd, select.POLLIN)
+
+    def _unplug(self, number: int, device: Device) -> None:
+        fd = self._fds.pop((number, device))
+        del self._ports[fd]
+        (self._open if fd in self._is_open else self._closed).unregister(fd)
+        self._is_open.discard(fd)
+        os.close(fd)
+        self._link(number, device).unlink(missing_ok=True)
+
+    def _link(self, number: int, device: Device) -> Path:
+        return self._folder / str(number) / device
+
+
+def _free_port() -> int:
+    """A UDP port that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
+        unused.bind(("", 0))
+        port: int = unused.getsockname()[1]
+        return port

@@ -1,0 +1,157 @@
+"""Robots of an arena, with their devices and what goes wrong; without input or output, at times that are given."""
+
+import functools
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeAlias, get_args
+
+from mercator_design.errors import SettingsError
+from mercator_design.twin.arena import Arena
+from mercator_design.twin.faults import Battery, Damage, Device, Direction, Fault, LineFault, PortLoss, Script, Stall
+from mercator_design.twin.hub import Hub
+from mercator_design.twin.lidar import Lidar
+from mercator_design.twin.rvr import Rvr
+
+Log: TypeAlias = Callable[[Mapping[str, Any]], None]
+"""Is given what happens, event by event."""
+
+DEVICES: tuple[Device, ...] = get_args(Device)
+
+
+class _Line(NamedTuple):
+    """A device, and what goes wrong on the line to it and from it."""
+
+    device: Rvr | Lidar | Hub
+    to_robot: Damage
+    from_robot: Damage
+
+
+class Robot:
+    """A robot of an arena, switched on at the time 0."""
+
+    def __init__(self, arena: Arena, number: int, script: Script, log: Log) -> None:
+        """The robot of a number.
+
+        Args:
+            arena: Where it is.
+            number: Which.
+            script: What goes wrong with it, and with others.
+            log: Is given what happens to it.
+        """
+        measure = functools.partial(arena.measure, number)
+        self.rvr = Rvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
+        self.lidar = Lidar(functools.partial(arena.scan, number), samples=arena.samples, number=number)
+        hub = Hub(functools.partial(measure, "proximity"))
+        self._number, self._log = number, log
+        self._faults = [fault for fault in script.faults if fault.robot == number]
+        self._on: list[Fault] = []
+        self._seen: dict[str, Any] = {}
+        devices: dict[Device, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": hub}
+        self._lines = {
+            name: _Line(
+                device, self._damage(script.seed, name, "to_robot"), self._damage(script.seed, name, "from_robot")
+            )
+            for name, device in devices.items()
+        }
+        self._note(0.0)
+
+    def _damage(self, seed: int, device: Device, way: Direction) -> Damage:
+        faults = [fault for fault in self._faults if isinstance(fault, LineFault) and fault.device == device]
+        return Damage(faults, way, f"{seed} {self._number} {device} {way}")
+
+    def receive(self, device: Device, data: bytes, now: float) -> bytes:
+        """What a device says to bytes that were sent to it."""
+        line = self._lines[device]
+        said = line.from_robot(line.device.receive(line.to_robot(data, now), now), now)
+        self._note(now)
+        return said
+
+    def advance(self, now: float) -> Iterator[tuple[Device, bytes]]:
+        """What the devices say up to now without being asked."""
+        self._begin_and_end_faults(now)
+        for name, line in self._lines.items():
+            if said := line.from_robot(line.device.advance(now), now):
+                yield name, said
+        self._note(now)
+
+    def is_plugged_in(self, device: Device) -> bool:
+        """Whether a device has a port, as most have."""
+        return not any(isinstance(fault, PortLoss) and fault.device == device for fault in self._on)
+
+    def note_port(self, device: Device, *, is_open: bool, now: float) -> None:
+        """Somebody has opened a device's port, or closed it."""
+        if device == "lidar":
+            self.lidar.set_motor(on=is_open, now=now)
+        self._tell(now, "port", device=device, open=is_open)
+
+    def _begin_and_end_faults(self, now: float) -> None:
+        on = [fault for fault in self._faults if fault.is_on(now)]
+        begun, ended = ([f for f in these if f not in those] for these, those in ((on, self._on), (self._on, on)))
+        self._on = on
+        for fault in begun + ended:
+            begins = fault in begun
+            self._tell(now, "fault", kind=fault.kind, device=getattr(fault, "device", "rvr"), begins=begins)
+            if isinstance(fault, Battery):
+                self.rvr.level = fault.level if begins else 100.0
+            elif isinstance(fault, Stall) and begins:
+                self.rvr.stall(("left", "right").index(fault.motor), fault.duration)
+
+    def _note(self, now: float) -> None:
+        """Log what is new."""
+        left, right = (round(speed, 4) + 0.0 for speed in self.rvr.told)
+        self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.told_by)
+        self._note_one(now, "power", self.rvr.is_awake, awake=self.rvr.is_awake)
+        self._note_one(now, "leds", bytes(self.rvr.leds), leds=list(self.rvr.leds))
+
+    def _note_one(self, now: float, event: str, value: object, **details: Any) -> None:  # noqa: ANN401 - of events
+        if self._seen.get(event) != value:
+            self._seen[event] = value
+            self._tell(now, event, **details)
+
+    def _tell(self, now: float, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
+        self._log({"time": round(now, 6), "event": event, "robot": self._number, **details})
+
+
+class Twin:
+    """All robots of an arena, and the time there, which begins with 0.
+
+    arena: Where they are.
+    robots: By number.
+    """
+
+    def __init__(self, arena: Arena, script: Script | None = None, log: Log = lambda _: None) -> None:
+        """Switch the robots on.
+
+        Raises:
+            SettingsError: if something is to go wrong with a robot that is not there.
+        """
+        script = script or Script()
+        for number, fault in enumerate(script.faults):
+            if fault.robot >= arena.robots:
+                expected = f"expected a robot's number, 0 to {arena.robots - 1}"
+                raise SettingsError(f"faults[{number}].robot: {expected}, found {fault.robot}")
+        self.arena, self._log = arena, log
+        self.robots = [Robot(arena, number, script, log) for number in range(arena.robots)]
+        self._note_poses()
+
+    @property
+    def next_tick(self) -> float:
+        """When there is something to do [s]."""
+        return round((self.arena.ticks + 1) * self.arena.period, 9)
+
+    def advance(self, now: float) -> Iterator[tuple[int, Device, bytes]]:
+        """What the devices say up to now without being asked: robot, device, bytes."""
+        while (time := self.next_tick) <= now:
+            self.arena.step([robot.rvr.treads for robot in self.robots])
+            for number, robot in enumerate(self.robots):
+                for device, said in robot.advance(time):
+                    yield number, device, said
+            if self.arena.ticks % self.arena.cycle == 0:
+                self._note_poses()
+
+    def note(self, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
+        """Log something that concerns all robots."""
+        self._log({"time": round(self.arena.ticks * self.arena.period, 6), "event": event, **details})
+
+    def _note_poses(self) -> None:
+        treads = [robot.rvr.treads for robot in self.robots]
+        self.note("poses", poses=self.arena.poses.round(6).tolist(), treads=treads)

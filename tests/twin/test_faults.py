@@ -1,0 +1,175 @@
+"""What goes wrong by a script, and what a script may say."""
+
+import random
+import re
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from mercator_design.errors import SettingsError
+from mercator_design.twin.faults import (
+    Battery,
+    Damage,
+    Double,
+    Fault,
+    Flip,
+    Insert,
+    Lose,
+    PortLoss,
+    Script,
+    Silence,
+    Stall,
+    WrongBaud,
+    read_script,
+)
+from tests.twin.arenas import Talk
+
+DATA = random.Random(1).randbytes(20_000)
+LINE = {"at": 1.0, "duration": 2.0, "robot": 0, "device": "rvr"}
+
+
+def damaged(*faults, now=1.5, direction="from_robot", seed="1"):
+    return Damage(faults, direction, seed)(DATA, now)
+
+
+class TestDamage:
+    """Rates are those of the seeds here."""
+
+    def test_bits_are_flipped(self):
+        found = damaged(Flip(**LINE, rate=0.1))
+        hit = [a ^ b for a, b in zip(DATA, found, strict=True) if a != b]
+        assert len(hit) == pytest.approx(2000, rel=0.1)
+        assert {each.bit_count() for each in hit} == {1}
+        assert len(set(hit)) == 8
+
+    def test_bytes_are_lost_doubled_and_put_in(self):
+        assert len(damaged(Lose(**LINE, rate=0.1))) == pytest.approx(18_000, rel=0.01)
+        assert len(damaged(Double(**LINE, rate=0.1))) == pytest.approx(22_000, rel=0.01)
+        inserted = damaged(Insert(**LINE, rate=0.1))
+        assert len(inserted) == pytest.approx(22_000, rel=0.01)
+        rest = iter(inserted)
+        assert all(byte in rest for byte in DATA)  # all that was there, in its order
+
+    def test_nothing_or_only_garbage_comes_through(self):
+        assert damaged(Silence(**LINE)) == b""
+        garbage = damaged(WrongBaud(**LINE))
+        assert len(garbage) == len(DATA)
+        assert sum(a == b for a, b in zip(DATA, garbage, strict=True)) < 200
+
+    def test_only_while_it_lasts_and_in_its_direction(self):
+        fault = Lose(**LINE, direction="to_robot", rate=1.0)
+        assert [len(damaged(fault, now=now, direction="to_robot")) for now in (0.99, 1.0, 2.99, 3.0)] == [
+            len(DATA), 0, 0, len(DATA),
+        ]  # fmt: skip
+        assert damaged(fault) == DATA
+
+    def test_a_seed_gives_the_same_again(self):
+        fault = Flip(**LINE, rate=0.1)
+        assert damaged(fault) == damaged(fault) != damaged(fault, seed="2")
+
+
+class TestScripts:
+    def test_all_kinds(self, tmp_path):
+        file = tmp_path / "faults.yaml"
+        file.write_text("""
+schema: 1
+seed: 7
+faults:
+  - {kind: flip, at: 5, duration: 10, robot: 0, device: rvr, rate: 0.01}
+  - {kind: silence, at: 5, robot: 2, device: lidar, direction: from_robot}
+  - {kind: port_loss, at: 20, duration: 2, robot: 1, device: proximity}
+  - {kind: battery, at: 1, robot: 0, level: 3}
+  - {kind: stall, at: 1, duration: 3, robot: 0, motor: left}
+""")
+        assert read_script(file) == Script(
+            seed=7,
+            faults=(
+                Flip(at=5, duration=10, robot=0, device="rvr", rate=0.01),
+                Silence(at=5, robot=2, device="lidar", direction="from_robot"),
+                PortLoss(at=20, duration=2, robot=1, device="proximity"),
+                Battery(at=1, robot=0, level=3),
+                Stall(at=1, duration=3, robot=0, motor="left"),
+            ),
+        )
+
+    def test_the_one_in_the_documents(self, tmp_path):
+        text = (Path(__file__).parents[2] / "docs" / "twin.md").read_text()
+        file = tmp_path / "faults.yaml"
+        file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
+        assert len(read_script(file).faults) == 5
+        kinds = {
+            kind for row in re.findall(r"^\| (`[a-z_`, ]+`) \|", text, re.MULTILINE) for kind in re.findall(r"\w+", row)
+        }
+        assert {each.__dataclass_fields__["kind"].default for each in get_args(Fault)} <= kinds
+
+    @pytest.mark.parametrize(
+        ("line", "words"),
+        [
+            ("{kind: flop, at: 1, robot: 0}", r"faults\[0\].kind: expected one of flip, lose, .*did you mean 'flip'\?"),
+            ("{kind: flip, at: 1, robot: 0, device: rvr}", r"faults\[0\].rate: missing key"),
+            ("{kind: flip, at: 1, robot: 0, device: rvr, rate: 2}", r"faults\[0\].rate: expected"),
+            ("{kind: stall, at: 1, robot: 0, motor: middle}", r"faults\[0\].motor: expected one of left, right"),
+            (
+                "{kind: silence, at: 1, robot: 0, device: radar}",
+                r"faults\[0\].device: expected one of rvr, lidar, prox",
+            ),
+        ],
+    )
+    def test_mistakes_have_their_line(self, tmp_path, line, words):
+        file = tmp_path / "faults.yaml"
+        file.write_text(f"schema: 1\nfaults:\n  - {line}\n")
+        with pytest.raises(SettingsError, match=rf"faults.yaml:3: {words}"):
+            read_script(file)
+
+    def test_a_robot_that_is_not_there(self):
+        with pytest.raises(SettingsError, match=r"^faults\[0\].robot: expected a robot's number, 0 to 0, found 3$"):
+            Talk(script=Script(faults=(Battery(at=1, robot=3, level=3),)))
+
+
+class TestInATwin:
+    def test_a_line_that_falls_silent_both_ways(self):
+        talk = Talk(script=Script(faults=(Silence(at=1.0, duration=1.0, robot=0, device="rvr"),)))
+        talk.send("set_custom_control_system_timeout", command_timeout=300)
+        talk.drive(0.2, 0.2, 2.0)
+        wheels = [(event["time"], event["left"], event["by"]) for event in talk.events("wheels")]
+        assert [(left, by) for _, left, by in wheels] == [
+            (0.0, "start"),
+            (0.2, "drive_tank_si_units"),
+            (0.0, "timeout"),
+        ]
+        assert wheels[-1][0] == pytest.approx(1.2, abs=0.021)  # 300 ms after the last command that came through
+        said = talk.drive(0.2, 0.2, 0.5)
+        assert talk.robot.rvr.told == pytest.approx((0.2, 0.2))
+        assert said["lidar"] == []
+        faults = [(event["time"], event["kind"], event["begins"]) for event in talk.events("fault")]
+        assert faults == [(1.0, "silence", True), (2.0, "silence", False)]
+
+    def test_a_wrong_baud_rate(self):
+        talk = Talk(script=Script(faults=(WrongBaud(at=0.0, robot=0, device="proximity"),)))
+        assert talk.wait(2.0)["proximity"] == []
+        assert talk.ends["proximity"].lost > 200
+
+    def test_the_battery_falls_and_is_charged(self):
+        talk = Talk(script=Script(faults=(Battery(at=1.0, duration=1.0, robot=0, level=3),)))
+        talk.send("enable_battery_voltage_state_change_notify", is_enabled=True)
+        states = [event.values["state"] for event in talk.wait(3.0)["rvr"]]
+        assert states == [3, 1]
+
+    def test_a_motor_stalls(self):
+        talk = Talk(script=Script(faults=(Stall(at=0.5, duration=0.5, robot=0, motor="right"),)))
+        talk.send("enable_motor_stall_notify", is_enabled=True)
+        said = talk.drive(0.2, 0.2, 2.0)["rvr"]
+        assert [event.values for event in said] == [
+            {"motor_index": 1, "is_triggered": True},
+            {"motor_index": 1, "is_triggered": False},
+        ]
+        assert talk.arena.poses[0, 2] < -0.3  # it turned to the right meanwhile
+
+    def test_the_port_goes_away(self):
+        talk = Talk(script=Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="lidar"),)))
+        there = []
+        for _ in range(3):
+            talk.wait(0.4)
+            there.append([talk.robot.is_plugged_in(device) for device in ("rvr", "lidar", "proximity")])
+        assert there == [[True] * 3, [True, False, True], [True] * 3]

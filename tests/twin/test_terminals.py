@@ -1,0 +1,203 @@
+"""The twin's ports: sessions with pyserial, ports that go away, and that nothing is left behind."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import serial
+
+from mercator_design.errors import RobotError
+from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.ports import open_ports
+from mercator_design.robot.rvr import Response
+from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.settings import read_settings
+from mercator_design.robot.ydlidar import Packet
+from mercator_design.twin.faults import PortLoss, Script
+from mercator_design.twin.terminals import LOG, Terminals, open_log
+from mercator_design.twin.twin import Twin
+from tests.twin.arenas import arena
+
+ROOT = Path(__file__).parents[2]
+
+
+@contextlib.contextmanager
+def running(folder, script=None):
+    """A twin of two robots that runs in a thread; its terminals."""
+    here = arena((0.0, 0.0, 0.0), (0.0, 0.6, 0.0))
+    here.scan(0), here.measure(0, "proximity")  # compiled before the clock starts
+    over = threading.Event()
+    with open_log(folder) as log, Terminals(Twin(here, script, log), folder) as terminals:
+        thread = threading.Thread(target=lambda: terminals.run(lambda _: over.is_set()))
+        thread.start()
+        try:
+            yield terminals
+        finally:
+            over.set()
+            thread.join()
+
+
+def port_names(file):
+    """Of a robot, from its robot.yaml."""
+    return read_settings(file).ports
+
+
+def events(folder, kind):
+    """What the log says of a kind of event."""
+    lines = map(json.loads, (folder / LOG).read_text().splitlines())
+    return [event for event in lines if event["event"] == kind]
+
+
+def wait_for(condition, seconds=20.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def hear(port, end, done):
+    """What a port says until `done` says that it is enough."""
+    said = []
+
+    def is_enough():
+        said.extend(end.receive(port.read(port.in_waiting)))
+        return done(said)
+
+    wait_for(is_enough)
+    return said
+
+
+def test_a_session_with_all_three_devices(tmp_path):
+    with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])) as ports:
+        host, lidar, hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
+        ports.rvr.write(host.send("get_battery_percentage"))
+        (response,) = hear(ports.rvr, host, len)
+        assert response.values == {"percentage": 100}
+        for name, target, values in streaming(["imu", "color_detection"], 50):
+            ports.rvr.write(host.send(name, target=target, **values))
+        ports.rvr.write(host.send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
+        said = hear(ports.rvr, host, lambda said: len(said) >= 10)
+        assert {type(event) for event in said} == {StreamData}
+        ports.rvr.write(host.send("drive_stop"))
+        ports.lidar.write(ydlidar.encode_command("device_info") + ydlidar.encode_command("scan"))
+        info, *packets = hear(
+            ports.lidar, lidar, lambda said: sum(getattr(event, "is_ring_start", False) for event in said) > 2
+        )
+        assert info.model == 6
+        turns = ydlidar.Turns()
+        assert [len(turn) for packet in packets if isinstance(packet, Packet) and (turn := turns.receive(packet))] == [
+            719,
+            719,
+        ]
+        ports.proximity.write(multiflex.use_sensors(0xFF).encode())
+        hear(ports.proximity, hub, lambda said: len(said) > 3)
+        assert host.lost == lidar.lost == hub.lost == 0
+    told = [(event["left"], event["by"]) for event in events(tmp_path, "wheels") if event["robot"] == 0]
+    assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
+    (clock,) = events(tmp_path, "clock")
+    assert 0.0 < time.monotonic() - clock["start"] < 60.0
+
+
+def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):
+    with running(tmp_path) as terminals:
+        names = port_names(terminals.robots[1])
+        host = rvr.Host()
+        for k, left in enumerate((0.1, 0.2), 1):
+            with serial.Serial(names.rvr, 115_200) as port:
+                port.write(host.send("drive_tank_si_units", left_velocity=left, right_velocity=0.0))
+            wait_for(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
+        with serial.Serial(names.proximity, 115_200) as port:
+            time.sleep(0.05)
+            assert port.in_waiting <= 40  # nothing that was said before
+        wait_for(lambda: len(events(tmp_path, "port")) == 6)
+    mine = [event["left"] for event in events(tmp_path, "wheels") if event["robot"] == 1]
+    assert mine == [0.0, 0.1, 0.2]
+    opened = [event["open"] for event in events(tmp_path, "port") if event["device"] == "rvr"]
+    assert opened == [True, False] * 2
+
+
+def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
+    script = Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="proximity"),))
+    with running(tmp_path, script) as terminals:
+        name = Path(port_names(terminals.robots[0]).proximity)
+        with serial.Serial(str(name), 115_200, timeout=2.0) as port, pytest.raises(serial.SerialException):
+            port.read(1000)
+        assert not name.exists()
+        wait_for(name.exists)
+        with serial.Serial(str(name), 115_200) as port:
+            hear(port, multiflex.decoder(), lambda said: len(said) > 1)
+
+
+def test_nothing_is_left_behind(tmp_path):
+    def held():
+        return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+
+    before = held()
+    (tmp_path / "0").mkdir()
+    (tmp_path / "0" / "mine.txt").write_text("")
+    with running(tmp_path) as terminals:
+        assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
+            ["0", "1", "mine.txt", LOG, *2 * ["lidar", "proximity", "robot.yaml", "rvr"]]
+        )
+        assert [path.parent.name for path in terminals.robots] == ["0", "1"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["0", "mine.txt", LOG]
+    assert held() == before
+
+
+def test_links_of_a_twin_that_was_killed_are_replaced(tmp_path):
+    (tmp_path / "0").mkdir()
+    (tmp_path / "0" / "rvr").symlink_to("/dev/pts/no_longer")
+    (tmp_path / LOG).write_text("what was before\n")
+    with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])):
+        pass
+    assert "before" not in (tmp_path / LOG).read_text()
+
+
+def test_a_folder_is_one_twins(tmp_path):
+    with open_log(tmp_path), pytest.raises(RobotError, match="another twin is running there"), open_log(tmp_path):
+        pass
+    with open_log(tmp_path):
+        pass
+
+
+@contextlib.contextmanager
+def command(*arguments):
+    """`mercator-robot twin`, as a process."""
+    line = [sys.executable, "-m", "mercator_design.twin", *map(str, arguments)]
+    with subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+class TestTheCommand:
+    @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+    def test_it_ends_and_leaves_only_the_log(self, tmp_path, number):
+        with command("aggregation", "--folder", tmp_path, "--set", "robots=2", "--no-noise") as process:
+            lines = [process.stdout.readline().strip() for _ in range(2)]
+            assert lines == [f"robot {n}: {tmp_path}/{n}/robot.yaml" for n in range(2)]
+            with open_ports(port_names(tmp_path / "1" / "robot.yaml")) as ports:
+                host = rvr.Host()
+                ports.rvr.write(host.send("get_sku"))
+                (response,) = hear(ports.rvr, host, len)
+                assert isinstance(response, Response)
+            process.send_signal(number)
+            _, messages = process.communicate(timeout=20)
+        assert process.returncode == 0
+        assert "of a core for each; at most " in messages
+        assert [path.name for path in tmp_path.iterdir()] == [LOG]
+
+    def test_it_ends_by_itself(self, tmp_path):
+        with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:
+            process.communicate(timeout=120)
+        assert process.returncode == 0
+        poses = events(tmp_path, "poses")
+        assert poses[-1]["time"] == pytest.approx(0.5, abs=0.11)
+        assert len(poses[0]["poses"]) == 3

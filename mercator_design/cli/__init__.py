@@ -8,7 +8,21 @@ modules are imported by the verb that needs them, so that `--help` is quick.
 import click
 
 from mercator_design import __version__
-from mercator_design.cli import draw, evaluate, export, missions, race, record, robots, runs, schema, tune, validate
+from mercator_design.cli import (
+    bundle,
+    deploy,
+    draw,
+    evaluate,
+    export,
+    missions,
+    race,
+    record,
+    robots,
+    runs,
+    schema,
+    tune,
+    validate,
+)
 from mercator_design.cli.terminal import terminable
 from mercator_design.command import run
 
@@ -42,5 +56,7 @@ for _verb in (
     missions.missions,
     robots.robots,
     schema.schema,
+    bundle.bundle,
+    deploy.deploy,
 ):
     cli.add_command(_verb)

@@ -1,0 +1,24 @@
+"""mdesign bundle: the program for the robot as one file."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.command import FILE, tell
+
+
+@click.command()
+@click.option(
+    "-o", "--output", type=FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE", help="File to write."
+)
+def bundle(output: Path) -> None:
+    """Write mercator-robot as one file, which runs on a robot's Pi with Python 3.11 and nothing else installed.
+
+    What it needs, click, PyYAML and pyserial, is in it as it is installed here.
+    """
+    from mercator_design.files import write_bytes
+    from mercator_design.fleet.bundle import bundle as make
+
+    write_bytes(output, make())
+    output.chmod(0o755)
+    tell(f"{output} is written; on the robot: python3 {output.name} --help")

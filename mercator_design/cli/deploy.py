@@ -1,0 +1,78 @@
+"""mdesign deploy: control software on many robots."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mercator_design.command import FILE, read_controller
+from mercator_design.errors import RobotError, printable
+
+if TYPE_CHECKING:
+    from mercator_design.fleet.deploy import Result
+
+
+@click.command()
+@click.argument("fsm", type=FILE, required=False)
+@click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
+@click.option("--start", is_flag=True, help="Run FSM on all robots, if it has been copied to all.")
+@click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
+@click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
+@click.option("--stop", is_flag=True, help="Instead, stop what runs on the robots.")
+@click.option(
+    "--collect",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Instead, or after that, copy the logs of each robot to a folder of its name in DIR.",
+)
+@click.option(
+    "--timeout",
+    type=click.FloatRange(1.0, 3600.0),
+    default=60.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="For each connection to a robot.",
+)
+def deploy(
+    fsm: Path | None,
+    robots: Path,
+    start: bool,
+    duration: float | None,
+    dry_run: bool,
+    stop: bool,
+    collect: Path | None,
+    timeout: float,
+) -> None:
+    """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; start and stop them, collect logs.
+
+    Prints a row for each robot; exit code 1 if something failed on any.
+    """
+    if (fsm is None) != (stop or collect is not None):
+        raise click.UsageError("expected FSM, or --stop or --collect")
+    if (start and fsm is None) or ((duration is not None or dry_run) and not start):
+        raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
+
+    from mercator_design.fleet import deploy as do
+
+    fleet = do.read_fleet(robots)
+    results = []
+    if fsm is not None:
+        read_controller(fsm, None, lenient=False)
+        results += _shown(do.copy(fleet, fsm, timeout))
+    if start and all(each.is_done for each in results):
+        options = [f"--duration={duration}"] * (duration is not None) + ["--dry-run"] * dry_run
+        results += _shown(do.start(fleet, options, timeout))
+    if stop:
+        results += _shown(do.stop(fleet, timeout))
+    if collect is not None:
+        results += _shown(do.collect(fleet, collect, timeout))
+    failed = {each.robot.name for each in results if not each.is_done}
+    if failed:
+        raise RobotError(f"{len(failed)} of {len(fleet.robots)} robots failed")
+
+
+def _shown(results: "list[Result]") -> "list[Result]":
+    for each in results:
+        row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
+        click.echo(printable(row))
+    return results

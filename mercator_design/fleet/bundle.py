@@ -1,0 +1,96 @@
+"""mercator-robot as one file that needs Python alone: a zip application."""
+
+import ast
+import io
+import zipfile
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+from mercator_design.errors import RobotError
+
+_PACKAGE = Path(__file__).parents[1]
+_ENTRY = f"{_PACKAGE.name}.robot.cli"
+_NEEDED = ("click", "PyYAML", "pyserial")
+_MAIN = f"""\
+import sys
+
+if sys.version_info < (3, 11):
+    sys.exit("Error: mercator-robot needs Python 3.11, this is " + sys.version.split()[0])
+
+from {_ENTRY} import main
+
+main()
+"""
+
+
+def bundle() -> bytes:
+    """A zip application of the modules that the robot imports, and of what they need, as installed here, with licences.
+
+    Of the same sources it has the same bytes anywhere: names in order, no dates, and nothing compressed, as each zlib
+    does that in its own way.
+
+    Raises:
+        RobotError: if what it needs is not installed in a way that tells its files.
+    """
+    files = {"__main__.py": _MAIN.encode()}
+    files |= {str(path.relative_to(_PACKAGE.parent)): path.read_bytes() for path in _modules()}
+    packaged = _PACKAGE / "LICENSE"
+    licence = packaged if packaged.is_file() else _PACKAGE.parent / "LICENSE"  # beside the package in a checkout
+    files["licences/mercator-design.txt"] = licence.read_bytes()
+    files["licences/pyserial.txt"] = (_PACKAGE / "fleet/LICENSE-pyserial.txt").read_bytes()  # its wheel has none
+    for name in _NEEDED:
+        files |= _taken_from(name)
+    archive = io.BytesIO()
+    archive.write(b"#!/usr/bin/env python3\n")
+    with zipfile.ZipFile(archive, "w") as writer:
+        for place, data in sorted(files.items()):
+            entry = zipfile.ZipInfo(place)
+            entry.external_attr = 0o644 << 16
+            writer.writestr(entry, data)
+    return archive.getvalue()
+
+
+def _modules() -> set[Path]:
+    """The files of this package that the robot's command imports, at once or ever."""
+    found: set[Path] = set()
+    waiting = [_ENTRY]
+    while waiting:
+        name = waiting.pop()
+        folder = _PACKAGE.parent.joinpath(*name.split("."))
+        for path in (folder / "__init__.py", folder.with_suffix(".py")):
+            if path.is_file() and path not in found:
+                found.add(path)
+                waiting += filter(_is_ours, (name.rpartition(".")[0], *_imports(path)))
+    return found
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] == _PACKAGE.name
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """Names of modules, and of what may be one or something in one."""
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _taken_from(distribution: str) -> dict[str, bytes]:
+    """The modules of a distribution that are in Python, as those in C are of this machine, and its licence."""
+    try:
+        files = metadata.files(distribution)
+    except metadata.PackageNotFoundError:
+        files = None
+    if not files:
+        raise RobotError(f"{distribution}: its files are not known; install it with pip")
+    taken = {}
+    for file in files:
+        if file.suffix == ".py" and file.parts[0] != "..":  # scripts are outside
+            taken[file.as_posix()] = file.read_binary()
+        elif file.name.upper().startswith(("LICENSE", "LICENCE", "COPYING")):
+            taken[f"licences/{distribution}.txt"] = file.read_binary()
+    return taken

@@ -1,0 +1,155 @@
+"""The bundle runs where nothing is installed, and has nothing in it that a robot does not need."""
+
+import ast
+import os
+import subprocess
+import sys
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from mercator_design import __version__
+from mercator_design.fleet import bundle as bundling
+from mercator_design.fleet.bundle import bundle
+from tests.robot.devices import Devices
+
+ROOT = Path(__file__).parents[2]
+NEEDED = {"click", "serial", "yaml"}
+OURS = "mercator_design/"
+
+
+@pytest.fixture(scope="module")
+def application(tmp_path_factory):
+    file = tmp_path_factory.mktemp("bundle") / "mercator-robot.pyz"
+    file.write_bytes(bundle())
+    return file
+
+
+@pytest.fixture(scope="module")
+def sources(application):
+    """Name -> text of all that is in it."""
+    with zipfile.ZipFile(application) as archive:
+        assert archive.testzip() is None
+        return {name: archive.read(name).decode() for name in archive.namelist()}
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory):
+    """Python in an environment with nothing installed."""
+    folder = tmp_path_factory.mktemp("empty")
+    venv.create(folder, with_pip=False, symlinks=True)
+    return folder / "bin/python"
+
+
+def run(python, *arguments, folder=None):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL"))}
+    return subprocess.run(
+        [python, "-I", *arguments], capture_output=True, text=True, check=False, cwd=folder, env=environment
+    )
+
+
+def test_the_command_line(application, python):
+    assert run(python, application, "--version").stdout == f"mercator-robot, version {__version__}\n"
+    for arguments in (["--help"], ["run", "--help"]):
+        done = run(python, application, *arguments)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith("Usage: mercator-robot")
+    assert run(python, application, "run", "none.txt").returncode == 3
+    assert "No such command" in run(python, application, "twin").stderr
+
+
+def test_a_run_and_its_replay(application, python, tmp_path):
+    (tmp_path / "fsm.txt").write_text("# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n")
+    with Devices() as devices:
+        ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
+        (tmp_path / "robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n")
+        options = ("--robot", "robot.yaml", "--duration", "0.5", "-o", "log.jsonl")
+        done = run(python, application, "run", "fsm.txt", *options, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert devices.drives()
+        checked = run(python, application, "check", "--robot", "robot.yaml", folder=tmp_path)
+        assert "ok     clock" in checked.stdout, checked.stderr
+    replayed = run(python, application, "replay", "log.jsonl", folder=tmp_path)
+    assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
+
+
+def test_every_module_can_be_imported_and_none_is_from_elsewhere(application, sources, python):
+    names = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in sources]
+    ours = [name for name in names if name.startswith("mercator_design")]
+    script = f"""
+import importlib, sys
+sys.path.insert(0, {str(application)!r})
+for name in {ours}:
+    importlib.import_module(name)
+for name, module in sys.modules.items():
+    if name.partition(".")[0] not in {{"__main__", *sys.stdlib_module_names}}:
+        print(module.__file__.partition(".pyz/"))
+"""
+    done = run(python, "-c", script)
+    assert done.returncode == 0, done.stderr
+    places = [ast.literal_eval(line) for line in done.stdout.splitlines()]
+    assert {archive for archive, *_ in places} == {str(application.with_suffix(""))}
+    assert {place.partition("/")[0] for *_, place in places} == {"mercator_design", *NEEDED}
+
+
+def test_all_that_is_imported_later_is_in_it_too(sources):
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    heavy = next(each for each in contracts if "plain Python" in each["name"])["forbidden_modules"]
+    assert not [name for name in sources if name.partition("/")[0] in heavy]
+    for name, text in sources.items():
+        if not name.startswith(OURS):
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{name}: the bundle follows no relative imports"
+            for module in imported(node):
+                path = module.replace(".", "/")
+                known = f"{path}.py" in sources or f"{path}/__init__.py" in sources
+                is_to_compile = name == f"{OURS}jit.py" and module.partition(".")[0] in heavy
+                assert known or is_to_compile or module.partition(".")[0] in sys.stdlib_module_names, (name, module)
+
+
+def imported(node):
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module] if isinstance(node, ast.ImportFrom) else []
+
+
+def test_what_is_in_it(sources):
+    folders = {name.partition("/")[0] for name in sources} - {"_yaml"}  # a name that PyYAML once had
+    assert folders == {"__main__.py", "licences", "mercator_design", *NEEDED}
+    for part in ("sim", "race", "missions", "report", "cli", "fleet", "twin"):
+        assert not [name for name in sources if name.startswith(f"{OURS}{part}")]
+    licences = {name: text for name, text in sources.items() if name.startswith("licences/")}
+    assert {Path(name).stem for name in licences} == {"click", "mercator-design", "PyYAML", "pyserial"}
+    for text in licences.values():
+        assert "Copyright" in text
+        assert "WITHOUT WARRANTY" in text.upper() or "AS IS" in text
+
+
+def test_it_has_the_same_bytes_every_time(application, monkeypatch):
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    assert bundle() == application.read_bytes()
+    with zipfile.ZipFile(application) as archive:
+        assert archive.namelist() == sorted(archive.namelist())
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        assert {entry.compress_type for entry in archive.infolist()} == {zipfile.ZIP_STORED}
+
+
+def test_the_verb(mdesign, tmp_path, application):
+    file = tmp_path / "robot.pyz"
+    code, out, err = mdesign("bundle", "-o", file)
+    assert (code, out) == (0, "")
+    assert err == f"{file} is written; on the robot: python3 robot.pyz --help\n"
+    assert file.read_bytes() == application.read_bytes()
+    assert subprocess.run([file, "--version"], capture_output=True, check=True).stdout.startswith(b"mercator-robot")
+
+
+def test_what_is_installed_in_another_way(mdesign, tmp_path, monkeypatch):
+    monkeypatch.setattr(bundling, "_NEEDED", ("no-such-distribution",))
+    code, _, err = mdesign("bundle", "-o", tmp_path / "robot.pyz")
+    assert (code, err) == (1, "Error: no-such-distribution: its files are not known; install it with pip\n")
+    assert not list(tmp_path.iterdir())

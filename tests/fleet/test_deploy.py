@@ -1,0 +1,199 @@
+"""Robots are deployed to over an ssh and an scp that act in local folders: a host is a folder, its home."""
+
+import contextlib
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design import __version__
+from tests.robot.devices import Devices
+
+FAKE = """#!{python}
+import os, shutil, glob, sys, time
+from pathlib import Path
+
+program, words, options = Path(sys.argv[0]).name, sys.argv[1:], []
+while words[0].startswith("-"):
+    options.append(words.pop(0))
+    if options[-1] == "-o":
+        options.append(words.pop(0))
+with open("{log}", "a") as log:
+    print(program, *options, file=log)
+assert "BatchMode=yes" in options and "ConnectTimeout=10" in options
+host = words[0] if program == "ssh" else next(word for word in words if ":" in word).partition(":")[0]
+home = Path("{root}", host)
+if not home.is_dir():
+    sys.exit(f"ssh: connect to host {{host}} port 22: No route to host")
+if (home / "slow").exists():
+    time.sleep(60)
+if program == "ssh":
+    os.chdir(home)
+    os.execvp("sh", ["sh", "-c", " ".join(words[1:])])
+*sources, target = [word.replace(host + ":", str(home) + "/") if ":" in word else word for word in words]
+for source in sources:
+    for file in glob.glob(source):
+        shutil.copy(file, target)
+"""
+GO = "# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n"
+
+
+@pytest.fixture
+def field(tmp_path, monkeypatch):
+    """A folder with the homes of the robots r1 and r2, fsm.txt and robots.yaml."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name in ("ssh", "scp"):
+        file = programs / name
+        file.write_text(FAKE.format(python=sys.executable, root=tmp_path, log=tmp_path / "calls"))
+        file.chmod(file.stat().st_mode | stat.S_IXUSR)
+    (programs / "python3").symlink_to(sys.executable)
+    monkeypatch.setenv("PATH", str(programs), prepend=":")
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fsm.txt").write_text(GO)
+    (tmp_path / "robots.yaml").write_text(
+        "robots: [{name: r1, host: r1}, {name: r2, host: r2, user: pi, port: 2222}]\n"
+    )
+    for name in ("r1", "r2"):
+        (tmp_path / name).mkdir()
+    yield tmp_path
+    for file in tmp_path.glob("*/mercator/pid"):  # of a test that failed
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            pid = int(file.read_text())
+            if Path(f"/proc/{pid}/cwd").readlink() == file.parent:
+                os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def deploy(mdesign):
+    return lambda *arguments: mdesign("deploy", "--robots", "robots.yaml", *arguments)
+
+
+def test_copies(deploy, field):
+    rows = "".join(f"ok      {name:<16} mercator-robot, version {__version__}\n" for name in ("r1", "r2"))
+    assert deploy("fsm.txt") == (0, rows, "")
+    for name in ("r1", "r2"):
+        assert (field / name / "mercator/fsm.txt").read_text() == GO
+    calls = (field / "calls").read_text().splitlines()
+    assert len(calls) == 6
+    assert sum("-o User=pi -o Port=2222" in call for call in calls) == 3
+
+
+def test_runs_stops_and_collects(deploy, field):
+    with Devices() as devices:
+        ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
+        (field / "r1/mercator").mkdir()
+        (field / "r1/mercator/robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n")
+        (field / "robots.yaml").write_text("robots: [{name: mercator 1, host: r1}]\n")
+        code, out, err = deploy("fsm.txt", "--start", "--duration", 60)
+        assert (code, err) == (0, "")
+        assert "ok      mercator 1       runs, logs/run-" in out.splitlines()[1]
+        devices.when(devices.drives)
+        for arguments in (["fsm.txt"], ["fsm.txt", "--start"]):
+            code, out, err = deploy(*arguments)
+            assert out == "FAILED  mercator 1       a run is in progress: stop it first\n"
+            assert (code, err) == (1, "Error: 1 of 1 robots failed\n")
+        assert deploy("--stop", "--collect", "all") == (
+            0,
+            "ok      mercator 1       stopped\nok      mercator 1       2 files in all/mercator 1\n",
+            "",
+        )
+        assert devices.rests_since() < time.monotonic()
+        assert deploy("--stop") == (0, "ok      mercator 1       nothing runs\n", "")
+    (log,) = (field / "all/mercator 1").glob("*.jsonl")
+    first, *_, last = log.read_text().splitlines()
+    assert '"duration":60.0' in first.replace(" ", "")
+    assert "Stopped by SIGTERM." in last
+
+
+def test_a_robot_that_does_not_start(deploy, field):
+    for name in ("r1", "r2"):
+        (field / name / "mercator").mkdir()
+        (field / name / "mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
+    code, out, err = deploy("fsm.txt", "--start", "--dry-run")
+    assert (code, err) == (1, "Error: 2 of 2 robots failed\n")
+    for row in out.splitlines()[2:]:
+        assert "Error: rvr: /dev/no_such_port: no such port" in row
+        assert row.startswith("FAILED  r")
+
+
+def test_nothing_starts_if_a_robot_is_missing(deploy, field):
+    (field / "r2").rmdir()
+    code, out, err = deploy("fsm.txt", "--start")
+    assert (code, err) == (1, "Error: 1 of 2 robots failed\n")
+    assert out.splitlines()[1:] == ["FAILED  r2               ssh: connect to host r2 port 22: No route to host"]
+    assert not list(field.glob("*/mercator/logs"))
+    code, out, err = deploy("--collect", "logs")
+    assert out.startswith("ok      r1               no logs\nFAILED  r2 ")
+    assert code == 1
+
+
+def test_a_robot_that_does_not_answer(deploy, field):
+    (field / "r2/slow").touch()
+    begin = time.monotonic()
+    code, out, _ = deploy("--stop", "--timeout", 2)
+    assert time.monotonic() - begin < 30.0
+    assert code == 1
+    assert "FAILED  r2               ssh: not done after 2 s" in out
+
+
+def test_a_process_that_is_another_s_is_left_alone(deploy, field):
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    (field / "r1/mercator").mkdir()
+    (field / "r2/mercator").mkdir()
+    (field / "r1/mercator/pid").write_text(f"{other.pid}\n")
+    assert deploy("--stop")[1].count("nothing runs") == 2
+    assert other.poll() is None
+    (field / "r1/mercator/pid").unlink()
+    other.kill()
+    other.wait()
+
+
+def test_no_ssh(deploy, field, monkeypatch):
+    monkeypatch.setenv("PATH", "/nonexistent")
+    assert "ssh: no such program here; install OpenSSH" in deploy("--stop")[1]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["fsm.txt", "--stop"], ["fsm.txt", "--collect", "x"], ["--stop", "--start"], ["fsm.txt", "--duration", "5"]],
+)
+def test_wrong_usage(deploy, field, arguments):
+    assert deploy(*arguments)[0] == 2
+    assert not (field / "calls").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("robots: []", "robots.yaml:1: robots: expected"),
+        ("robots:\n- {host: r1}", "robots.yaml:2: robots[0].name: missing key"),
+        ("robots:\n- {name: a, host: -oProxyCommand=x}", "robots.yaml:2: robots[0].host: expected"),
+        ("robots:\n- {name: a, host: b, user: -l}", "robots.yaml:2: robots[0].user: expected"),
+        ("robots:\n- {name: a, host: b, folder: $(x)}", "robots.yaml:2: robots[0].folder: expected"),
+        ("robots:\n- {name: a, host: b, port: 0}", "robots.yaml:2: robots[0].port: expected"),
+        ("robots:\n- {name: a, host: b, prot: 1}", "robots[0].prot: unknown key; did you mean 'port'?"),
+        (
+            "robots:\n- {name: a, host: b}\n- {name: a, host: c}",
+            "robots.yaml:3: robots[1].name: there are two robots a",
+        ),
+        ("robots:\n- {name: a, host: b}\n- {name: c, host: b}", "robots.yaml:3: robots[1].host: another robot is at"),
+    ],
+)
+def test_robots_that_are_none(deploy, field, text, error):
+    (field / "robots.yaml").write_text(text)
+    code, _, err = deploy("--stop")
+    assert (code, error in err) == (3, True), err
+    assert not (field / "calls").exists()
+
+
+def test_a_pfsm_that_is_none(deploy, field):
+    (field / "fsm.txt").write_text("--nstates 1 --s0 9")
+    assert deploy("fsm.txt")[0] == 3
+    assert not (field / "calls").exists()

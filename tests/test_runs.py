@@ -28,7 +28,7 @@ from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
 from mercator_design.race.summary import Elite, Progress
-from mercator_design.report.columns import difference
+from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
@@ -419,7 +419,7 @@ class TestProgress:
     @pytest.mark.parametrize(
         ("columns", "text"),
         [
-            (60, "aggregation: iteration 8/9, 17 …"),
+            (60, "aggregation: iteration 8/9, "),
             (80, "aggregation: iteration 8/9, 17 alive, best 2.8"),
             (140, "aggregation: iteration 8/9, 17 alive, best 2.8 (sd 0.414, n=15)"),
         ],
@@ -428,7 +428,7 @@ class TestProgress:
         line = shown(columns, 8, 9)[-1]
         assert len(line) <= columns
         assert line.startswith(text)
-        assert re.fullmatch(r" +([━╸╺]{10} )?4240/5000 \d+/s -:--:--", line[len(text) :])
+        assert re.fullmatch(r"([\w ]*…)? +([━╸╺]{10} )?4240/5000 \d+/s -:--:--", line[len(text) :])
         assert ("━" in line) == (columns > 100)
 
     @pytest.mark.parametrize(
@@ -690,6 +690,15 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
     assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
     del record.iterations[40]
     assert len(iterations_table(record)) == 1 + 10 + 1 + 20
+
+
+def test_notes_fit_a_terminal():
+    table = "a" * 60
+    page = f"{table}\nNote       iteration 2: no gain in 6 iterations, since iteration 3, says mdesign\n"
+    assert with_notes_wrapped(page, None) == page
+    assert with_notes_wrapped(page, 50) == (
+        f"{table}\nNote       iteration 2: no gain in 6 iterations,\n           since iteration 3, says mdesign\n"
+    )
 
 
 def test_rounding_is_no_difference():

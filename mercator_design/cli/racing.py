@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from mercator_design.cli.terminal import Interrupt
+from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import tell
 
 if TYPE_CHECKING:
@@ -133,6 +133,7 @@ def run(
     """
     from mercator_design.race.executors import Stopped
     from mercator_design.race.runner import ExperimentFailed
+    from mercator_design.report.columns import with_notes_wrapped
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.report.summary import race_summary
 
@@ -170,7 +171,7 @@ def run(
     try:
         folder.finish(result, seconds=round(display.seconds, 3))
     finally:
-        click.echo(summary, nl=False)
+        click.echo(with_notes_wrapped(summary, terminal_width()), nl=False)
 
 
 def _run(

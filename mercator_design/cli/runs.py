@@ -61,11 +61,12 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 )
 def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
+    from mercator_design.report.columns import with_notes_wrapped
     from mercator_design.report.runs import run_summary
     from mercator_design.run_folder import configurations_table, experiments_table, tests_table
 
     if what is None:
-        click.echo(run_summary(directory))
+        click.echo(with_notes_wrapped(run_summary(directory), terminal_width()))
     elif what == "experiments":
         click.echo(experiments_table(directory).to_csv(index=False), nl=False)
     elif what == "tests":

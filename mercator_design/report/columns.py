@@ -1,5 +1,6 @@
-"""Rows of cells as lines of text, and differences as cells."""
+"""Rows of cells as lines of text, differences as cells, and notes that fit a terminal."""
 
+import textwrap
 from collections.abc import Sequence
 from operator import sub
 
@@ -32,3 +33,16 @@ def difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
         figure if abs(figure) > noise else 0.0 for figure in (found.mean, found.confidence_interval[1] - found.mean)
     )
     return f"{mean:+.3g} ± {half:.2g}"
+
+
+def with_notes_wrapped(page: str, width: int | None) -> str:
+    """A page whose notes are wrapped between words, below their beginning.
+
+    Args:
+        page: Its lines; all but notes stay as they are, as they are tables, commands and values.
+        width: Characters in a line; None wraps nothing.
+    """
+    if width is None:
+        return page
+    notes = textwrap.TextWrapper(width=max(width, 40), subsequent_indent=" " * 11, break_on_hyphens=False)
+    return "\n".join(notes.fill(line) if line.startswith("Note ") else line for line in page.split("\n"))

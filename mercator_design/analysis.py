@@ -18,9 +18,8 @@ from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
-from mercator_design.race.journal import read
 from mercator_design.race.task import Task
-from mercator_design.run_folder import JOURNAL, task_of
+from mercator_design.run_folder import read_journal, task_of
 
 T = TypeVar("T")
 
@@ -53,7 +52,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
     Raises:
         RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
     """
-    task, record = task_of(path), read(path / JOURNAL).record
+    task, record = task_of(path), read_journal(path).record
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -100,7 +99,7 @@ def ablation(
         RaceError: There is no such race or configuration, or it has not ended.
         Stopped: see `stopped`; what was under way has been waited for.
     """
-    record = read(path / JOURNAL).record
+    record = read_journal(path).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     winner = record.configurations[record.ends[-1].winner]
@@ -110,6 +109,8 @@ def ablation(
         start = record.iterations[min(record.iterations)].elites[0]
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
+    if start is None and not isinstance(task, Designer):
+        raise RaceError(f"{path}: its winner is no PFSM to take apart: give --from CONFIGURATION or --from-first")
     task.prepare(announce)
     measured = _Measuring(task, executor, watch, stopped)
     if start is not None:
@@ -117,8 +118,7 @@ def ablation(
         key = task.race.space.key(record.configurations[start])
         path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
         return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
-    if not isinstance(task, Designer):
-        raise RaceError(f"{path}: expected a configuration to begin with (--from), as its winner is no PFSM")
+    assert isinstance(task, Designer)  # noqa: S101 - as was checked
     simpler = _Simpler(to_pfsm(winner, task.flavour))
     start_of = removed(simpler.pfsm, frozenset())
     steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)

@@ -88,7 +88,7 @@ def _discard(stream: TextIO) -> None:
 def tell(message: str) -> None:
     """Say something that is no result, if there is still somebody to hear it."""
     try:
-        click.echo(printable(message), err=True)
+        click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
     except OSError:  # such as that the terminal was closed
         _discard(sys.stderr)
 

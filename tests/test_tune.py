@@ -79,7 +79,7 @@ class TestTune:
         monkeypatch.chdir(folder)
         code, out, err = mdesign("tune", "scenario.txt")
         assert (code, err) == (0, "")
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "of 110 experiments, " in out
         assert "Tested     on fresh instances" in out
         run = folder / "runs" / "sharpen-1"
@@ -137,7 +137,7 @@ class TestTune:
         assert table["mean"].iloc[-1] <= table["mean"][0]
         code, _, err = mdesign("runs", "ablation", run)
         assert code == 1
-        assert "expected a configuration to begin with (--from)" in err
+        assert "no PFSM to take apart: give --from CONFIGURATION or --from-first" in err
 
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"
@@ -150,7 +150,7 @@ class TestTune:
         run = undisturbed[1]
         code, out, _ = mdesign("runs", "show", run)
         assert code == 0
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "x = 7\n" in out
         assert mdesign("runs", "verify", run, "-n", 10)[0] == 0
         [listed] = json.loads(mdesign("runs", "list", run.parent, "--json")[1])

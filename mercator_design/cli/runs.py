@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
-from mercator_design.cli.terminal import Interrupt, naming
+from mercator_design.cli.terminal import Interrupt, naming, terminal_width
 from mercator_design.command import tell
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def ablation(
             watch=display.update,
             stopped=stopped,
         )
-    click.echo((ablation_csv if as_csv else ablation_page)(result), nl=False)
+    click.echo(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
         with naming(plot):
             save_ablation(plot, result)

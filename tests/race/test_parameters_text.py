@@ -56,8 +56,8 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "p.txt: expected at least one parameter, found none"),
-        ("# nothing", "p.txt: expected at least one parameter, found none"),
+        ("", "p.txt: expected at least one parameter, before [forbidden] and [global], found none"),
+        ("# nothing", "p.txt: expected at least one parameter, before [forbidden] and [global], found none"),
         (
             '\na! "" c (x)',
             'p.txt:2, column 2: expected a switch in quotes such as "--name ", found \'! "" c (x)\'',
@@ -102,11 +102,18 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
         ('a "" c (x)\n[forbiden]', "p.txt:2, column 1: expected [forbidden] or [global], found [forbiden]"),
         (
             'a "" c (x)\n[global]\ndigit = 2',
-            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digit = 2'",
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'digit = 2'",
+        ),
+        (
+            '[global]\ndigits = 4\na "" c (x)',
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'a \"\" c (x)'",
         ),
         (
             'a "" c (x)\n[global]\ndigits = 16',
-            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digits = 16'",
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'digits = 16'",
         ),
         ('a "" c (x)\n[forbidden]\na == ', "p.txt:3, column 5: expected a value, a parameter or '('"),
         (

@@ -133,7 +133,7 @@ def test_what_is_in_it(sources):
 def test_a_python_that_is_too_old(sources, monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 9, 2))
     monkeypatch.setattr(sys, "version", "3.9.2 (default)")
-    with pytest.raises(SystemExit, match="needs Python 3.11 or later, this is 3.9.2"):
+    with pytest.raises(SystemExit, match=r"needs Python 3\.11 or later, this is 3\.9\.2"):
         exec(sources["__main__.py"], {})  # noqa: S102 - our own
 
 

@@ -6,14 +6,13 @@ Run on the login node, or in a small job, as long as the race takes:
     mdesign race my.yaml --budget 200000 --executor dask --scheduler scheduler.json
 
 Each job runs one worker process for each of its cores. --dry-run prints the script that is submitted.
+Where the race is: mdesign runs show DIRECTORY, from any machine that sees its folder.
 """
 
 import argparse
 import json
 import time
 from pathlib import Path
-
-from dask_jobqueue import SLURMCluster
 
 
 def main() -> None:
@@ -24,9 +23,14 @@ def main() -> None:
     parser.add_argument("--walltime", default="24:00:00", help="of each job")
     parser.add_argument("--partition", default=None)
     parser.add_argument("--account", default=None)
+    parser.add_argument("--interface", default=None, help="of the network between the nodes, such as ib0")
     parser.add_argument("--scheduler-file", default="scheduler.json", help="where mdesign finds the scheduler")
     parser.add_argument("--dry-run", action="store_true", help="print the job's script, and submit nothing")
     given = parser.parse_args()
+    try:
+        from dask_jobqueue import SLURMCluster
+    except ModuleNotFoundError:
+        raise SystemExit("docs/slurm.py needs: pip install '.[dask]'") from None
     cluster = SLURMCluster(
         cores=given.cores,
         processes=given.cores,  # one experiment each, so that a worker that dies takes no other with it
@@ -34,8 +38,9 @@ def main() -> None:
         walltime=given.walltime,
         queue=given.partition,
         account=given.account,
+        interface=given.interface,
         job_extra_directives=["--requeue"],
-        scheduler_options={"dashboard_address": None},
+        scheduler_options={"dashboard_address": ":0"},  # any port, as there may be another scheduler
     )
     if given.dry_run:
         print(cluster.job_script(), end="")

@@ -18,9 +18,8 @@ from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
-from mercator_design.race.journal import read
 from mercator_design.race.task import Task
-from mercator_design.run_folder import JOURNAL, restored, task_of
+from mercator_design.run_folder import read_journal, task_of
 
 T = TypeVar("T")
 
@@ -53,7 +52,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
     Raises:
         RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
     """
-    task, record = task_of(path), read(path / JOURNAL).record
+    task, record = task_of(path), read_journal(path).record
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -73,6 +72,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
 
 def ablation(
     path: Path,
+    task: Task[Any],
     executor: Executor,
     *,
     start: int | None = None,
@@ -80,22 +80,26 @@ def ablation(
     runs: int,
     announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     watch: Callable[[int, int], None] = lambda step, done: None,  # noqa: ARG005
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Ablation:
     """The path to the winner of a race from another configuration, or from a winning PFSM to its initial state alone.
 
     Args:
         path: Of the run folder.
+        task: As `run_folder.restored` gives it.
         executor: Runs experiments.
         start: The configuration to begin with, by its number.
         first: Begin with the best of the first iteration.
         runs: Instances that changes are chosen on, and as many others that the path is measured on: test instances.
         announce: Called with a sentence if there is something to compile.
         watch: Called with the number of measurements done, and of experiments.
+        stopped: Asked before each experiment whether to stop.
 
     Raises:
-        RaceError: There is no such race or configuration, or it has not ended; see also `run_folder.restored`.
+        RaceError: There is no such race or configuration, or it has not ended.
+        Stopped: see `stopped`; what was under way has been waited for.
     """
-    task, record = restored(path), read(path / JOURNAL).record
+    record = read_journal(path).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     winner = record.configurations[record.ends[-1].winner]
@@ -105,15 +109,16 @@ def ablation(
         start = record.iterations[min(record.iterations)].elites[0]
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
+    if start is None and not isinstance(task, Designer):
+        raise RaceError(f"{path}: its winner is no PFSM to take apart: give --from CONFIGURATION or --from-first")
     task.prepare(announce)
-    measured = _Measuring(task, executor, watch)
+    measured = _Measuring(task, executor, watch, stopped)
     if start is not None:
         flips = Flips(task.race.space, winner)
         key = task.race.space.key(record.configurations[start])
         path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
         return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
-    if not isinstance(task, Designer):
-        raise RaceError(f"{path}: expected a configuration to begin with (--from), as its winner is no PFSM")
+    assert isinstance(task, Designer)  # noqa: S101 - as was checked
     simpler = _Simpler(to_pfsm(winner, task.flavour))
     start_of = removed(simpler.pfsm, frozenset())
     steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)
@@ -154,10 +159,13 @@ def _ablation(
 class _Measuring:
     """Measures configurations on test instances, all at once."""
 
-    def __init__(self, task: Task[Any], executor: Executor, watch: Callable[[int, int], None]) -> None:
+    def __init__(
+        self, task: Task[Any], executor: Executor, watch: Callable[[int, int], None], stopped: Callable[[], bool]
+    ) -> None:
         self._task = task
         self._executor = executor
         self._watch = watch
+        self._stopped = stopped
         self._numbers = count(10**9)  # that no configuration of a race has
         self._calls = 0
         self._done = 0
@@ -176,7 +184,7 @@ class _Measuring:
                 self._done = before + done
                 self._watch(self._calls, self._done)
 
-            found = in_order(self._executor, self._task.function, items, watch)
+            found = in_order(self._executor, self._task.function, items, watch, self._stopped)
             self._calls += 1
             costs = [self._task.cost(one.score) for one in found]
             return [costs[k : k + len(instances)] for k in range(0, len(costs), len(instances))]

@@ -28,7 +28,10 @@ def from_line(line: bytes) -> Event:
     text, crc = line[: -_TAIL - 1] + b"}", line[-11:-3].decode("ascii", "replace")
     if f"{zlib.crc32(text):08x}" != crc:
         raise ValueError(f"expected the checksum {zlib.crc32(text):08x}, found {crc}")
-    event = json.loads(text)
+    try:
+        event = json.loads(text)
+    except RecursionError:
+        event = None
     if not isinstance(event, dict):
         raise ValueError("expected an event")  # noqa: TRY004 - it is the line's fault
     return event

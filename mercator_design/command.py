@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -40,6 +41,7 @@ class Signalled(BaseException):
 
 def run(command: click.Command, name: str) -> None:
     """Run a command line; every way out has its exit code."""
+    _open_streams()
     try:
         sys.exit(command.main(prog_name=name, standalone_mode=False))
     except click.exceptions.Exit as stop:
@@ -61,17 +63,34 @@ def run(command: click.Command, name: str) -> None:
     except OSError as error:
         if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
             tell(f"Error: {error}")
-        if sys.stdout is not None:  # what could not be written would be tried again at the end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard(sys.stdout)
         sys.exit(1)
     except MemoryError:
         tell("Error: not enough memory")
         sys.exit(1)
 
 
+def _open_streams() -> None:
+    """What was closed (`2>&-`) leads nowhere: else a file of ours, such as the journal, might have its number."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - until the end
+
+
+def _discard(stream: TextIO) -> None:
+    """Let what could not be written, and would be tried again at the end, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def tell(message: str) -> None:
-    """Say something that is no result."""
-    click.echo(printable(message), err=True)
+    """Say something that is no result, if there is still somebody to hear it."""
+    try:
+        click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
+    except OSError:  # such as that the terminal was closed
+        _discard(sys.stderr)
 
 
 def warn(doubts: Iterable[str]) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
-from mercator_design.errors import SimulationError
+from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.files import write_text
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
@@ -111,6 +111,8 @@ class Designer(Task[tuple[Pfsm, int]]):
         """As `Task.restore`."""
         loaded = loaded_plugins()
         for name, digest in start["plugins"].items():
+            if Path(name).name != name:
+                raise RaceError(f"{folder}: expected plugins by the names of files, found {excerpt(repr(name))}")
             if loaded.get(name) != digest:
                 load_plugin(folder / "plugins" / name)
         simulator = Simulator(load_mission(folder / "mission.yaml"))

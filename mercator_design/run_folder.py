@@ -30,7 +30,7 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small, write_bytes, write_text
 from mercator_design.race import Experiment
 from mercator_design.race.executors import Executor, in_order
-from mercator_design.race.journal import Finished, Journal, Record, Tested, read
+from mercator_design.race.journal import Finished, Journal, Reading, Record, Tested, read
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
@@ -225,25 +225,28 @@ def _check_start(path: Path, journal: Journal, start: Mapping[str, Any]) -> None
 
 def verify(
     path: Path,
+    task: Task[Any],
     number: int,
     executor: Executor,
     announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
     """Check a run folder, and run a sample of its experiments again; gives what was checked, in sentences.
 
     Args:
         path: The folder.
+        task: As `restored` gives it.
         number: Experiments to run again, evenly spread over the race.
         executor: Runs them.
         announce: Called with a sentence if there is something to compile.
+        stopped: Asked before each whether to stop.
 
     Raises:
-        RaceError: if something is not as it was, or this program is not the one that ran the race.
-        MissionError: as `RunFolder.reopen`.
+        RaceError: if something is not as it was.
+        Stopped: see `stopped`; what was under way has been waited for.
     """
-    reading = read(path / JOURNAL)
+    reading = read_journal(path)
     record = reading.record
-    task = restored(path)
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
@@ -251,7 +254,8 @@ def verify(
         if record.digest(place) != end.digest:
             found = f"expected {end.digest}, found {record.digest(place)}"
             raise RaceError(f"{path / JOURNAL}: digest of the first {end.experiments} experiments: {found}")
-        checked.append(f"{JOURNAL}: digest of the first {end.experiments} experiments is {end.digest[:16]}")
+        which = "all" if end.experiments == len(record.experiments) else "the first"
+        checked.append(f"{JOURNAL}: the digest, of {which} {end.experiments} experiments, is {end.digest[:16]}")
     if record.is_complete:
         winner = record.ends[-1].winner
         if not task.is_winner(path / task.WINNER, record.configurations[winner]):
@@ -271,14 +275,17 @@ def verify(
         )
         for one in sample
     ]
-    for one, (score, outcome) in zip(sample, in_order(executor, task.function, items), strict=True):
+    found_again = in_order(executor, task.function, items, stopped=stopped)
+    for one, (score, outcome) in zip(sample, found_again, strict=True):
         if (score, outcome) != (one.score, one.outcome):
             what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
             raise RaceError(
                 f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
             )
-    return [*checked, f"{n} of {len(finished)} experiments were run again: all as they were"]
+    tests = sum(isinstance(one, Tested) for one in finished)
+    among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
+    return [*checked, f"{n} of {among} were run again: all as they were"]
 
 
 def task_of(path: Path) -> Task[Any]:
@@ -320,24 +327,45 @@ def read_provenance(path: Path) -> dict[str, Any]:
     file = path / "provenance.json"
     try:
         provenance = json.loads(read_small(file, _LARGEST_PROVENANCE))
-        race, request = provenance["race"], provenance["request"]
-        wanted = {
-            "mercator_design": str,
-            "name": str,
-            "method": str,
-            "budget": int,
-            "seed": int,
-            **TASKS[race["task"]].START,
-        }
-        valid = isinstance(request, dict) and all(isinstance(race[key], kind) for key, kind in wanted.items())
+        valid = isinstance(provenance["request"], dict) and _is_start(provenance["race"])
     except Unreadable as error:
         raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         valid = False
     if not valid:
         raise RaceError(f"{file}: expected what mdesign race writes, found something else")
     found: dict[str, Any] = provenance
     return found
+
+
+class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
+    """A journal was written by another version of this program, which says other things of races."""
+
+
+def read_journal(path: Path) -> Reading:
+    """The journal of a run folder as it is; others may be writing it.
+
+    Raises:
+        OtherVersion: see there.
+        RaceError: if there is none, or it is corrupt.
+    """
+    reading = read(path / JOURNAL)
+    start = reading.record.start
+    if start and not _is_start(start):
+        found = excerpt(str(start.get("mercator_design", "another version")))
+        raise OtherVersion(
+            f"{path / JOURNAL}, line 1: expected the start of a race as mercator_design {__version__} writes it, found "
+            f"that of another build ({found}), which can read it"
+        )
+    return reading
+
+
+def _is_start(start: object) -> bool:
+    """Whether it has what reports and `Task.restore` read."""
+    if not isinstance(start, dict) or str(start.get("task")) not in TASKS:
+        return False
+    wanted = {**_START, **TASKS[str(start["task"])].START}
+    return all(isinstance(start.get(key), kind) for key, kind in wanted.items())
 
 
 def experiments_table(path: Path) -> "pd.DataFrame":
@@ -348,7 +376,7 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return _experiments(read(path / JOURNAL).record)
+    return _experiments(read_journal(path).record)
 
 
 def tests_table(path: Path) -> "pd.DataFrame":
@@ -359,7 +387,7 @@ def tests_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    tests = read(path / JOURNAL).record.tests
+    tests = read_journal(path).record.tests
     return _table([tests[where] for where in sorted(tests)], ("configuration", "instance", "seed", "score", "failure"))
 
 
@@ -373,7 +401,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return _by_configuration(read(path / JOURNAL).record)
+    return _by_configuration(read_journal(path).record)
 
 
 def _experiments(record: Record) -> "pd.DataFrame":

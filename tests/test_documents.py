@@ -2,6 +2,8 @@
 
 import dataclasses
 import re
+import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,13 @@ class TestMadeParts:
         with pytest.raises(ValueError, match=r"a.md: expected a part between <!-- list: made by"):
             MadePart(file, "list", "x.py").write("new\n")
         assert file.read_text() == text
+
+
+def test_what_starts_workers_on_slurm_says_what_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    monkeypatch.setattr(sys, "argv", ["slurm.py", "--dry-run"])
+    with pytest.raises(SystemExit, match=r"needs: pip install '\.\[dask\]'"):
+        runpy.run_path(str(ROOT / "docs" / "slurm.py"), run_name="__main__")
 
 
 def test_every_device_has_its_row():

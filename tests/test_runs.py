@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import optuna
 import pandas as pd
@@ -17,12 +19,18 @@ import pytest
 
 from mercator_design import run_folder
 from mercator_design.checked_lines import to_line
+from mercator_design.command import tell
 from mercator_design.errors import RaceError
+from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.grammar import to_pfsm
+from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
+from mercator_design.race.summary import Elite, Progress
+from mercator_design.report.columns import difference
 from mercator_design.report.iterations import iterations_table
+from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 
@@ -88,16 +96,20 @@ def stop(folder, number):
         (folder / name).unlink()
 
 
+def wait_for_an_experiment(folder):
+    journal = folder / JOURNAL
+    deadline = time.monotonic() + 120
+    while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def interrupted(folder, number, command=SLOW):
     """Start a race, send it a signal when it has some experiments, and see it end."""
     with subprocess.Popen(
         [*MDESIGN, *command, "-o", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        journal = folder / JOURNAL
-        deadline = time.monotonic() + 120
-        while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_for_an_experiment(folder)
         process.send_signal(number)
         out, err = process.communicate(timeout=60)
     return process.returncode, out, err
@@ -108,6 +120,7 @@ class TestResume:
         stop(folder, 50)
         code, out, err = mdesign("race", "--resume", folder)
         assert (code, warnings(err)) == (0, [])
+        assert re.search(r"^Winner .* score [\d.]+ \(sd [\d.]+, n=\d+\) over the race's", out, re.MULTILINE)
         assert "120 of 120 experiments" in out
         assert "69 of them now" in out
         assert digest(folder) == digest(undisturbed)
@@ -119,7 +132,7 @@ class TestResume:
         (folder / "fsm.txt").unlink()  # as if it had been stopped before that was written
         code, out, _ = mdesign("race", "--resume", folder)
         assert code == 0
-        assert "0 of them now" in out
+        assert "seed 1; it had ended: --resume with a larger budget lets it go on\n" in out
         assert (folder / "fsm.txt").read_bytes() == (undisturbed / "fsm.txt").read_bytes()
 
     def test_in_another_place_and_by_other_means(self, mdesign, folder, undisturbed, tmp_path, monkeypatch):
@@ -221,6 +234,13 @@ class TestResume:
                 "expected journal.jsonl to be of the race in provenance.json",
             ),
             ("provenance.json", '"race"', '"rice"', "expected what mdesign race writes"),
+            ("provenance.json", "{", "[" * 100_000, "expected what mdesign race writes"),
+            (
+                "provenance.json",
+                '"plugins": {',
+                '"plugins": {"../mine.py": "1"',
+                "expected plugins by the names of files",
+            ),
         ],
     )
     def test_another_race_is_refused(self, mdesign, folder, file, old, new, words):
@@ -298,10 +318,21 @@ class TestTests:
         assert len(results[results.tests == 12]) == len(set(tests.configuration)) >= 3
         low, high = evaluated["confidence_interval"]
         assert (results.test_low[winner], results.test_high[winner]) == pytest.approx((low, high))
-        assert f"Tested     configuration {winner}: mean {evaluated['mean']:.4g}" in mdesign("runs", "show", folder)[1]
+        lines = [re.split(" {2,}", line) for line in re.findall(r"^ {11}(configuration .*mean.*)$", out, re.MULTILINE)]
+        assert (lines[0][0], lines[0][2].partition(",")[0]) == (
+            f"configuration {winner}",
+            f"mean {evaluated['mean']:.4g}",
+        )
+        roles = [role for _, role, _ in lines]
+        assert roles[:3] == ["winner", "elite 2", "elite 3"]
+        assert len(roles) == len(set(tests.configuration)) == len(set(roles))
+        assert all(re.fullmatch(r"(best|elite [23]) of iteration \d+", role) for role in roles[3:])
+        tested = out.partition(":\n           configuration")[2].partition("\n           state")[0]
+        assert tested in mdesign("runs", "show", folder)[1]
         assert mdesign("runs", "show", folder, "--csv", "tests")[1] == tests.to_csv(index=False)
-        n = 120 + len(tests)
-        assert f"{n} of {n} experiments were run again" in mdesign("runs", "verify", folder, "-n", 1000)[1]
+        out = mdesign("runs", "verify", folder, "-n", 1000)[1]
+        assert f"{120 + len(tests)} of 120 experiments and {len(tests)} tests were run again" in out
+        assert "the digest, of all 120 experiments, is " in out
 
     def test_they_are_resumed_as_the_race_is(self, mdesign, tmp_path, undisturbed):
         whole, folder = tmp_path / "whole", tmp_path / "r"
@@ -364,9 +395,65 @@ def test_options_that_do_not_go_together(mdesign, tmp_path, options, words):
     assert not (tmp_path / "r").exists()
 
 
+class TestProgress:
+    @pytest.fixture
+    def shown(self, monkeypatch, capsys):
+        """What a terminal of some width shows at last of a race that is where it is said to be."""
+
+        def shown(columns, iteration, iterations, told=""):
+            monkeypatch.setenv("FORCE_COLOR", "1")  # as if stderr were a terminal
+            monkeypatch.setenv("COLUMNS", str(columns))
+            best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
+            at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
+            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, race=SimpleNamespace(progress=at))
+            with RaceDisplay(task, 5000) as display:
+                task.race.progress = replace(at, iteration=iteration, iterations=iterations)
+                display.update(4240)
+                if told:
+                    tell(told)
+            err = re.sub(r"\x1b\[[\d?;]*[a-zA-Z]", "", capsys.readouterr().err)
+            return [line for line in re.split("[\r\n]+", err) if line.strip()]
+
+        return shown
+
+    @pytest.mark.parametrize(
+        ("columns", "text"),
+        [
+            (60, "aggregation: iteration 8/9, 17 …"),
+            (80, "aggregation: iteration 8/9, 17 alive, best 2.8"),
+            (140, "aggregation: iteration 8/9, 17 alive, best 2.8 (sd 0.414, n=15)"),
+        ],
+    )
+    def test_figures_are_whole_in_any_terminal(self, shown, columns, text):
+        line = shown(columns, 8, 9)[-1]
+        assert len(line) <= columns
+        assert line.startswith(text)
+        assert re.fullmatch(r" +([━╸╺]{10} )?4240/5000 \d+/s -:--:--", line[len(text) :])
+        assert ("━" in line) == (columns > 100)
+
+    @pytest.mark.parametrize(
+        ("iteration", "iterations", "words"),
+        [(9, 9, "iteration 9/9,"), (10, 10, "iteration 10,"), (10, 12, "iteration 10/12,"), (11, 10, "final race,")],
+    )
+    def test_iterations_beyond_the_plan(self, shown, iteration, iterations, words):
+        assert words in shown(80, iteration, iterations)[-1]
+
+    def test_an_ablation_that_cannot_be_shows_nothing(self, mdesign, folder, monkeypatch):
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        assert "\x1b" not in mdesign("runs", "ablation", folder, "--from", 99999)[2]
+
+    def test_what_is_told_has_a_line_of_its_own(self, shown):
+        assert "Note: of something" in shown(80, 8, 9, "Note: of something")
+
+
 class TestSignals:
     @pytest.mark.parametrize(
-        ("number", "code", "word"), [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated.")]
+        ("number", "code", "word"),
+        [
+            (signal.SIGINT, 130, "Interrupted."),
+            (signal.SIGTERM, 75, "Terminated."),
+            (signal.SIGHUP, 75, "Terminated."),
+        ],
     )
     def test_a_signal_stops_cleanly(self, mdesign, tmp_path, number, code, word):
         folder = tmp_path / "r"
@@ -374,6 +461,7 @@ class TestSignals:
         assert (found, out) == (code, "")
         assert err.splitlines()[-1] == word
         assert f"to go on: mdesign race --resume {folder}" in err
+        assert "Stopping when the experiments under way have ended" in err
         assert "Traceback" not in err
         assert not (folder / "fsm.txt").exists()
         reading = read(folder / JOURNAL)
@@ -381,6 +469,40 @@ class TestSignals:
         assert reading.torn == ""
         assert reading.record.sessions[-1]["event"] == "stop"
         assert "stopped" in mdesign("runs", "show", folder)[1]
+
+    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
+        """All its processes get the signal, as of a scheduler, and none is left."""
+        folder = tmp_path / "r"
+        command = [*MDESIGN, *SLOW, "--executor", "processes", "-o", str(folder)]
+        with subprocess.Popen(
+            ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh", *command], stdout=subprocess.PIPE, start_new_session=True
+        ) as process:
+            try:
+                wait_for_an_experiment(folder)
+                os.killpg(process.pid, signal.SIGTERM)
+                assert process.communicate(timeout=60) == (b"", None)  # which a worker would hold open
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+        assert process.returncode == 75
+        last = read(folder / JOURNAL).record.sessions[-1]
+        assert (last["event"], last["why"]) == ("stop", "Signalled")
+
+    @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+    def test_before_its_first_experiment(self, tmp_path, number):
+        plugin = tmp_path / "plugin.py"
+        plugin.write_text(f"import os\nos.kill(os.getpid(), {int(number)})\n")
+        command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode, done.stdout, done.stderr) == (75, "", "Terminated.\n")
+
+    def test_nohup(self, tmp_path):
+        """It goes on, and finds fault with the plugin."""
+        plugin = tmp_path / "plugin.py"
+        plugin.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGHUP)\n")
+        command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
+        command = ["/bin/sh", "-c", 'trap "" HUP; exec "$@"', "sh", *command]
+        assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 3
 
     def test_killed(self, mdesign, tmp_path, undisturbed):
         folder = tmp_path / "r"
@@ -453,15 +575,31 @@ class TestRuns:
         (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
         code, out, _ = mdesign("runs", "list", tmp_path)
         assert code == 0
-        assert {line.split()[0]: line.split()[1:6] for line in out.splitlines()[1:]} == {
-            str(folder): ["aggregation", "1", "120", "120", "finished"],
-            str(tmp_path / "s"): ["aggregation", "1", "31", "120", "stopped"],
+        assert {line.split()[0]: line.split()[1:7] for line in out.splitlines()[1:]} == {
+            str(folder): ["aggregation", "irace", "1", "120", "120", "finished"],
+            str(tmp_path / "s"): ["aggregation", "irace", "1", "31", "120", "stopped"],
             str(tmp_path / "t"): ["damaged"],
         }
         with Journal(folder / JOURNAL, new=False):
             states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
             assert states[str(folder)] == "running"
+        session = read(folder / JOURNAL).record.sessions[0]
+        assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session["time"]
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
+
+    def test_the_race_of_another_version(self, mdesign, folder, tmp_path):
+        """Whose start has no name: it is told, and the others are listed."""
+        old = shutil.copytree(folder, tmp_path / "old")
+        first, *others = (old / JOURNAL).read_text().splitlines(keepends=True)
+        start = json.loads(first)
+        del start["crc"], start["name"]
+        (old / JOURNAL).write_text(to_line(start) + "".join(others))
+        code, out, err = mdesign("runs", "list", tmp_path)
+        assert (code, err, out.count("\n"), out.count("of another version\n")) == (0, "", 3, 1)
+        for options in (["show", old], ["show", old, "--csv", "experiments"], ["verify", old], ["importance", old]):
+            code, _, err = mdesign("runs", *options)
+            assert code == 1
+            assert f"{old / JOURNAL}, line 1: expected the start of a race as mercator_design" in err
 
     def test_without_a_verb_those_here_are_listed(self, mdesign, folder, tmp_path, monkeypatch):
         shutil.copytree(folder, tmp_path / "here" / "runs" / "r")
@@ -554,6 +692,15 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
     assert len(iterations_table(record)) == 1 + 10 + 1 + 20
 
 
+def test_rounding_is_no_difference():
+    third = 1 / 3
+    scores = [0.1, 0.2, 0.7, 1.1]
+    assert difference([one + third for one in scores], scores) == "+0.333 ± 0"
+    assert difference([one + third - third for one in scores], scores) == "+0 ± 0"
+    assert difference([1.0, 2.0], [1.0, 1.0]) == "+0.5 ± 6.4"
+    assert difference([1.0], [2.0]) == ""
+
+
 @pytest.fixture(scope="module")
 def raced(tmp_path_factory):
     """The folder of a race long enough to learn something from."""
@@ -580,6 +727,17 @@ class TestAnalysis:
         table = pd.read_csv(io.StringIO(out), index_col="name")
         assert {"NumStates", "S0"} <= set(table.index)
         assert (table.error >= 0).all()
+        page = mdesign("runs", "importance", raced, "--of", "parameters")[1]
+        rows = page.partition(" gain\n")[2].splitlines()
+        assert [row.split()[0] for row in rows[:-1]] == list(table.index[:20])
+        assert rows[-1] == f"and {len(table) - 20} more, of at most {table.share.iloc[20]:z.1%}: --csv has all"
+        assert "-0.0%" not in page
+        called = {name: re.search(rf"^{name} .*  (\d+ \(.*?\))  ", page, re.MULTILINE) for name in table.index[:20]}
+        numbers = numbered(BEHAVIOURS, "watermelon")
+        for name in [name for name in called if re.fullmatch(r"S\d", name)]:
+            number = int(table.favours[name])
+            assert called[name][1] == f"{number} ({numbers[number].name})"
+        assert any(name.startswith("S") for name in called)
 
     def test_importance_of_a_race_of_another_version(self, mdesign, raced, tmp_path):
         """Nothing is run, so it need not be run as it was; ablation is refused."""
@@ -597,11 +755,19 @@ class TestAnalysis:
         assert code == 1
         assert "expected at least 30 configurations that were raced, found 11" in err
 
-    def test_ablation_of_the_winner(self, mdesign, raced, tmp_path):
+    def test_ablation_of_the_winner(self, mdesign, raced, tmp_path, monkeypatch):
         code, out, _ = mdesign("runs", "ablation", raced, "-n", 5, "--plot", tmp_path / "a.svg")
         assert code == 0
         assert "0     the winner" in out
         assert "<svg" in (tmp_path / "a.svg").read_text()
+        assert "against the step before  against the start  p" in out
+        monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        narrow = mdesign("runs", "ablation", raced, "-n", 5)[1]
+        assert "against the step before" not in narrow
+        head = next(line for line in narrow.splitlines() if line.startswith("step "))
+        assert head.endswith("  against the start  p")
+        assert narrow.splitlines()[-1] == out.splitlines()[-1]
         first = (tmp_path / "a.svg").read_bytes()
         code, csv, _ = mdesign("runs", "ablation", raced, "-n", 5, "--csv", "-j", 1, "--plot", tmp_path / "a.svg")
         table = pd.read_csv(io.StringIO(csv))

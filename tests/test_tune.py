@@ -38,6 +38,12 @@ maxExperiments = 110
 parallel = 2
 seed = 3
 """
+WAITING = "#!/bin/sh\nif [ -e go ]; then echo 1; else sleep 600 & echo $! > child; wait; fi\n"
+SHORT = 'instances = "i"\nmaxExperiments = 60\nnbIterations = 1\ntargetRunnerRetries = 3\n'
+ENDINGS = pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated."), (signal.SIGHUP, 75, "Terminated.")],
+)
 
 
 @pytest.fixture
@@ -73,7 +79,7 @@ class TestTune:
         monkeypatch.chdir(folder)
         code, out, err = mdesign("tune", "scenario.txt")
         assert (code, err) == (0, "")
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "of 110 experiments, " in out
         assert "Tested     on fresh instances" in out
         run = folder / "runs" / "sharpen-1"
@@ -131,7 +137,7 @@ class TestTune:
         assert table["mean"].iloc[-1] <= table["mean"][0]
         code, _, err = mdesign("runs", "ablation", run)
         assert code == 1
-        assert "expected a configuration to begin with (--from)" in err
+        assert "no PFSM to take apart: give --from CONFIGURATION or --from-first" in err
 
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"
@@ -144,7 +150,7 @@ class TestTune:
         run = undisturbed[1]
         code, out, _ = mdesign("runs", "show", run)
         assert code == 0
-        assert "Scenario   sharpen, seed 3\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
         assert "x = 7\n" in out
         assert mdesign("runs", "verify", run, "-n", 10)[0] == 0
         [listed] = json.loads(mdesign("runs", "list", run.parent, "--json")[1])
@@ -252,14 +258,10 @@ class TestFailures:
         assert len(failed)
         assert all(record.configurations[configuration]["x"] > 20 for configuration in failed.configuration)
 
-    @pytest.mark.parametrize(
-        ("number", "code", "word"), [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated.")]
-    )
+    @ENDINGS
     def test_a_signal_ends_what_runs(self, mdesign, tmp_path, number, code, word):
         """A run may take hours: it is not waited for; nor is it noted as failed."""
-        runner = "#!/bin/sh\nif [ -e go ]; then echo 1; else sleep 600 & echo $! > child; wait; fi\n"
-        scenario = 'instances = "i"\nmaxExperiments = 60\nnbIterations = 1\ntargetRunnerRetries = 3\n'
-        folder = written(tmp_path / "s", runner, scenario)
+        folder = written(tmp_path / "s", WAITING, SHORT)
         run = tmp_path / "r"
         with subprocess.Popen(
             [*MDESIGN, "tune", folder / "scenario.txt", "-o", run, "--on-failure", "reject"],
@@ -273,6 +275,45 @@ class TestFailures:
         assert read(run / JOURNAL).record.experiments == {}
         (folder / "go").touch()
         assert mdesign("tune", "--resume", run)[0] == 0
+
+    def test_its_terminal_is_closed(self, tmp_path):
+        """That is told by a signal, perhaps twice; then there is nobody to tell anything."""
+        folder = written(tmp_path / "s", WAITING, SHORT)
+        terminal, end = os.openpty()
+        with subprocess.Popen(
+            [*MDESIGN, "tune", folder / "scenario.txt", "-o", tmp_path / "r"], stdin=end, stdout=end, stderr=end
+        ) as process:
+            os.close(end)
+            child = int(waiting_for(folder / "child"))
+            os.close(terminal)
+            os.kill(process.pid, signal.SIGHUP)
+            os.kill(process.pid, signal.SIGHUP)
+            process.wait(timeout=60)
+        assert process.returncode == 75
+        assert gone(child)
+        assert read(tmp_path / "r" / JOURNAL).record.sessions[-1]["why"] == "Signalled"
+
+    @ENDINGS
+    @pytest.mark.parametrize("command", ["verify", "ablation --from-first -n 2", "check"])
+    def test_a_signal_ends_what_is_run_again(self, mdesign, tmp_path, command, number, code, word):
+        folder = written(tmp_path / "s", WAITING, SHORT)
+        run = tmp_path / "r"
+        if command == "check":
+            arguments = ["tune", folder / "scenario.txt", "--check"]
+        else:
+            (folder / "go").touch()
+            assert mdesign("tune", folder / "scenario.txt", "-o", run)[0] == 0
+            (folder / "go").unlink()
+            verb, *options = command.split()
+            arguments = ["runs", verb, run, *options, "-j", "2"]
+        with subprocess.Popen(
+            [*MDESIGN, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as process:
+            child = int(waiting_for(folder / "child"))
+            os.kill(process.pid, number)
+            _, err = process.communicate(timeout=60)
+        assert (process.returncode, err.splitlines()[-1]) == (code, word)
+        assert gone(child)
 
 
 @pytest.mark.parametrize(

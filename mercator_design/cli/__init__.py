@@ -23,12 +23,14 @@ from mercator_design.cli import (
     tune,
     validate,
 )
+from mercator_design.cli.terminal import terminable
 from mercator_design.command import run
 
 
 def main() -> None:
     """Run the command line."""
-    run(cli, "mdesign")
+    with terminable():
+        run(cli, "mdesign")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

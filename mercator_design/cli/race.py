@@ -36,7 +36,8 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run; at least 60 with irace. With --resume, a larger one to go on to.",
+    help="Experiments that may be run; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and cma-es. "
+    "With --resume, a larger one to go on to.",
 )
 @SEED
 @JOBS
@@ -78,7 +79,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     metavar="N",
     help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
 )
-@click.option("--test-iterations", is_flag=True, help="Measure the best of each iteration there, too.")
+@click.option("--test-iterations", is_flag=True, help="Measure as many of each iteration's elites there, too.")
 @OPTUNA
 @SET
 @PLUGIN
@@ -124,7 +125,7 @@ def race(
         folder = _new_folder(
             mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
         )
-    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
+    with folder, Interrupt(then=folder.task.stop) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)
@@ -150,7 +151,10 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     from mercator_design.race.executors import ProcessExecutor, ThreadExecutor, available_jobs
 
     if (scheduler is not None) != (name == "dask"):
-        raise click.UsageError("--executor dask and --scheduler ADDRESS go together")
+        raise click.UsageError(
+            "--executor dask and --scheduler go together; for a scheduler of your own: "
+            "dask scheduler --scheduler-file s.json, then --scheduler s.json"
+        )
     if timeout is not None and name != "processes":
         raise click.UsageError("--timeout needs --executor processes: only a process can be stopped from outside")
     if scheduler is not None:

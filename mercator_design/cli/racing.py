@@ -131,6 +131,8 @@ def run(
         optuna: Storage to mirror the race into.
         interrupt: What may stop it.
     """
+    from mercator_design.race.executors import Stopped
+    from mercator_design.race.runner import ExperimentFailed
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.report.summary import race_summary
 
@@ -138,12 +140,23 @@ def run(
         tell(f"Note: {note}")
     folder.journal.open_session(**how)
     before, tested = len(folder.journal.experiments), len(folder.journal.tests)
-    with (
-        executor,
-        RaceDisplay(folder.task, folder.journal.budget) as display,
-        _mirror(optuna, folder) as mirror,
-    ):
-        result = _run(folder, executor, on_failure, interrupt, display, mirror)
+    resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
+    try:
+        with (
+            executor,
+            RaceDisplay(folder.task, folder.journal.budget) as display,
+            _mirror(optuna, folder) as mirror,
+        ):
+            result = _run(folder, executor, on_failure, interrupt, display, mirror)
+    except Stopped:
+        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
+        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
+        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
+        raise
+    except ExperimentFailed as error:
+        tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
+        tell(f"To go on without it:      {resume} --on-failure reject")
+        raise
     summary = race_summary(
         result,
         folder.task,
@@ -168,10 +181,9 @@ def _run(
     display: "RaceDisplay",
     mirror: "OptunaMirror | None",
 ) -> "Result":
-    from mercator_design.race.runner import ExperimentFailed, Stopped
-
     known = {number for number, one in folder.journal.experiments.items() if one.failure}
     done = failed = 0
+    is_told = False
 
     def watch(finished: "Sequence[Finished]") -> None:
         nonlocal done, failed
@@ -186,28 +198,23 @@ def _run(
                 if failed <= _MOST_TOLD:
                     tell(f"Warning: configuration {one.configuration} is rejected: {one.failure}; see {command}")
 
-    verb = click.get_current_context().info_name
-    resume = f"mdesign {verb} --resume {shlex.quote(str(folder.path))}"
-    try:
-        result = folder.task.run(
-            executor,
-            folder.journal,
-            on_failure=on_failure,
-            watch=watch,
-            watch_iterations=_tell_note,
-            testing=folder.testing,
-            watch_tests=display.update_tests,
-            stopped=interrupt.came,
-        )
-    except Stopped:
-        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
-        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
-        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
-        raise
-    except ExperimentFailed as error:
-        tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
-        tell(f"To go on without it:      {resume} --on-failure reject")
-        raise
+    def stopped() -> bool:
+        nonlocal is_told
+        if interrupt.came() and not is_told:
+            is_told = True
+            tell("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
+        return interrupt.came()
+
+    result = folder.task.run(
+        executor,
+        folder.journal,
+        on_failure=on_failure,
+        watch=watch,
+        watch_iterations=_tell_note,
+        testing=folder.testing,
+        watch_tests=display.update_tests,
+        stopped=stopped,
+    )
     if mirror is not None:
         mirror.finish(result.configuration)
     return result

@@ -1,14 +1,36 @@
 """mdesign runs: what races have left behind."""
 
+import contextlib
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
-from mercator_design.cli.terminal import Interrupt, naming
+from mercator_design.cli.terminal import Interrupt, naming, terminal_width
 from mercator_design.command import tell
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mercator_design.race.executors import Executor
+    from mercator_design.race.task import Task
+
 _FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+@contextlib.contextmanager
+def _stoppable(task: "Task[Any]", jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
+    """What runs experiments of a task, and what tells that they are to stop."""
+    from mercator_design.race.executors import Stopped, ThreadExecutor, available_jobs
+
+    with Interrupt(then=task.stop) as interrupt:
+        try:
+            with ThreadExecutor(jobs or available_jobs()) as executor:
+                yield executor, interrupt.came
+        except Stopped:
+            interrupt.check("stopped before it was done")
+            raise
 
 
 @click.group(invoke_without_command=True)
@@ -69,11 +91,12 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 
     Exit code 1 if something is not as it was.
     """
-    from mercator_design.race.executors import ThreadExecutor, available_jobs
+    from mercator_design.run_folder import restored
     from mercator_design.run_folder import verify as verify_run
 
-    with ThreadExecutor(jobs or available_jobs()) as executor:
-        for line in verify_run(directory, number, executor, announce=tell):
+    task = restored(directory)
+    with _stoppable(task, jobs) as (executor, stopped):
+        for line in verify_run(directory, task, number, executor, announce=tell, stopped=stopped):
             click.echo(line)
 
 
@@ -130,20 +153,26 @@ def ablation(
     configurations become the winner instead, by the parameter that gains most, again and again.
     """
     from mercator_design.analysis import ablation as found
-    from mercator_design.race.executors import ThreadExecutor, available_jobs
     from mercator_design.report.analysis import ablation_csv, ablation_page, save_ablation
     from mercator_design.report.progress import AblationDisplay
+    from mercator_design.run_folder import restored
 
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
-    with Interrupt() as interrupt, ThreadExecutor(jobs or available_jobs()) as executor, AblationDisplay() as display:
-
-        def watch(step: int, done: int) -> None:
-            display.update(step, done)
-            interrupt.check(f"{done} experiments were done")
-
-        result = found(directory, executor, start=start, first=first, runs=runs, announce=tell, watch=watch)
-    click.echo((ablation_csv if as_csv else ablation_page)(result), nl=False)
+    task = restored(directory)
+    with _stoppable(task, jobs) as (executor, stopped), AblationDisplay() as display:
+        result = found(
+            directory,
+            task,
+            executor,
+            start=start,
+            first=first,
+            runs=runs,
+            announce=tell,
+            watch=display.update,
+            stopped=stopped,
+        )
+    click.echo(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
         with naming(plot):
             save_ablation(plot, result)

@@ -27,27 +27,53 @@ def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tupl
 
 def terminal_width() -> int | None:
     """Characters in a line of the terminal that stdout is; None if it is no terminal."""
-    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+@contextlib.contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise `Signalled`, as Ctrl-C raises KeyboardInterrupt."""
+    usual = {number: signal.signal(number, _terminate) for number in (signal.SIGTERM, *_hang_up())}
+    try:
+        yield
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+
+
+def _hang_up() -> list[signal.Signals]:
+    """SIGHUP, unless it is ignored, as nohup has it."""
+    return [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - as signal handlers are called
+    # When a terminal is closed, the shell and the system both send it.
+    signal.signal(number, signal.SIG_IGN if number == signal.SIGHUP else signal.SIG_DFL)
+    raise _terminated()
+
+
+def _terminated() -> Signalled:
+    """Of SIGTERM, as a scheduler sends it some time before it kills, or of SIGHUP: what is done can be resumed."""
+    return Signalled("Terminated.", EX_TEMPFAIL)
 
 
 class Interrupt:
-    """Ctrl-C while experiments run: noted at once, acted on between them; the second time acted on at once.
+    """Ctrl-C, SIGTERM and SIGHUP while experiments run: noted at once, acted on between them.
 
-    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback.
+    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback. The second
+    time it is raised at once, but for SIGHUP, which comes twice when a terminal is closed.
 
     Args:
-        terminable: Whether SIGTERM is noted too, and acted on by `Signalled`: as a
-            scheduler sends it some time before it kills, what is done can be resumed.
         then: Called when one comes.
     """
 
-    def __init__(self, *, terminable: bool = False, then: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, *, then: Callable[[], None] = lambda: None) -> None:
         self._came: int | None = None
         self._then = then
-        self._numbers = [signal.SIGINT, *([signal.SIGTERM] if terminable else [])]
 
     def __enter__(self) -> Self:
-        self._usual = {number: signal.signal(number, self._note) for number in self._numbers}
+        numbers = (signal.SIGINT, signal.SIGTERM, *_hang_up())
+        self._usual = {number: signal.signal(number, self._note) for number in numbers}
         return self
 
     def __exit__(
@@ -59,7 +85,8 @@ class Interrupt:
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
         self._came = number
         self._then()
-        signal.signal(number, self._usual[signal.Signals(number)])
+        if number != signal.SIGHUP:
+            signal.signal(number, self._usual[signal.Signals(number)])
 
     def came(self) -> bool:
         """Whether to stop."""
@@ -69,7 +96,7 @@ class Interrupt:
         """Stop, and say what there is, if a signal came."""
         if self._came is not None:
             tell(what)
-            raise KeyboardInterrupt if self._came == signal.SIGINT else Signalled("Terminated.", EX_TEMPFAIL)
+            raise KeyboardInterrupt if self._came == signal.SIGINT else _terminated()
 
 
 @contextlib.contextmanager

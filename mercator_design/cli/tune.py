@@ -96,7 +96,7 @@ def tune(
         folder = _new_folder(scenario, tuner, output, method)
     assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
     jobs = parallel or folder.task.scenario.jobs
-    with folder, Interrupt(terminable=True, then=folder.task.stop) as interrupt:
+    with folder, Interrupt(then=folder.task.stop) as interrupt:
         if resume is not None and max_experiments is not None:
             folder.extend(max_experiments)
         how: dict[str, Any] = {"executor": "threads", "jobs": jobs}

@@ -47,6 +47,11 @@ def parameters_text(flavour: str) -> str:
     return "\n".join([*lines, "", "[global]", f"digits = {DIGITS}", ""])
 
 
+def module_of(parameter: str, number: str, flavour: str) -> Module:
+    """The module that a category of the grammar stands for: a behaviour of S0, a condition of C0x0."""
+    return numbered(BEHAVIOURS if parameter.startswith("S") else CONDITIONS, flavour)[int(number)]
+
+
 def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
     """The PFSM of a configuration: a value for each active parameter of the grammar."""
     behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)

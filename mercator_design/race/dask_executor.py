@@ -47,7 +47,7 @@ class DaskExecutor:
         try:
             from distributed import Client
         except ImportError:
-            raise RaceError("dask: expected the package distributed (pip install 'mercator-design[dask]')") from None
+            raise RaceError("dask: expected the package distributed: in the clone, pip install '.[dask]'") from None
         self._wanted = jobs
         self._jobs, self._looked = 1, -math.inf
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}

@@ -37,6 +37,10 @@ MOST_TIMEOUTS = 2
 """Times that an experiment may take too long: the second is no accident."""
 START = 60.0
 """Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
+_GLANCE = 1.0
+"""Seconds from one look of a worker at whether its main process is there to the next."""
+_MOST_SAID = 2000
+"""Characters of what an experiment says of its failure, such as the command that failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,10 @@ class Rejected(RaceError):  # noqa: N818 - as `Failed`, it says what is
 
 class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
     """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
+
+
+class Stopped(Exception):  # noqa: N818 - nothing is wrong
+    """What ran experiments was stopped, as it was asked to; of a race, what had finished is noted."""
 
 
 class Executor(Protocol):
@@ -89,7 +97,7 @@ def attempt(function: Callable[[T], R], item: T) -> R | Failed:
     try:
         return function(item)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is about this experiment
-        return Failed(f"{type(error).__name__}: {error!s:.500}", error)
+        return Failed(f"{type(error).__name__}: {str(error)[:_MOST_SAID]}", error)
 
 
 def in_order(
@@ -97,6 +105,7 @@ def in_order(
     function: Callable[[T], R],
     items: Iterable[T],
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[R]:
     """What a function gives for each item, in the order of the items.
 
@@ -105,16 +114,31 @@ def in_order(
         function: What to run.
         items: What to run it on.
         watch: Called with the number of items done.
+        stopped: Asked before each item whether to stop.
 
     Raises:
-        RaceError: One of them failed; or whatever it raised.
+        RaceError: One of them failed; or whatever it raised. What was under way has been waited for.
+        Stopped: see `stopped`; the same.
     """
     found: dict[int, R] = {}
-    for place, result in executor.run(function, items):
+    failed: list[Failed] = []
+
+    def wanted() -> Iterator[T]:
+        for item in items:
+            if failed or stopped():
+                return
+            yield item
+
+    for place, result in executor.run(function, wanted()):
         if isinstance(result, Failed):
-            raise result.error or RaceError(result.reason)
-        found[place] = result
-        watch(len(found))
+            failed.append(result)
+        else:
+            found[place] = result
+            watch(len(found))
+    if stopped():
+        raise Stopped
+    if failed:
+        raise failed[0].error or RaceError(failed[0].reason)
     return [found[place] for place in range(len(found))]
 
 
@@ -275,13 +299,21 @@ def _sentence(error: Exception) -> str:
 
 
 def _worker() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(max_workers=1, initializer=_begin)
+    return ProcessPoolExecutor(max_workers=1, initializer=_begin, initargs=(os.getpid(),))
 
 
-def _begin() -> None:
-    """Leave signals to the main process: Ctrl-C and schedulers send them to all."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+def _begin(main: int) -> None:
+    """Leave signals to the main process, as Ctrl-C and schedulers send them to all; and end when it has ended."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(main,), daemon=True).start()
+
+
+def _end_with(main: int) -> None:
+    """End this process, whatever it does, when its parent is another one: the main process has been killed."""
+    while os.getppid() == main:
+        time.sleep(_GLANCE)
+    os._exit(1)
 
 
 @lru_cache(maxsize=4)

@@ -206,6 +206,8 @@ class _Parser:
                 )
             return _ESCAPED[match["letter"]]
         code = int(digits, 8 if match["octal"] else 16)
+        if code == 0 or 0xD800 <= code <= 0xDFFF:
+            self._fail("a character", _Token("", match.group(), token.position + 1 + match.start()))
         return chr(code) if code <= sys.maxunicode else "\ufffd"
 
     def _logic(self) -> _Token:

@@ -10,7 +10,7 @@ from mercator_design.race.moves import Moves
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.optuna_sampler import OptunaSampler
 from mercator_design.race.parameter import Configuration, Value
-from mercator_design.race.search import Proposal, Sampler, Search, SearchOptions
+from mercator_design.race.search import MakeSampler, Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.space import Space
 from mercator_design.seeds import generator
 
@@ -33,9 +33,28 @@ def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: A
     return propose
 
 
+def _learning(
+    space: Space,
+    *,
+    budget: int,
+    seed: int,
+    options: SearchOptions,
+    sampler: MakeSampler,
+    initial: Sequence[Mapping[str, Value]] = (),
+) -> Search:
+    """A search whose sampler learns from generations before, with a note if it hardly can."""
+    race = Search(space, budget=budget, seed=seed, options=options, sampler=sampler, initial=initial)
+    if budget <= options.generation * options.instances:
+        race.notes.append(
+            f"a budget of {budget} is hardly more than random search: what there is to learn from is a generation of "
+            f"{options.generation} random configurations, on up to {options.instances} instances each"
+        )
+    return race
+
+
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
     options = SearchOptions(instances=20, generation=10, pruning=0.1)
-    return partial(Search, options=options, sampler=partial(OptunaSampler, name=name))
+    return partial(_learning, options=options, sampler=partial(OptunaSampler, name=name))
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}

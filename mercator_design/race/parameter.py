@@ -23,6 +23,8 @@ DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
 LARGEST_DIGITS = 15
 """At this many digits a real value is not rounded in any way that matters (irace)."""
+LARGEST_INTEGER = 2**31 - 1
+"""Of R, and so of irace."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,7 +103,7 @@ class Parameter:
             return None
         if self.kind == "integer" and math.isfinite(low) and math.isfinite(high):
             low, high = int(low), int(high)
-        if not -math.inf < low <= high < math.inf:
+        if low > high or not self._is_within_reach(low, high):
             given = ", ".join(f"{n} = {configuration.get(n)}" for n in dict.fromkeys(self.bound_names))
             raise RaceError(
                 f"parameter '{self.name}', domain {self.domain}: expected finite lower <= upper, "
@@ -168,6 +170,12 @@ class Parameter:
             if any(b <= a for a, b in pairwise(numbers)):
                 raise RaceError(f"parameter '{self.name}': expected increasing numbers, found {self.domain}")
 
+    def _is_within_reach(self, low: float, high: float) -> bool:
+        """Whether there is a number for every value between two bounds, and for how far apart they are."""
+        if self.kind == "integer":
+            return max(abs(low), abs(high)) <= LARGEST_INTEGER
+        return math.isfinite(high - low)
+
     def _check_bounds(self) -> None:
         place = f"parameter '{self.name}', domain {self.domain}"
         if not 1 <= self.digits <= LARGEST_DIGITS:
@@ -185,6 +193,9 @@ class Parameter:
                 raise RaceError(f"{place}: expected bounds of at most {self.digits} digits, found {number_text(bound)}")
         if isinstance(self.low, Expression) or isinstance(self.high, Expression):
             return
+        if not self._is_within_reach(self.low, self.high):
+            expected = f"integers up to {LARGEST_INTEGER}" if self.kind == "integer" else "a finite difference"
+            raise RaceError(f"{place}: expected {expected}, found too large bounds")
         if self.low >= self.high:
             raise RaceError(f"{place}: expected lower < upper; a single value is written as a categorical parameter")
         if self.log and self.low <= 0:

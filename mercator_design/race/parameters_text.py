@@ -40,11 +40,11 @@ def read_space(text: str, source: str) -> Space:
                 line.fail("[forbidden] or [global]", section)
         elif line.text.strip():
             sections[section].append(line)
-    if not sections[""]:
-        raise RaceError(f"{source}: expected at least one parameter, found none")
     digits = DEFAULT_DIGITS
     for line in sections["[global]"]:
         digits = line.digits()
+    if not sections[""]:
+        raise RaceError(f"{source}: expected at least one parameter, before [forbidden] and [global], found none")
     parameters = [line.parameter(digits) for line in sections[""]]
     _check_uses(sections[""], parameters)
     forbidden = [line.expression() for line in sections["[forbidden]"]]
@@ -82,7 +82,7 @@ class _Line:
     def digits(self) -> int:
         match = _DIGITS.match(self.text.strip())
         if match is None or not 1 <= int(match["digits"]) <= LARGEST_DIGITS:
-            self.fail(f"digits = 1 .. {LARGEST_DIGITS}")
+            self.fail(f"digits = 1 .. {LARGEST_DIGITS} (parameters belong before [forbidden] and [global])")
         return int(match["digits"])
 
     def expression(self) -> Expression:

@@ -17,16 +17,12 @@ from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
-from mercator_design.race.executors import Executor, Failed, Rejected
+from mercator_design.race.executors import Executor, Failed, Rejected, Stopped
 from mercator_design.race.journal import End, Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.race import Experiment
 
 T = TypeVar("T")
 OnFailure = Literal["stop", "reject"]
-
-
-class Stopped(Exception):  # noqa: N818 - nothing is wrong
-    """A race was stopped, as it was asked to; what had finished is noted."""
 
 
 class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened

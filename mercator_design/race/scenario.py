@@ -27,6 +27,7 @@ from mercator_design.race.target import CMDLINE, REQUIRED, Target
 _LARGEST = 16 * 1024 * 1024  # bytes
 _MOST = 2**31 - 1
 """Of an integer of R."""
+_MOST_JOBS = 256
 _IS_R = "R cannot be run here"
 _NO_CAPPING = "capping is not done here: leave it out, or run irace itself"
 _ONE_RUNNER = "use targetRunner, a program, and parallel, which runs that many at a time"
@@ -242,7 +243,7 @@ class _Reader:
             test_iterations=bool(self.value("testIterationElites")),
             initial=tuple(initial),
             target=self.target(),
-            jobs=max(self.count("parallel"), 1),
+            jobs=self.jobs(),
             budget=self.budget(space, options),
             seed=1 if self.value("seed") is None else self.count("seed"),
             options=options,
@@ -315,6 +316,12 @@ class _Reader:
             message = in_names_of_irace(error)
             raise RaceError(f"{self.place(message.partition(':')[0])}: {message}") from None
 
+    def jobs(self) -> int:
+        jobs = self.count("parallel")
+        if jobs > _MOST_JOBS:
+            raise RaceError(f"{self.place('parallel')}: parallel: expected 0 to {_MOST_JOBS}, found {jobs}")
+        return max(jobs, 1)
+
     def budget(self, space: Space, options: RaceOptions) -> int:
         budget = self.count("maxExperiments")
         if self.value("minExperiments") is not None:
@@ -324,7 +331,15 @@ class _Reader:
         return budget
 
     def instances(self, name: str, files: str) -> tuple[str, ...]:
-        """Training or test instances: given here, in a file, or all files of a folder."""
+        """Training or test instances, which can be arguments of programs."""
+        instances = self.listed(name, files)
+        for one in instances:
+            if "\0" in one or not _is_text(one):
+                raise RaceError(f"{self.path}: {name}: expected text without NUL bytes, found {one!r}")
+        return instances
+
+    def listed(self, name: str, files: str) -> tuple[str, ...]:
+        """Instances that are given here, in a file, or all files of a folder."""
         given = self.value(name)
         if given is not None:
             return tuple(self.instance(name, one) for one in (given if isinstance(given, tuple) else (given,)))
@@ -420,6 +435,15 @@ def _figure(value: Setting) -> float | None:
         return number(value) if isinstance(value, str) else None
     except ValueError:
         return None
+
+
+def _is_text(text: str) -> bool:
+    """Whether it is Unicode: names of files may be something else."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _existing(file: Path, name: str, place: str) -> Path:

@@ -25,6 +25,8 @@ CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunne
 REQUIRED = ("seed", "instance", "targetRunnerArgs")
 _GLANCE = 0.1
 """Seconds from one look at whether to stop to the next."""
+_GRACE = 1.0
+"""Seconds that what a program leaves behind may go on to print."""
 _MOST_SHOWN = 300
 """Characters of a program's output in a message."""
 
@@ -123,6 +125,8 @@ class Target:
             numbers, printed = self._numbers(command)
         if not 1 <= len(numbers) <= 2:
             raise _failed("expected a cost, or a cost and a time", printed, command)
+        if math.isnan(numbers[0]):
+            raise _failed("expected a number as the cost", printed, command)
         return numbers[0]
 
     def _numbers(self, command: list[str]) -> tuple[list[float], str]:
@@ -166,17 +170,24 @@ class Target:
         return out
 
     def _wait(self, process: "subprocess.Popen[str]", deadline: float) -> tuple[str, str]:
-        """What a program prints on stdout and stderr until it ends, or is ended."""
-        killed = False
+        """What a program prints on stdout and stderr until it ends, or is ended, and all that it has started."""
+        killed = ended = False
         while True:
             try:
                 return process.communicate(timeout=_GLANCE)
-            except subprocess.TimeoutExpired:
-                if killed and process.poll() is not None:  # what has left its group may hold them open for ever
-                    return "", ""
+            except subprocess.TimeoutExpired as late:
+                if not ended and process.poll() is not None:
+                    ended, deadline = True, min(deadline, time.monotonic() + _GRACE)
+                if killed and ended:  # what has left its group may hold them open for ever
+                    return _decoded(late.output), _decoded(late.stderr)
                 if self.stop.is_set() or time.monotonic() >= deadline:
                     _kill(process)
                     killed = True
+
+
+def _decoded(printed: bytes | None) -> str:
+    """What was printed so far, which subprocess gives as bytes."""
+    return (printed or b"").decode(errors="replace")
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:
@@ -200,7 +211,7 @@ def _signal(number: int) -> str:
 
 
 def _failed(what: str, printed: str, command: list[str]) -> TargetFailed:
-    shown = printed.strip()
+    shown = repr(printed.strip()[-_MOST_SHOWN:])
     if len(shown) > _MOST_SHOWN:
-        shown = f"... {shown[-_MOST_SHOWN:]}"
-    return TargetFailed(f"{what}; it printed {shown!r}; the command was: {shlex.join(command)}")
+        shown = f"'... {shown[-_MOST_SHOWN:]}"
+    return TargetFailed(f"{what}; it printed {shown}; the command was: {shlex.join(command)}")

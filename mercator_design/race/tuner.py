@@ -155,7 +155,7 @@ class Tuner(Task[Call]):
     @staticmethod
     def about(start: Start) -> list[str]:
         """As `Task.about`."""
-        return [f"Scenario   {start['name']}, seed {start['seed']}"]
+        return [f"Scenario   {start['name']}, seed {start['seed']}; scores are costs: less is better"]
 
     @staticmethod
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:  # noqa: ARG004

@@ -7,13 +7,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mercator_design.analysis import Ablation
+from mercator_design.design import Designer
+from mercator_design.fsm.grammar import module_of
 from mercator_design.race.importance import Explanation, Importance
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Task
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import aligned, difference
 
 _ALPHA = 0.05
+_MOST = 20
+"""Parameters that a page has."""
 _COLOUR = "#0072b2"
+_WIDE = 120
+"""Characters that all columns of an ablation take."""
 
 
 def importance_page(task: Task[Any], explanation: Explanation) -> str:
@@ -22,13 +28,14 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
     rows += [
         (
             one.name,
-            f"{one.share:.1%} ± {one.error:.1%}",
+            f"{one.share:z.1%} ± {one.error:.1%}",
             f"{one.active:.0%}",
-            _value(one),
+            _value(task, one),
             f"{one.gain:.3g}",
         )
-        for one in explanation.parameters
+        for one in explanation.parameters[:_MOST]
     ]
+    others = explanation.parameters[_MOST:]
     return "\n".join(
         [
             f"{task.name}: from {explanation.configurations} configurations that were raced, "
@@ -40,6 +47,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             ),
             "",
             *aligned(rows),
+            *([f"and {len(others)} more, of at most {others[0].share:z.1%}: --csv has all"] if others else []),
             "",
         ]
     )
@@ -51,20 +59,33 @@ def importance_csv(_: Task[Any], explanation: Explanation) -> str:
     return _csv([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
 
 
-def _value(one: Importance) -> str:
-    return one.favours if isinstance(one.favours, str) else f"{one.favours:.3g}"
+def _value(task: Task[Any], one: Importance) -> str:
+    if not isinstance(one.favours, str):
+        return f"{one.favours:.3g}"
+    if isinstance(task, Designer):
+        return f"{one.favours} ({module_of(one.name, one.favours, task.flavour).name})"
+    return one.favours
 
 
-def ablation_page(ablation: Ablation) -> str:
-    """A path of changes as text, and what is left of the start as far as no difference was found."""
+def ablation_page(ablation: Ablation, width: int | None = None) -> str:
+    """A path of changes as text, and what is left of the start as far as no difference was found.
+
+    Args:
+        ablation: What was found.
+        width: Characters in a line; below 120 there is no column of differences from the step before.
+    """
     rows: list[tuple[object, ...]] = [
         ("step", "change", "mean", f"at {CONFIDENCE:.0%}", "against the step before", "against the start", "p")
     ]
-    for number, row in enumerate(_rows(ablation)):
+    steps = list(_rows(ablation))
+    for number, row in enumerate(steps):
         low, high = row.interval
         cells = (number, row.change, f"{row.scores.mean:.4g}", f"{low:.4g} to {high:.4g}")
-        apart = (_difference(row.against_last), _difference(row.against_start), f"{row.p_value:.2g}")
-        rows.append((*cells, *(apart if number else (None, None, None))))
+        before = [steps[max(number - 1, 0)], steps[0]]
+        against = [difference(row.scores.values, one.scores.values) for one in before]
+        rows.append((*cells, *((*against, f"{row.p_value:.2g}") if number else (None, None, None))))
+    if width is not None and width < _WIDE:
+        rows = [(*row[:4], *row[5:]) for row in rows]
     return "\n".join(
         [
             f"{ablation.task.name}: on {len(ablation.steps[0].costs)} fresh instances that no change was chosen on; "
@@ -138,7 +159,8 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
         axes.invert_yaxis()
         axes.grid(axis="x", linewidth=0.4)
         axes.set_xlabel(f"mean score, interval of {CONFIDENCE:.0%}; hollow: differs from the start")
-        axes.set_title(ablation.task.name)
+        what = "the winner taken apart" if ablation.simplifies else f"from {ablation.start} to the winner"
+        axes.set_title(f"{ablation.task.name}: {what}, n={len(rows[0].scores.values)}")
         save_figure(path, figure)
 
 
@@ -148,7 +170,6 @@ class _Row(NamedTuple):
     change: str
     scores: Scores
     against_start: Scores
-    against_last: Scores
     p_value: float
 
     @property
@@ -158,20 +179,13 @@ class _Row(NamedTuple):
 
 def _rows(ablation: Ablation) -> Iterator[_Row]:
     table = [[ablation.task.score(cost) for cost in step.costs] for step in ablation.steps]
-    for number, (step, own) in enumerate(zip(ablation.steps, table, strict=True)):
-        last = table[max(number - 1, 0)]
+    for step, own in zip(ablation.steps, table, strict=True):
         yield _Row(
             change=step.change or ablation.start,
             scores=Scores(tuple(own)),
             against_start=Scores(tuple(map(sub, own, table[0]))),
-            against_last=Scores(tuple(map(sub, own, last))),
             p_value=step.p_value,
         )
-
-
-def _difference(scores: Scores) -> str:
-    low, high = scores.confidence_interval or (scores.mean, scores.mean)
-    return f"{scores.mean:+.3g} ± {(high - low) / 2:.2g}"
 
 
 def _csv(rows: Iterable[Iterable[object]]) -> str:

@@ -1,8 +1,13 @@
-"""Rows of cells as lines of text."""
+"""Rows of cells as lines of text, and differences as cells."""
 
 from collections.abc import Sequence
+from operator import sub
 
 from mercator_design.errors import excerpt
+from mercator_design.race.summary import Scores
+
+_NOISE = 1e-9
+"""Part of the largest score below which figures are nothing but its rounding."""
 
 
 def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
@@ -10,3 +15,20 @@ def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
     texts = [["" if cell is None else excerpt(str(cell)) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in texts]
+
+
+def difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
+    """How much larger scores are than others on the same instances, with half of the confidence interval; or nothing.
+
+    Args:
+        ours: Scores.
+        theirs: As many, in the same order of instances; of a single one nothing is said.
+    """
+    found = Scores(tuple(map(sub, ours, theirs)))
+    if found.confidence_interval is None:
+        return ""
+    noise = _NOISE * max(map(abs, [*ours, *theirs]))
+    mean, half = (
+        figure if abs(figure) > noise else 0.0 for figure in (found.mean, found.confidence_interval[1] - found.mean)
+    )
+    return f"{mean:+.3g} ± {half:.2g}"

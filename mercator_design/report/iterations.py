@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from mercator_design.race.journal import Iteration, Record
 from mercator_design.race.summary import Scores
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import aligned, difference
 
 _FIRST, _LAST = 10, 20
 """Iterations that are told of, if there are more."""
@@ -57,8 +57,6 @@ def _difference(scores: Mapping[int, Mapping[int, float]], best: int, before: in
         return ""
     if before == best:
         return "the same"
-    common = scores[best].keys() & scores[before].keys()
-    difference = Scores(tuple(scores[best][instance] - scores[before][instance] for instance in sorted(common)))
-    if difference.confidence_interval is None:
-        return ""
-    return f"{difference.mean:+.3g} ± {difference.confidence_interval[1] - difference.mean:.2g} (n={len(common)})"
+    common = sorted(scores[best].keys() & scores[before].keys())
+    found = difference(*([scores[one][instance] for instance in common] for one in (best, before)))
+    return f"{found} (n={len(common)})" if found else ""

@@ -6,30 +6,36 @@ from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from mercator_design.missions.mission import Mission
 from mercator_design.race.task import Task
 
 _REFRESH = 0.1
 """Seconds from one look at a race to the next."""
+_WIDE = 100
+"""Characters of a terminal from which on there is room for a bar and for the spread of scores."""
 
 
 class _Display:
-    """A bar that counts experiments, with their rate and the time left."""
+    """A line that counts experiments, with their rate and the time left, and a bar where there is room."""
 
     def __init__(self, what: str, total: int) -> None:
         console = Console(stderr=True)
         self._started = time.monotonic()
         self._shown = 0.0
+        self._is_wide = console.width >= _WIDE
+        # Where there is too little room it is the text that is cut, as figures tell more.
         self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
+            TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+            *([BarColumn(bar_width=10)] if self._is_wide else []),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.fields[rate]}", table_column=Column(no_wrap=True)),
+            TimeRemainingColumn(table_column=Column(no_wrap=True)),
             console=console,
             disable=not console.is_terminal,
             transient=True,
+            expand=True,
         )
         self._task = self._progress.add_task(what, total=total, rate="")
 
@@ -66,6 +72,7 @@ class RaceDisplay(_Display):
 
     def __init__(self, task: Task[Any], budget: int) -> None:
         self._raced = task
+        self._planned = task.race.progress.iterations
         super().__init__(task.name, budget)
 
     def update(self, done: int) -> None:
@@ -75,10 +82,13 @@ class RaceDisplay(_Display):
         now = self._raced.race.progress
         best = ""
         if now.best is not None:
-            spread = f" ± {now.best.sd:.3g}" if now.best.n_results > 1 else ""
-            best = f", best {self._raced.score(now.best.mean):.4g}{spread} (n={now.best.n_results})"
+            sd = f"sd {now.best.sd:.3g}, " if now.best.n_results > 1 else ""
+            how = f" ({sd}n={now.best.n_results})" if self._is_wide else ""
+            best = f", best {self._raced.score(now.best.mean):.4g}{how}"
         # When the iterations are over, what is left of the budget goes into a race of the best.
-        stage = f"iteration {now.iteration}/{now.iterations}" if now.iteration <= now.iterations else "final race"
+        stage = f"iteration {now.iteration}" if now.iteration <= now.iterations else "final race"
+        if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
+            stage += f"/{now.iterations}"
         self.show(done, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
 
     def update_tests(self, done: int, total: int) -> None:
@@ -100,7 +110,11 @@ class AblationDisplay(_Display):
     def __init__(self) -> None:
         super().__init__("ablation", 0)
 
+    def __enter__(self) -> Self:
+        return self  # there may be nothing to do: it starts with the first experiment
+
     def update(self, step: int, done: int) -> None:
         """Show at which step it is, when a number of experiments is done."""
         if not self._is_silent():
+            self._progress.start()
             self.show(done, f"ablation: step {step + 1}")

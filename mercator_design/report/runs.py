@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.errors import RaceError
-from mercator_design.race.journal import Reading, is_locked, read
+from mercator_design.race.journal import Reading, is_locked
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
-from mercator_design.report.summary import test_figures
-from mercator_design.run_folder import JOURNAL, TASKS
+from mercator_design.report.summary import test_lines
+from mercator_design.run_folder import JOURNAL, TASKS, OtherVersion, read_journal
 
 
 def runs_table(folder: Path) -> str:
@@ -19,11 +19,9 @@ def runs_table(folder: Path) -> str:
     Raises:
         RaceError: if there is no such folder.
     """
-    rows: list[tuple[object, ...]] = [("run", "name", "seed", "experiments", "budget", "state", "winner")]
-    rows += [
-        (run["run"], run["name"], run["seed"], run["experiments"], run["budget"], run["state"], _score(run))
-        for run in _runs(folder)
-    ]
+    names = ("run", "name", "method", "seed", "experiments", "budget", "state", "started")
+    rows: list[tuple[object, ...]] = [(*names, "mean of winner")]
+    rows += [(*(run[name] for name in names), _score(run)) for run in _runs(folder)]
     return "\n".join(aligned(rows))
 
 
@@ -42,7 +40,7 @@ def run_summary(path: Path) -> str:
     Raises:
         RaceError: if there is none, or its journal is corrupt.
     """
-    reading = read(path / JOURNAL)
+    reading = read_journal(path)
     record, run = reading.record, _run(path, reading)
     if not record.start:
         return f"{path}: no race has begun here yet"
@@ -70,9 +68,9 @@ def run_summary(path: Path) -> str:
         lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
         columns = task.columns(record.start, [record.configurations[run["winner"]]])
-        tests = record.test_scores()
+        tests = {number: Scores(scores) for number, scores in record.test_scores().items()}
         lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
-        lines += [f"Tested     configuration {c}: {test_figures(Scores(tests[c]))}" for c in tests]
+        lines += test_lines(record, tests, "on fresh instances")
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(lines)
@@ -89,13 +87,14 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     runs = []
     for journal in journals:
         try:
-            runs.append(_run(journal.parent, read(journal)))
-        except RaceError:
-            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": "damaged"})
+            runs.append(_run(journal.parent, read_journal(journal.parent)))
+        except RaceError as error:
+            state = "of another version" if isinstance(error, OtherVersion) else "damaged"
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state})
     return runs
 
 
-_KEYS = ("run", "name", "seed", "experiments", "budget", "state", "winner", "score")
+_KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score")
 
 
 def _run(path: Path, reading: Reading) -> dict[str, Any]:
@@ -108,7 +107,9 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
     else:
         run["state"] = "stopped"
     if record.start:
-        run |= {"name": record.start["name"], "seed": record.start["seed"], "budget": record.budget}
+        run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
+    if record.sessions:
+        run["started"] = record.sessions[0]["time"]
     if record.ends:
         winner = record.ends[-1].winner
         scores = [

@@ -41,12 +41,16 @@ def race_summary(
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in race.iterations)
+    if new + tested:
+        now = "" if new == race.used else f"{new} of them now, "
+        now += f"{seconds:.1f} s with {jobs} job{'s' * (jobs != 1)}, "
+        now += f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s"
+    else:
+        now = "it had ended: --resume with a larger budget lets it go on"
     lines = [
         *_asked(task),
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
-        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; "
-        f"{'' if new == race.used else f'{new} of them now, '}{seconds:.1f} s with {jobs} jobs, "
-        f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s",
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; {now}",
         *(f"Note       {note}" for note in race.notes),
         "",
         *iterations_table(record),
@@ -55,7 +59,7 @@ def race_summary(
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
         "",
-        *(_design(result, task, folder) if isinstance(task, Designer) else _elites(result, task)),
+        *(_design(result, task, record, folder) if isinstance(task, Designer) else _elites(result, task, record)),
         "",
         f"Written    {folder}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
@@ -74,24 +78,25 @@ def _asked(task: Task[Any]) -> list[str]:
     ]
 
 
-def _design(result: Result, designer: Designer, folder: Path) -> list[str]:
+def _design(result: Result, designer: Designer, record: Record, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
+    spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
-    n_tests = max((len(scores.values) for scores in result.tests.values()), default=0)
+    again = [*evaluate, "-n", str(max((len(scores.values) for scores in result.tests.values()), default=0))]
     return [
-        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} ± "
-        f"{scores.standard_deviation or 0.0:.3g} (n={len(scores.values)}) over the race's instances"
+        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} "
+        f"({spread}n={len(scores.values)}) over the race's instances"
         f"{'' if result.tests else '; measure it on fresh ones:'}",
         *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
-        *_test_lines(result.tests, f"as {shlex.join([*evaluate, '-n', str(n_tests)])} does for the winner"),
+        *test_lines(record, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
         *(f"           {line}" for line in describe(pfsm)),
         "",
         to_text(pfsm),
     ]
 
 
-def _elites(result: Result, task: Task[Any]) -> list[str]:
+def _elites(result: Result, task: Task[Any], record: Record) -> list[str]:
     """The best configurations as a table, a line for each of their values, and the best as a command line."""
     race = task.race
     numbers = [elite.configuration for elite in race.elites]
@@ -102,21 +107,44 @@ def _elites(result: Result, task: Task[Any]) -> list[str]:
         ["experiments", *(elite.n_results for elite in race.elites)],
         *([name, *values] for name, values in columns.items()),
     ]
-    tests = _test_lines(result.tests, "beyond the budget")
+    tests = test_lines(record, result.tests, "on fresh instances, beyond the budget")
     return ["Best", *aligned(rows), *tests, "", race.space.command_line(race.configurations[numbers[0]])]
 
 
-def _test_lines(tests: Mapping[int, Scores], how: str) -> list[str]:
-    """What the tests came to; the winner's are the first."""
+def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:
+    """What the tests came to, a line for each configuration: the winner, the other elites, those of former iterations.
+
+    Args:
+        record: Of the race.
+        tests: Scores of configurations.
+        how: They were tested.
+    """
     if not tests:
         return []
-    return [
-        f"Tested     on fresh instances, {how}:",
-        *(f"           {f'configuration {number}':<20}{test_figures(scores)}" for number, scores in tests.items()),
+    roles = _roles(record)
+    rows = [
+        (f"configuration {number}", roles.get(number), _figures(tests[number]))
+        for number in dict.fromkeys([*roles, *tests])
+        if number in tests
     ]
+    return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
 
 
-def test_figures(scores: Scores) -> str:
+def _roles(record: Record) -> dict[int, str]:
+    """What configurations are in a race that has ended: the better of two roles, and of equal ones the later."""
+    last, *former = [one for _, one in sorted(record.iterations.items(), reverse=True)]
+    roles = {record.ends[-1].winner: "winner"}
+    for rank, number in enumerate(last.elites, start=1):
+        roles.setdefault(number, f"elite {rank}")
+    for rank in range(1, max((len(one.elites) for one in former), default=0) + 1):
+        called = "best" if rank == 1 else f"elite {rank}"
+        for one in former:
+            for number in one.elites[rank - 1 : rank]:
+                roles.setdefault(number, f"{called} of iteration {one.iteration}")
+    return roles
+
+
+def _figures(scores: Scores) -> str:
     """Mean, confidence interval and number of tests."""
     interval = scores.confidence_interval
     around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"

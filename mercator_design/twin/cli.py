@@ -58,7 +58,7 @@ def twin(
     model = load_robot_model(robot_model or loaded.robot_model)
     if no_noise:
         model = without_noise(model)
-    with Interrupt(terminable=True) as interrupt, open_log(folder) as log:
+    with Interrupt() as interrupt, open_log(folder) as log:
         Arena(loaded, model, seed).rehearse(tell)
         running = Twin(Arena(loaded, model, seed), script, log)
         with Terminals(running, folder) as terminals:

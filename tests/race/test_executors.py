@@ -16,10 +16,10 @@ import pytest
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.race import executors
 from mercator_design.race.dask_executor import BUNDLE, DaskExecutor
-from mercator_design.race.executors import Failed, ProcessExecutor, ThreadExecutor, WorkerUnfit, in_order
+from mercator_design.race.executors import Failed, ProcessExecutor, Stopped, ThreadExecutor, WorkerUnfit, in_order
 from mercator_design.race.journal import Record
-from mercator_design.race.runner import Stopped
 from tests.race.racing import measure, runner, undisturbed
+from tests.race.test_target import gone
 
 
 def square(x):
@@ -273,14 +273,39 @@ class TestProcesses:
     def test_no_worker_is_left(self):
         with ProcessExecutor(2) as executor:
             workers = set(in_order(executor, process_of, range(10)))
-        deadline = time.monotonic() + 10
-        while any(map(is_running, workers)):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        assert all(map(gone, workers))
 
     def test_signals_are_for_the_main_process(self):
         with ProcessExecutor(1) as executor:
-            assert in_order(executor, survives, [signal.SIGINT, signal.SIGTERM]) == [True, True]
+            numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+            assert in_order(executor, survives, numbers) == [True, True, True]
+
+    def test_workers_end_when_their_main_process_is_killed(self, tmp_path):
+        script = tmp_path / "script.py"
+        script.write_text(
+            """
+import os, time
+from mercator_design.race.executors import ProcessExecutor
+
+def work(seconds):
+    print(os.getpid(), flush=True)
+    time.sleep(seconds)
+
+if __name__ == "__main__":
+    with ProcessExecutor(2) as executor:
+        list(executor.run(work, [600, 600]))
+"""
+        )
+        with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as process:
+            workers = [int(process.stdout.readline()) for _ in range(2)]
+            process.kill()
+        assert len(set(workers)) == 2
+        try:
+            assert all(map(gone, workers))
+        finally:
+            for worker in workers:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(worker, signal.SIGKILL)
 
 
 class TestDask:
@@ -349,14 +374,6 @@ def process_of(_):
 
 def survives(number):
     os.kill(os.getpid(), number)
-    return True
-
-
-def is_running(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
     return True
 
 

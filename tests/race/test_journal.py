@@ -15,9 +15,9 @@ import pytest
 from mercator_design.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, journal
-from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.executors import Stopped, ThreadExecutor
 from mercator_design.race.journal import End, Finished, Journal, Measured, Record, is_locked, read
-from mercator_design.race.runner import ExperimentFailed, Stopped
+from mercator_design.race.runner import ExperimentFailed
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
 WHOLE = undisturbed()
@@ -65,6 +65,11 @@ class TestLines:
     def test_what_is_no_number_is_never_written(self):
         with pytest.raises(ValueError, match="not JSON compliant"):
             to_line({"score": float("nan")})
+
+    def test_brackets_within_brackets(self):
+        text = b'{"event":' + b"[" * 100_000 + b"]" * 100_000
+        with pytest.raises(ValueError, match="expected an event"):
+            from_line(text + b',"crc":"%08x"}\n' % zlib.crc32(text + b"}"))
 
 
 class TestResume:

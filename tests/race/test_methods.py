@@ -341,3 +341,12 @@ def test_optuna_s_own_pruner_does_the_same():
 def test_cma_es_needs_numbers():
     with pytest.raises(RaceError, match="method cma-es: expected at least two numeric or ordered parameters, found 1"):
         race_of("cma-es", Space([integer("n", 1, 9), categorical("a", "xyz")]))
+
+
+@pytest.mark.parametrize("name", ["tpe", "cma-es"])
+def test_a_budget_of_which_nothing_is_learnt_is_told(name):
+    space = Space([real("x", 0, 1), real("y", 0, 1)])
+    [note] = METHODS[name](space, budget=200, seed=1).notes
+    assert "a budget of 200 is hardly more than random search" in note
+    assert METHODS[name](space, budget=201, seed=1).notes == []
+    assert METHODS["random"](space, budget=200, seed=1).notes == []

@@ -56,8 +56,8 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "p.txt: expected at least one parameter, found none"),
-        ("# nothing", "p.txt: expected at least one parameter, found none"),
+        ("", "p.txt: expected at least one parameter, before [forbidden] and [global], found none"),
+        ("# nothing", "p.txt: expected at least one parameter, before [forbidden] and [global], found none"),
         (
             '\na! "" c (x)',
             'p.txt:2, column 2: expected a switch in quotes such as "--name ", found \'! "" c (x)\'',
@@ -89,6 +89,9 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
             'a "-a" r (0, 0.00001)',
             "p.txt:1: parameter 'a', domain (0, 0.00001): expected bounds of at most 4 digits",
         ),
+        ('a "-a" r (-1e308, 1e308)', "p.txt:1: parameter 'a', domain "),
+        ('a "-a" r (-1e308, 1e308)', ": expected a finite difference, found too large bounds"),
+        ('a "-a" i (0, 2147483648)', "expected integers up to 2147483647, found too large bounds"),
         ('a "-a" c,log (1, 2)', "p.txt:1: parameter 'a': only integer and real parameters may be log"),
         ('a "-a" c (1, 1)', "p.txt:1: parameter 'a': expected different values, found '1' twice"),
         (
@@ -99,11 +102,18 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
         ('a "" c (x)\n[forbiden]', "p.txt:2, column 1: expected [forbidden] or [global], found [forbiden]"),
         (
             'a "" c (x)\n[global]\ndigit = 2',
-            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digit = 2'",
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'digit = 2'",
+        ),
+        (
+            '[global]\ndigits = 4\na "" c (x)',
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'a \"\" c (x)'",
         ),
         (
             'a "" c (x)\n[global]\ndigits = 16',
-            "p.txt:3, column 1: expected digits = 1 .. 15, found 'digits = 16'",
+            "p.txt:3, column 1: expected digits = 1 .. 15 (parameters belong before [forbidden] and [global]), "
+            "found 'digits = 16'",
         ),
         ('a "" c (x)\n[forbidden]\na == ', "p.txt:3, column 5: expected a value, a parameter or '('"),
         (

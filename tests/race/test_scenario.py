@@ -1,5 +1,6 @@
 """What the options of irace's scenario.txt come to; that none of them is passed over in silence."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -173,6 +174,10 @@ def test_all_of_irace_s_options_are_known():
         ("maxExperiments = '1_0_0'", "expected a whole number, 0 to 2147483647, found '1_0_0'"),
         ("maxExperiments = -1", "found -1"),
         ("maxExperiments = 0", "scenario.txt: expected a budget, maxExperiments = N, found none"),
+        ("parallel = 257", ":3: parallel: expected 0 to 256, found 257"),
+        (r"instances = c('a\ud800b')", r"expected a character, found '\ud800'"),
+        (r"instances = 'a\0b'", r"expected a character, found '\0'"),
+        ("instances = 'a\0b'", "instances: expected text without NUL bytes, found 'a\\x00b'"),
         ("elitist = 2", ":3: elitist: expected 0 or 1, found 2"),
         ("confidence = 95", ":3: confidence: expected a number from 0 to 1, found 95"),
         ("confidence = 1", ":3: confidence: expected between 0 and 1, found 1"),
@@ -204,6 +209,13 @@ def test_what_is_wrong_is_named(scenario, folder, text, message):
     with pytest.raises(RaceError) as error:
         scenario(text)
     assert message in str(error.value)
+
+
+def test_an_instance_whose_name_is_not_text_is_refused(scenario, folder):
+    (folder / "void").mkdir()
+    (folder / "void" / os.fsdecode(b"\xff")).touch()
+    with pytest.raises(RaceError, match=r"expected text without NUL bytes, found '.*\\udcff'"):
+        scenario("instances=''; trainInstancesDir = 'void'")
 
 
 def test_a_missing_scenario_is_named():

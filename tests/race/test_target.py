@@ -1,4 +1,5 @@
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.race.executors import Rejected
+from mercator_design.race.executors import Rejected, attempt
 from mercator_design.race.target import Call, Target, TargetFailed
 
 CALL = Call(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")
@@ -54,8 +55,6 @@ def test_what_a_runner_is_called_with(tmp_path, program):
     ],
 )  # fmt: skip
 def test_a_launcher_runs_the_runner(cmdline, expected):
-    import shlex
-
     target = Target(runner=Path("R"), launcher=Path("L"), cmdline=cmdline, folder=Path())
     assert target.command(CALL) == shlex.split(expected)
 
@@ -80,6 +79,7 @@ def test_an_infinite_cost_rejects(tmp_path, program, cost):
         ("true", "expected a cost, or a cost and a time; it printed ''"),
         ("echo 1 2 3", "expected a cost, or a cost and a time; it printed '1 2 3'"),
         ("echo best is 3", "expected numbers; it printed 'best is 3'"),
+        ("echo NaN", "expected a number as the cost; it printed 'NaN'"),
         ("echo 1_000", "expected numbers; it printed '1_000'"),
         ("echo oh; echo no >&2; exit 3", r"expected exit status 0, found exit status 3; it printed 'oh\\nno'"),
         ("kill -SEGV $$", "found SIGSEGV"),
@@ -89,6 +89,14 @@ def test_what_is_none(tmp_path, program, text, message):
     with pytest.raises(TargetFailed, match=message) as error:
         Target(runner=program(text), folder=tmp_path)(CALL)
     assert f"the command was: {tmp_path / 'runner'} 7 2 42 a.tsp --opt 'x y' --a 1 --b=two" in str(error.value)
+
+
+def test_a_command_is_shown_to_its_end(tmp_path, program):
+    runner = program("head -c 5000 /dev/zero; exit 1")
+    target = Target(runner=runner, folder=tmp_path)
+    failed = attempt(target, CALL)
+    assert failed.reason.endswith(shlex.join(target.command(CALL)))
+    assert len(failed.reason) < 1000
 
 
 def test_a_program_that_cannot_be_run(tmp_path):
@@ -168,6 +176,22 @@ def test_stopped_ends_the_whole_group(tmp_path, program):
     failures, child = stopped(Target(runner=program(SLOW), folder=tmp_path, retries=5), tmp_path / "child")
     assert failures == ["was stopped"]
     assert gone(child)
+
+
+def test_what_it_leaves_behind_ends_with_it(tmp_path, program):
+    started = time.monotonic()
+    runner = program("sleep 600 & echo $! > child; echo 3")
+    assert Target(runner=runner, folder=tmp_path)(CALL).score == 3
+    assert time.monotonic() - started < 60
+    assert gone(int((tmp_path / "child").read_text()))
+
+
+def test_what_is_left_of_it_may_leave_the_group(tmp_path, program):
+    leave = "import os, time; os.setsid(); print(os.getpid(), file=open('child', 'w'), flush=True); time.sleep(600)"
+    runner = program(f'{sys.executable} -c "{leave}" & until [ -s child ]; do sleep 0.05; done; echo 3')
+    score = Target(runner=runner, folder=tmp_path)(CALL).score
+    os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)
+    assert score == 3
 
 
 def test_what_left_the_group_is_not_waited_for(tmp_path, program):

@@ -7,10 +7,10 @@ import pytest
 from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import journal, testing  # whose classes pytest would take for tests
-from mercator_design.race.executors import ThreadExecutor
+from mercator_design.race.executors import Stopped, ThreadExecutor
 from mercator_design.race.journal import Journal, Measured, Record, read
 from mercator_design.race.race import Experiment
-from mercator_design.race.runner import ExperimentFailed, Stopped
+from mercator_design.race.runner import ExperimentFailed
 from tests.race import racing
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
 

@@ -12,7 +12,7 @@ from mercator_design.command import FILE, tell
     "-o", "--output", type=FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE", help="File to write."
 )
 def bundle(output: Path) -> None:
-    """Write mercator-robot as one file, which runs on a robot's Pi with Python 3.11 and nothing else installed.
+    """Write mercator-robot as one file, which runs on a robot's Pi with Python 3.11 or later and nothing else.
 
     What it needs, click, PyYAML and pyserial, is in it as it is installed here.
     """

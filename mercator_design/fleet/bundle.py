@@ -16,7 +16,7 @@ _MAIN = f"""\
 import sys
 
 if sys.version_info < (3, 11):
-    sys.exit("Error: mercator-robot needs Python 3.11, this is " + sys.version.split()[0])
+    sys.exit("Error: mercator-robot needs Python 3.11 or later, this is " + sys.version.split()[0])
 
 from {_ENTRY} import main
 

@@ -130,6 +130,13 @@ def test_what_is_in_it(sources):
         assert "WITHOUT WARRANTY" in text.upper() or "AS IS" in text
 
 
+def test_a_python_that_is_too_old(sources, monkeypatch):
+    monkeypatch.setattr(sys, "version_info", (3, 9, 2))
+    monkeypatch.setattr(sys, "version", "3.9.2 (default)")
+    with pytest.raises(SystemExit, match=r"needs Python 3\.11 or later, this is 3\.9\.2"):
+        exec(sources["__main__.py"], {})  # noqa: S102 - our own
+
+
 def test_it_has_the_same_bytes_every_time(application, monkeypatch):
     monkeypatch.setenv("TZ", "Asia/Tokyo")
     assert bundle() == application.read_bytes()

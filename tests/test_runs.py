@@ -130,8 +130,10 @@ class TestResume:
 
     def test_what_has_finished_is_not_run_again(self, mdesign, folder, undisturbed):
         (folder / "fsm.txt").unlink()  # as if it had been stopped before that was written
+        before = (folder / JOURNAL).read_bytes().count(b'"event":"experiment"')
         code, out, _ = mdesign("race", "--resume", folder)
         assert code == 0
+        assert (folder / JOURNAL).read_bytes().count(b'"event":"experiment"') == before > 0
         assert "seed 1; it had ended: --resume with a larger budget lets it go on\n" in out
         assert (folder / "fsm.txt").read_bytes() == (undisturbed / "fsm.txt").read_bytes()
 

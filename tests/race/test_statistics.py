@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from mercator_design.race.tests import concordance, eliminate, signed_rank_p_value
+from mercator_design.race.tests import concordance, eliminate, holm, signed_rank_p_value
 
 
 def test_one_row_has_no_concordance_and_equal_costs_have_all():
@@ -50,3 +50,7 @@ def test_signed_ranks_as_scipy_s(seed):
     differences = draws.integers(-3, 5, 8).astype(float) if seed % 2 else draws.normal(0.5, 1, 30)
     expected = wilcoxon(differences, alternative="greater", zero_method="zsplit").pvalue
     assert signed_rank_p_value(differences) == pytest.approx(expected, rel=1e-9)
+
+
+def test_p_values_are_corrected_as_holm_does():
+    assert holm(np.array([0.01, 0.04, 0.03])) == pytest.approx([0.03, 0.06, 0.06])

@@ -40,21 +40,21 @@ class Log:
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin a new file.
+        """Make one; entering its context begins a new file.
 
         Raises:
-            RobotError: if it cannot be written, or exists.
+            RobotError: on entering, if it cannot be written, or exists.
         """
         self.path = path
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
-        try:
-            self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise RobotError(f"{path}: cannot be written: {error.strerror}") from None
         self._thread = threading.Thread(target=self._write_all, daemon=True)
 
     def __enter__(self) -> Self:
+        try:
+            self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
         self._thread.start()
         return self
 

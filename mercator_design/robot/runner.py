@@ -12,10 +12,10 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
+from mercator_design.robot.control import in_control
 from mercator_design.robot.log import FORMAT, Log, now
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.ports import open_ports
-from mercator_design.robot.safety import Signals, Watchdog, go_first
+from mercator_design.robot.safety import Watchdog
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
@@ -54,21 +54,14 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         FsmError: if the header of the PFSM's file tells of no floor that there is.
         Signalled: if a signal came.
     """
-    go_first(1)
-    signals, pfsm = Signals(), what.file.pfsm
+    log, pfsm = Log(path), what.file.pfsm
     labels = settings.labels_of(what.file.header)
-    with signals.caught(), open_ports(settings.ports) as ports:
-        robot = Mercator(settings, ports, pfsm.reads, labels)
-        signals.brake = robot.brake
-        watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
-        with watchdog, robot, Log(path) as log, signals.until_stopped():
-            robot.facts["floor"] = " or ".join(labels)
-            _begin(log, settings, what, robot, tell)
-            _await_heartbeat(settings, watchdog, robot)
-            watchdog.arm()
-            _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
-    if log.failure:
-        raise RobotError(log.failure)
+    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog):
+        robot.facts["floor"] = " or ".join(labels)
+        _begin(log, settings, what, robot, tell)
+        _await_heartbeat(settings, watchdog, robot)
+        watchdog.arm()
+        _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
 
 def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:

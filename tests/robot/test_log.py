@@ -125,8 +125,8 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
 
 
 def test_a_log_is_never_written_over(log):
-    with pytest.raises(RobotError, match=r"log.jsonl: cannot be written: File exists"):
-        Log(log)
+    with pytest.raises(RobotError, match=r"log.jsonl: cannot be written: File exists"), Log(log):
+        pytest.fail("begun")
 
 
 def test_it_can_be_read_while_it_is_written(tmp_path):

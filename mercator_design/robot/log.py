@@ -82,8 +82,8 @@ class Log:
                     os.fsync(self._file)
                     synced = time.monotonic()
             os.fsync(self._file)
-        except (OSError, ValueError) as error:
-            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
+            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or repr(error)}"
 
 
 def now() -> str:

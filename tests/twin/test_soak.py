@@ -5,14 +5,13 @@ stopped at worst is printed (`pytest -s`). Twin and this program run before othe
 permitted, as its other users' time is not the robot's.
 """
 
-import json
 import math
 import os
 import random
 import re
 import resource
 import signal
-import socket
+import sys
 import time
 from collections import Counter, defaultdict
 from contextlib import ExitStack, suppress
@@ -27,7 +26,7 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm import parse
 from mercator_design.robot.log import replay
 from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.safety import STALL, go_first
+from mercator_design.robot.safety import go_first
 from mercator_design.robot.settings import Limits
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
@@ -53,7 +52,9 @@ ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rw
 """Drives, and reads every sense."""
 FSMS = {"explore.txt": EXPLORE, "all.txt": ALL}
 SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGKILL")
-WAYS = (*SIGNALS, *SIGNALS[:3], "SIGSTOP", "SIGSTOP", "stop", "stop", "heartbeat", "heartbeat", "disk", "disk", "duration")
+OTHERS = ("SIGSTOP", "stop", "heartbeat", "disk")
+WAYS = (*SIGNALS, *SIGNALS[:3], *OTHERS, *OTHERS, "duration")
+KINDS = ("flip", "lose", "double", "insert", "silence", "silence", "wrong_baud", "port_loss", "battery", "stall")
 
 
 @dataclass
@@ -105,10 +106,7 @@ def script(chance):
                     kind = chance.choice(["flip", "lose", "double", "insert"])
                     fault(kind, number, at, duration=duration, device=device, rate=0.001)
                 continue
-            kind = chance.choice(
-                ["flip", "lose", "double", "insert", "silence", "silence", "wrong_baud", "port_loss", "battery", "stall"]
-            )
-            match kind:
+            match kind := chance.choice(KINDS):
                 case "battery":
                     fault(kind, number, at, duration=duration, level=chance.choice([3, 3, 20]))
                 case "stall":
@@ -117,8 +115,9 @@ def script(chance):
                     fault(kind, number, at, duration=duration, device=device)
                 case _:
                     way = {"direction": chance.choice(["both", "both", "from_robot", "to_robot"]), "device": device}
-                    rate = {} if kind in {"silence", "wrong_baud"} else {"rate": round(10 ** chance.uniform(-3, -0.5), 6)}
-                    fault(kind, number, at, duration=duration, **way, **rate)
+                    if kind not in {"silence", "wrong_baud"}:
+                        way["rate"] = round(10 ** chance.uniform(-3, -0.5), 6)
+                    fault(kind, number, at, duration=duration, **way)
     return {"schema": 1, "seed": SEED, "faults": sorted(faults, key=lambda fault: fault["at"])}
 
 
@@ -181,7 +180,7 @@ class Soak:
             if what == "duration":
                 line += ["--duration", round(chance.uniform(1.0, 8.0), 1)]
             else:
-                at = chance.choice([chance.uniform(0.0, 5.0), chance.uniform(5.0, 15.0)])
+                at = chance.uniform(*chance.choice([(0.0, 4.0), (4.0, 15.0), (4.0, 15.0)]))
                 plan.append((at, what))
                 if chance.random() < 0.3:
                     plan.append((at + chance.choice([0.0, chance.uniform(0.0, 0.5)]), chance.choice(SIGNALS)))
@@ -296,7 +295,7 @@ class Account:
         until, robot = self._next(life), life.number
         if "SIGKILL" not in [what for what, _ in life.done]:
             yield Loss(robot, "ended", life.ended, SOON if self._hears(robot, life.ended) else BY_FIRMWARE, until)
-        resumed = dict((what, when) for what, when in life.done if what == "SIGCONT").get("SIGCONT", math.inf)
+        resumed = dict(life.done).get("SIGCONT", math.inf)
         for what, when in life.done:
             if what == "SIGCONT" or when > life.ended or (what != "SIGKILL" and self.opened(life) > when):
                 continue  # the last: nothing moves, and signals do what they always do
@@ -407,14 +406,11 @@ def test_soak(tmp_path):
     said = Counter(re.sub(r"[0-9.]+", "#", life.said.splitlines()[-1] if life.said else "") for life in soak.lives)
     wrong = [f"{life.log.name}: {what}" for life in soak.lives if (what := wrong_with(life, account))]
     grown = {name: growth(samples) for name, samples in soak.memory.items()}
-    print(f"\n{len(soak.lives)} runs; codes {Counter(life.code for life in soak.lives)}")
-    for how in sorted(count):
-        print(f"{how:32} {count[how]:4d}  at worst {worst[how]:.3f} s")
-    for text, times in said.most_common():
-        print(f"{times:4d}  {text}")
-    for name, samples in soak.memory.items():
-        print(f"memory of {name}: {samples[-1][1]} KiB, {grown[name]:+.0f} KiB in {SECONDS:g} s")
-    print(json.dumps({"late": late, "wrong": wrong}, indent=1))
+    report = [f"{len(soak.lives)} runs; exit codes {dict(Counter(life.code for life in soak.lives))}"]
+    report += [f"{how:32} {count[how]:4d} times, at worst {worst[how]:.3f} s" for how in sorted(count)]
+    report += [f"{times:4d} times: {text}" for text, times in said.most_common()]
+    report += [f"memory of {name}: {grown[name]:+.0f} KiB, to {soak.memory[name][-1][1]} KiB" for name in grown]
+    sys.stdout.write("\n".join(["", *report, *late, *wrong, ""]))
     assert not late
     assert not wrong
     assert peaceful is not None

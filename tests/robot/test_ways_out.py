@@ -140,9 +140,12 @@ def unplugs(line):
 DEVICE_FAULTS = {
     # what happens: how, seconds that it may go on, what is said
     "ground silent": (silence("color_detection"), 0.25, "ground: nothing for"),
+    "attitude silent": (silence("imu"), 0.25, "attitude: nothing for"),
     "rvr silent": (silence("rvr"), 0.25, "nothing for"),
     "hub silent": (silence("proximity"), 0.5, "proximity: nothing for"),
     "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
+    "hub's sensor off": (lambda robot: setattr(robot.devices, "mask", 0x7F), 0.5, "proximity: nothing for"),
+    "lidar stuck": (lambda robot: setattr(robot.devices, "stuck", True), 0.6, "lidar: nothing for"),
     "hub lost": (unplugs("proximity"), 0.0, "proximity: /dev/pts/"),
     "lidar lost": (unplugs("lidar"), 0.0, "lidar: /dev/pts/"),
     "battery critical": (tells("battery_voltage_state_change", state=3), 0.0, "rvr: the battery is critical"),
@@ -296,9 +299,11 @@ def test_a_line_that_takes_nothing_any_more(tmp_path):
 def fill(port):
     """Let nothing more go into a line that nobody reads."""
     line = os.open(port, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
-    with suppress(BlockingIOError):
-        while os.write(line, bytes(100)):
-            pass
+    for _ in range(5):  # the system moves some on, and then takes more
+        with suppress(BlockingIOError):
+            while os.write(line, bytes(100)):
+                pass
+        time.sleep(0.005)
     os.close(line)
 
 
@@ -375,6 +380,14 @@ class TestSwarm:
                 return robot.devices.rests_since() - began
 
         assert soonest(attempt) <= LATEST
+
+    def test_stop_during_the_start(self, tmp_path):
+        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when(lambda: robot.devices.commands)
+            speaker.stop()
+            returned, error = robot.ended()
+            assert (returned, error) == (4, "Error: swarm: told to stop by 127.0.0.1\n")
+            assert not robot.devices.drives()
 
     def test_silence(self, tmp_path):
         def attempt(number):

@@ -1,6 +1,8 @@
 """The log of a run: whole to its last line, and the same decisions when it is replayed, here and compiled."""
 
+import os
 import random
+import threading
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
 from mercator_design.jit import compiled
+from mercator_design.robot import log as log_module
 from mercator_design.robot.cli import cli
 from mercator_design.robot.log import Log, controller_of, read, replay
 from tests.fsm.test_parity import program_arrays
@@ -161,3 +164,26 @@ def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
     assert log.failure.endswith(
         "log.jsonl: cannot be written: TypeError('Object of type object is not JSON serializable')"
     )
+
+
+@pytest.mark.parametrize("events", [1, 302])
+def test_a_disk_that_hangs(events, tmp_path, monkeypatch):
+    """What waits for it does not grow for ever, nor does the end wait for ever."""
+    goes_on = threading.Event()
+
+    def write(file, data):
+        goes_on.wait()
+        return len(data)
+
+    monkeypatch.setattr(log_module, "_LAST", 0.1)
+    monkeypatch.setattr(os, "write", write)
+    try:
+        with Log(tmp_path / "log.jsonl") as log:
+            for _ in range(events):
+                assert not log.failure
+                log.note("cycle")
+            assert bool(log.failure) == (events > 1)
+        assert log.failure.endswith("log.jsonl: cannot be written: the disk hangs")
+    finally:
+        goes_on.set()
+        log._thread.join()

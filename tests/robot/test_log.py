@@ -166,7 +166,7 @@ def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
     )
 
 
-@pytest.mark.parametrize("events", [1, 302])
+@pytest.mark.parametrize("events", [300, 302])
 def test_a_disk_that_hangs(events, tmp_path, monkeypatch):
     """What waits for it does not grow for ever, nor does the end wait for ever."""
     goes_on = threading.Event()
@@ -180,9 +180,8 @@ def test_a_disk_that_hangs(events, tmp_path, monkeypatch):
     try:
         with Log(tmp_path / "log.jsonl") as log:
             for _ in range(events):
-                assert not log.failure
                 log.note("cycle")
-            assert bool(log.failure) == (events > 1)
+            assert bool(log.failure) == (events > 301)  # one is being written, 300 wait
         assert log.failure.endswith("log.jsonl: cannot be written: the disk hangs")
     finally:
         goes_on.set()

@@ -256,7 +256,7 @@ class Mercator:
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Stop if the RVR says that it must not drive."""
         match name:
-            case "get_battery_percentage":
+            case "get_battery_percentage" if values:
                 self.notes.append("battery {percentage} %".format_map(values))
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")

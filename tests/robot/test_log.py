@@ -166,7 +166,7 @@ def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
     )
 
 
-@pytest.mark.parametrize("events", [300, 302])
+@pytest.mark.parametrize("events", [1, 300, 302])
 def test_a_disk_that_hangs(events, tmp_path, monkeypatch):
     """What waits for it does not grow for ever, nor does the end wait for ever."""
     goes_on = threading.Event()

@@ -202,6 +202,17 @@ def test_damaged_bytes(devices):
     assert set(found[10:]) | {0.0} == {0.0, 1.0}
 
 
+def test_a_battery_that_is_asked_for_in_vain_is_no_matter(devices, monkeypatch):
+    monkeypatch.setattr(mercator, "_POLL", 0.0)
+    with robot_on(devices, ()) as robot:
+        for told in (["battery 87 %"], []):
+            robot.notes.clear()
+            robot.drive(Wheels(0.0, 0.0))
+            robot.attend(time.monotonic() + 0.1)
+            assert robot.notes == told
+            devices.refused.update(get_battery_percentage=7, get_battery_voltage_state=7)
+
+
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))

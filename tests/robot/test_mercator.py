@@ -12,6 +12,8 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.rvr import Response
+from mercator_design.robot.rvr_messages import COMMANDS, Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -202,15 +204,15 @@ def test_damaged_bytes(devices):
     assert set(found[10:]) | {0.0} == {0.0, 1.0}
 
 
-def test_a_battery_that_is_asked_for_in_vain_is_no_matter(devices, monkeypatch):
-    monkeypatch.setattr(mercator, "_POLL", 0.0)
-    with robot_on(devices, ()) as robot:
-        for told in (["battery 87 %"], []):
-            robot.notes.clear()
-            robot.drive(Wheels(0.0, 0.0))
-            robot.attend(time.monotonic() + 0.1)
-            assert robot.notes == told
-            devices.refused.update(get_battery_percentage=7, get_battery_voltage_state=7)
+def test_of_commands_that_are_refused_one_matters():
+    """A response with an error has no values."""
+    robot, stopped = Mercator(Settings(), (None, None, None), SENSES, {}), []
+    for name in COMMANDS:
+        try:
+            robot._take(Response(name, Processor.NORDIC, {}, 7), 0.0)
+        except Stopped:
+            stopped.append(name)
+    assert stopped == ["drive_tank_si_units"]
 
 
 def test_wheels_and_lamps(devices):

@@ -18,12 +18,12 @@ from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import Line, Ports
 from mercator_design.robot.rvr import Notification, Response
-from mercator_design.robot.rvr_messages import LIGHTS, Processor, lights
+from mercator_design.robot.rvr_messages import LIGHTS, lights
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
-from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import Packet
@@ -88,8 +88,7 @@ class Mercator:
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.notes: list[str] = []
-        zero = self._drive_command(0.0, 0.0) + self._talk.command("drive_stop")
-        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, zero, limits.speed)
+        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
 
     def __enter__(self) -> Self:
         try:
@@ -179,12 +178,7 @@ class Mercator:
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
         with contextlib.suppress(RobotError):
-            for processor in Processor:
-                talk.tell("clear_streaming_service", processor)
-            talk.tell("enable_color_detection", is_enabled=False)
-            talk.tell("release_led_requests")
-            talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
-            talk.tell("restore_default_control_system_timeout")
+            rest_rvr(talk)
 
     def _start(self) -> None:
         talk = self._talk

@@ -16,6 +16,7 @@ from mercator_design.robot.control import in_control
 from mercator_design.robot.log import FORMAT, Log, now
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.safety import Watchdog
+from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
@@ -56,10 +57,11 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     """
     log, pfsm = Log(path), what.file.pfsm
     labels = settings.labels_of(what.file.header)
-    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog):
+    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
         robot.facts["floor"] = " or ".join(labels)
         _begin(log, settings, what, robot, tell)
         _await_heartbeat(settings, watchdog, robot)
+        notify(READY=1, STATUS=f"{settings.name} runs, {path}")
         watchdog.arm()
         _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
@@ -114,6 +116,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         wheels = controller.step(readings, draws)
         robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
         robot.show(controller.state)
+        notify(WATCHDOG=1)
         log.note(
             "cycle",
             cycle=cycle,

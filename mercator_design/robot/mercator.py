@@ -43,8 +43,8 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, `proximity` [m] in the order of the hub, and
-        `lidar`, without values: when a turn has ended.
+    samples: The latest of each sensor, by name: those of `samples`, `proximity` [m], as the settings correct it, in the
+        order of the hub, and `lidar`, without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
@@ -129,7 +129,7 @@ class Mercator:
         if self.age("lidar", now) <= limits.lidar:
             n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
         if self.age("ground", now) <= limits.rvr:
-            ground = COLOURS[self._label()]
+            ground = COLOURS[self.label()]
         self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
@@ -149,6 +149,11 @@ class Mercator:
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
+
+    def label(self) -> ColourName:
+        """The label that is nearest to what the ground sensor told last."""
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
 
     def drive(self, wheels: Wheels) -> None:
         """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
@@ -226,10 +231,6 @@ class Mercator:
                 return f"{name}: {found}; {self._talk.remedy(device)}"
         return ""
 
-    def _label(self) -> ColourName:
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
-
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
@@ -242,9 +243,9 @@ class Mercator:
                 if event.is_ring_start and self._sweep.is_whole:
                     self.samples["lidar"] = Sample(now, ())
             case Distances():
-                metres = event.metres()
+                metres = self._settings.corrected(event.metres())
                 if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
-                    self.samples["proximity"] = Sample(now, tuple(metres))
+                    self.samples["proximity"] = Sample(now, metres)
             case Response() if not self._talk.is_ending:
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
@@ -257,7 +258,8 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage":
-                self.notes.append("battery {percentage} %".format_map(values))
+                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

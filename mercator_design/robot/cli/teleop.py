@@ -1,0 +1,41 @@
+"""mercator-robot teleop: a person drives."""
+
+import sys
+
+import click
+
+from mercator_design.command import tell
+from mercator_design.robot.cli.options import ROBOT
+from mercator_design.robot.settings import Settings
+from mercator_design.robot.teleop import HELD, REPEATED
+from mercator_design.robot.teleop import teleop as drive
+
+
+@click.command(
+    help=f"""Drive with the keys of this terminal: arrows or WASD as long as they are held, any other key stops, Q ends.
+
+    The wheels stop {REPEATED} s after the last key of one that repeats, {HELD} s after a single one; all that stops a
+    run stops them too, for good, and so does the loss of the terminal.
+    """
+)
+@ROBOT
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 1.55),
+    default=0.15,
+    show_default=True,
+    metavar="M/S",
+    help="Of the treads, at most limits.speed; half of it in turns.",
+)
+@click.option(
+    "--guard",
+    type=click.FloatRange(0.05, 2.0),
+    metavar="METRES",
+    help="Do not drive towards what a proximity sensor sees nearer than this.",
+)
+def teleop(settings: Settings, speed: float, guard: float | None) -> None:
+    if speed > settings.limits.speed:
+        raise click.BadParameter(f"{speed:g} is above limits.speed, {settings.limits.speed:g}", param_hint="--speed")
+    if not sys.stdin.isatty():
+        raise click.UsageError("teleop needs a terminal, as its keys drive the robot; over ssh: ssh -t")
+    drive(settings, speed, guard, tell)

@@ -1,0 +1,119 @@
+"""A person drives the robot with the keys of a terminal."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+from mercator_design.fsm import Wheels
+from mercator_design.robot.control import arm, in_control
+from mercator_design.robot.keyboard import Key, Keyboard, keyboard
+from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.settings import Settings
+
+HELD = 0.7
+"""[s] that a key drives when it is pressed; terminals repeat one that is held from 0.25 to 0.66 s on, ..."""
+REPEATED = 0.3
+"""[s] ... and then 10 to 40 times a second, so the wheels stop sooner after the last of them."""
+
+_PERIOD = 0.05  # [s]
+_STATUS = 4  # periods
+_WAYS: dict[str, tuple[float, float]] = {
+    "forward": (1.0, 1.0),
+    "back": (-1.0, -1.0),
+    "left": (-0.5, 0.5),
+    "right": (0.5, -0.5),
+}
+"""Treads, as fractions of the speed."""
+_AHEAD = 0.5  # cosine of 60 degrees, within which something is ahead
+
+
+class Stick:
+    """Which way the keys say, and until when: nothing drives for longer than `HELD` after the last key."""
+
+    def __init__(self) -> None:
+        self._way: Key = "stop"
+        self._pressed = self._until = -math.inf
+
+    def press(self, key: Key, now: float) -> None:
+        """A key, at a time [s]; one that drives nowhere stops."""
+        repeats = key == self._way and now - self._pressed < HELD
+        self._way, self._pressed = key, now
+        self._until = now + (REPEATED if repeats else HELD)
+
+    def way(self, now: float) -> Key | None:
+        """Where to drive; None: nowhere."""
+        return self._way if self._way in _WAYS and now < self._until else None
+
+
+def nearest_ahead(direction: float, distances: Sequence[float], angles: Sequence[float]) -> float:
+    """How far something is [m] within 60 degrees of forwards (1) or backwards (-1); infinite if nothing is."""
+    ahead = [d for d, angle in zip(distances, angles, strict=True) if direction * math.cos(angle) > _AHEAD]
+    return min(ahead, default=math.inf)
+
+
+def teleop(settings: Settings, speed: float, guard: float | None, tell: Callable[[str], None]) -> None:
+    """Drive until a key ends it.
+
+    Args:
+        settings: The robot.
+        speed: Of the treads [m/s].
+        guard: The robot does not drive towards what is nearer than this [m]; None: wherever it is told.
+        tell: Called with what people should know.
+
+    Raises:
+        Stopped: if something stopped the wheels, with what it was; the loss of the terminal, for one.
+        RobotError: if a device cannot be used.
+        Signalled: if a signal came.
+    """
+    reads = ["proximity"] if guard is not None else []
+    with in_control(settings, reads, settings.labels_of({}), None) as (robot, watchdog):
+        arm(settings, robot, watchdog)
+        tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
+        with keyboard() as keys:
+            try:
+                _drive(robot, keys, settings, speed / settings.limits.speed, guard)
+            finally:
+                robot.brake.stop("the drive has ended")  # before anything waits for the terminal
+
+
+def _drive(robot: Mercator, keys: Keyboard, settings: Settings, fraction: float, guard: float | None) -> None:
+    stick, due, periods = Stick(), time.monotonic(), 0
+    while True:
+        robot.attend(due)
+        now = time.monotonic()
+        pressed = keys.pressed()
+        if "quit" in pressed:
+            return
+        for key in pressed:
+            stick.press(key, now)
+        robot.readings()  # or what is needed is stale
+        doing: str = stick.way(now) or "stopped"
+        left, right = _WAYS.get(doing, (0.0, 0.0))
+        if guard is not None and left == right != 0.0:
+            distance = nearest_ahead(left, robot.samples["proximity"].values, settings.proximity_angles)
+            if distance < guard:
+                doing, left, right = f"BLOCKED at {max(0.0, distance):.2f} m", 0.0, 0.0
+        robot.drive(Wheels(fraction * left, fraction * right))
+        robot.notes.clear()
+        if periods % _STATUS == 0:
+            keys.show(f"{doing:<8} {_status(robot, settings, now)}")
+        periods += 1
+        due = max(due + _PERIOD, time.monotonic())
+
+
+def _status(robot: Mercator, settings: Settings, now: float) -> str:
+    """A line: battery, label of the ground, distances [cm] from the front counter-clockwise, ages of samples [s]."""
+    limits, ages = (
+        settings.limits,
+        {name: robot.age(name, now) for name in ("attitude", "ground", "proximity", "lidar")},
+    )
+    ground = robot.label() if ages["ground"] <= limits.rvr else "no ground"
+    seen = "no distances"
+    if ages["proximity"] <= limits.proximity:
+        pairs = zip(settings.proximity_angles, robot.samples["proximity"].values, strict=True)
+        around = [distance for _, distance in sorted(pairs, key=lambda pair: pair[0] % math.tau)]
+        seen = " ".join("-" if d == math.inf else f"{100.0 * max(0.0, d):.0f}" for d in around) + " cm"
+    return (
+        f"{robot.facts['battery']}  {ground}  {seen}  "
+        f"rvr {ages['attitude']:.2f} hub {ages['proximity']:.2f} lidar {ages['lidar']:.2f} s"
+    )

@@ -1,6 +1,7 @@
 """What the ground sensor reads on each colour of the floor; only the RVR is used, and it does not move."""
 
 import contextlib
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -142,23 +143,22 @@ def doubts(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
 
 
 def confused(measured: Mapping[ColourName, Sequence[RGB]], labels: Mapping[ColourName, RGB]) -> Iterator[str]:
-    """Which colours are read as another, the nearest label, too often: normal distributions, between two labels."""
-    for name, found in measured.items():
-        for other, label in labels.items():
-            if other == name:
-                continue
-            middle, far = labels[name], math.dist(labels[name], label)
-            if far == 0.0:
-                yield f"{name} and {other} read the same"
-                continue
-            along = [sum(c * (b - a) for a, b, c in zip(middle, label, colour, strict=True)) / far for colour in found]
-            apart = 0.5 * far / max(pstdev(along), _LEAST_DEVIATION)
-            if apart < _APART:
-                chance = NormalDist().cdf(-apart)
-                yield (
-                    f"{name} and {other} are {far:.0f} levels apart, the middle between them {apart:.1f} standard "
-                    f"deviations from {name}, which would be read as {other} {chance:.1%} of the time"
-                )
+    """Which two colours are read as each other too often: what was measured, as normal distributions, of labels."""
+    for one, other in itertools.combinations(labels, 2):
+        far = math.dist(labels[one], labels[other])
+        spreads = [_along(measured[name], labels[one], labels[other]) for name in (one, other) if name in measured]
+        if not spreads or (apart := 0.5 * far / max(*spreads, _LEAST_DEVIATION)) >= _APART:
+            continue
+        yield (
+            f"{one} and {other} are {far:.0f} levels apart, {apart:.1f} standard deviations from the middle between "
+            f"them: one would be read as the other {NormalDist().cdf(-apart):.1%} of the time"
+        )
+
+
+def _along(found: Sequence[RGB], start: RGB, end: RGB) -> float:
+    """The standard deviation of colours along the line between two."""
+    far = math.dist(start, end) or 1.0
+    return pstdev(sum(c * (b - a) for a, b, c in zip(start, end, colour, strict=True)) / far for colour in found)
 
 
 def _rounded(colour: RGB) -> Levels:

@@ -59,8 +59,8 @@ class Hub:
                 f"proximity: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('proximity')}"
             )
         by_sensor = [list(metres) for metres in zip(*(each.metres() for each in self._found), strict=True)]
-        if off := [str(k) for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
-            raise RobotError(f"proximity: off is sensor {' and '.join(off)}; plug it in")
+        if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
+            raise RobotError(f"proximity: {_sensors(off)} off; plug in what is not")
         return by_sensor
 
 
@@ -145,8 +145,8 @@ def direction(angle: float) -> str:
 def _clear(metres: list[list[float]]) -> list[float]:
     """What the sensors tell when nobody is near."""
     found = [median_low(each) for each in metres]
-    if near := [f"sensor {k} sees something" for k, each in enumerate(found) if each < _CLEAR]:
-        raise _Unclear(f"{', '.join(near)} nearer than {_CLEAR:g} m")
+    if near := [k for k, each in enumerate(found) if each < _CLEAR]:
+        raise _Unclear(f"nearer than {_CLEAR:g} m is something before {_sensors(near)}")
     return found
 
 
@@ -154,10 +154,10 @@ def _seeing(metres: list[list[float]], clear: list[float], places: dict[int, flo
     """The one sensor that sees something that was not there."""
     seeing = [k for k, each in enumerate(metres) if median_low(each) < clear[k] - _FALLS]
     if not seeing:
-        missing = ", ".join(str(k) for k in range(len(metres)) if k not in places)
-        raise _Unclear(f"no sensor sees it; not found yet, or dead: {missing}")
+        missing = [k for k in range(len(metres)) if k not in places]
+        raise _Unclear(f"no sensor sees it; not found yet, so may be dead: {_sensors(missing)}")
     if len(seeing) > 1:
-        raise _Unclear(f"sensors {' and '.join(map(str, seeing))} see it; hold something smaller, and stand aside")
+        raise _Unclear(f"{_sensors(seeing)} see it; hold something smaller, and stand aside")
     if seeing[0] in places:
         raise _Unclear(f"sensor {seeing[0]} sees it, which looks {direction(places[seeing[0]])}")
     return seeing[0]
@@ -172,3 +172,7 @@ def _error(sensor: int, metres: list[float], distance: float) -> float:
     if abs(error) > _MOST:
         raise _Unclear(f"sensor {sensor} sees it at {fmean(seen):.2f} m, not {distance:g} m")
     return error
+
+
+def _sensors(numbers: Sequence[int]) -> str:
+    return f"sensor{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

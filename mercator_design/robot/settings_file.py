@@ -27,6 +27,7 @@ def change(path: Path, **values: object) -> None:
     """
     old, text = read_settings(path), text_of(path, error=SettingsError)
     wanted: dict[str, Any] = {}
+    changes: dict[tuple[str, ...], object]
     for key, value in values.items():
         if isinstance(value, Mapping):
             wanted[key] = {**(getattr(old, key) or {}), **value}

@@ -3,11 +3,15 @@
 import math
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
+from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm import Wheels
 from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.keyboard import Key, Keyboard, keyboard
+from mercator_design.robot.log import Log
 from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.recording import Recorder
 from mercator_design.robot.settings import Settings
 
 HELD = 0.7
@@ -51,32 +55,53 @@ def nearest_ahead(direction: float, distances: Sequence[float], angles: Sequence
     return min(ahead, default=math.inf)
 
 
-def teleop(settings: Settings, speed: float, guard: float | None, tell: Callable[[str], None]) -> None:
+def teleop(
+    settings: Settings, speed: float, guard: float | None, path: Path | None, tell: Callable[[str], None]
+) -> None:
     """Drive until a key ends it.
 
     Args:
         settings: The robot.
         speed: Of the treads [m/s].
         guard: The robot does not drive towards what is nearer than this [m]; None: wherever it is told.
+        path: Of a recording, a new file; None: nothing is recorded.
         tell: Called with what people should know.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was; the loss of the terminal, for one.
-        RobotError: if a device cannot be used.
+        RobotError: if a device cannot be used, or the recording cannot be written.
         Signalled: if a signal came.
     """
     reads = ["proximity"] if guard is not None else []
-    with in_control(settings, reads, settings.labels_of({}), None) as (robot, watchdog):
+    log = None if path is None else Log(path)
+    with in_control(settings, reads, settings.labels_of({}), log) as (robot, watchdog):
+        recorder = None if log is None else Recorder(log, robot, settings)
+
+        def record(event: str, now: float, **values: object) -> None:
+            if log is None or recorder is None:
+                return
+            if log.failure:
+                raise RobotError(log.failure)
+            recorder.note(event, now, **values)
+
+        tell(robot.introduction)
         arm(settings, robot, watchdog)
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         with keyboard() as keys:
             try:
-                _drive(robot, keys, settings, speed / settings.limits.speed, guard)
+                _drive(robot, keys, settings, speed / settings.limits.speed, guard, record)
             finally:
                 robot.brake.stop("the drive has ended")  # before anything waits for the terminal
 
 
-def _drive(robot: Mercator, keys: Keyboard, settings: Settings, fraction: float, guard: float | None) -> None:
+def _drive(
+    robot: Mercator,
+    keys: Keyboard,
+    settings: Settings,
+    fraction: float,
+    guard: float | None,
+    record: Callable[..., None],
+) -> None:
     stick, due, periods = Stick(), time.monotonic(), 0
     while True:
         robot.attend(due)
@@ -86,14 +111,19 @@ def _drive(robot: Mercator, keys: Keyboard, settings: Settings, fraction: float,
             return
         for key in pressed:
             stick.press(key, now)
-        robot.readings()  # or what is needed is stale
+        if stale := robot.stale(now):
+            raise Stopped(stale)
         doing: str = stick.way(now) or "stopped"
         left, right = _WAYS.get(doing, (0.0, 0.0))
         if guard is not None and left == right != 0.0:
             distance = nearest_ahead(left, robot.samples["proximity"].values, settings.proximity_angles)
             if distance < guard:
-                doing, left, right = f"BLOCKED at {max(0.0, distance):.2f} m", 0.0, 0.0
-        robot.drive(Wheels(fraction * left, fraction * right))
+                doing, left, right = "BLOCKED", 0.0, 0.0
+        wheels = Wheels(fraction * left, fraction * right)
+        robot.drive(wheels)
+        record("wheels", now, left=settings.limits.speed * wheels.left, right=settings.limits.speed * wheels.right)
+        for text in robot.notes:
+            record("note", now, text=text)
         robot.notes.clear()
         if periods % _STATUS == 0:
             keys.show(f"{doing:<8} {_status(robot, settings, now)}")
@@ -102,18 +132,22 @@ def _drive(robot: Mercator, keys: Keyboard, settings: Settings, fraction: float,
 
 
 def _status(robot: Mercator, settings: Settings, now: float) -> str:
-    """A line: battery, label of the ground, distances [cm] from the front counter-clockwise, ages of samples [s]."""
-    limits, ages = (
-        settings.limits,
-        {name: robot.age(name, now) for name in ("attitude", "ground", "proximity", "lidar")},
-    )
-    ground = robot.label() if ages["ground"] <= limits.rvr else "no ground"
-    seen = "no distances"
-    if ages["proximity"] <= limits.proximity:
+    """Battery, label of the ground, distances [cm] from the front counter-clockwise, and what is heard least of."""
+    limits = settings.limits
+    ages = {"rvr": robot.age("attitude", now), "hub": robot.age("proximity", now), "lidar": robot.age("lidar", now)}
+    ground = robot.label() if robot.age("ground", now) <= limits.rvr else "?"
+    around = [math.nan] * len(settings.proximity_angles)
+    if ages["hub"] <= limits.proximity:
         pairs = zip(settings.proximity_angles, robot.samples["proximity"].values, strict=True)
         around = [distance for _, distance in sorted(pairs, key=lambda pair: pair[0] % math.tau)]
-        seen = " ".join("-" if d == math.inf else f"{100.0 * max(0.0, d):.0f}" for d in around) + " cm"
+    oldest = max(ages, key=ages.__getitem__)
     return (
-        f"{robot.facts['battery']}  {ground}  {seen}  "
-        f"rvr {ages['attitude']:.2f} hub {ages['proximity']:.2f} lidar {ages['lidar']:.2f} s"
+        f"{robot.facts['battery']:>5}  {ground:<7} {' '.join(map(_centimetres, around))} cm  "
+        f"{oldest} {ages[oldest]:.2f} s"
     )
+
+
+def _centimetres(distance: float) -> str:
+    if math.isnan(distance):
+        return "  ?"
+    return "  -" if distance == math.inf else f"{100.0 * max(0.0, distance):3.0f}"

@@ -1,10 +1,11 @@
 """mercator-robot teleop: a person drives."""
 
 import sys
+from pathlib import Path
 
 import click
 
-from mercator_design.command import tell
+from mercator_design.command import FILE, tell
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.teleop import HELD, REPEATED
@@ -33,9 +34,12 @@ from mercator_design.robot.teleop import teleop as drive
     metavar="METRES",
     help="Do not drive towards what a proximity sensor sees nearer than this.",
 )
-def teleop(settings: Settings, speed: float, guard: float | None) -> None:
+@click.option(
+    "-o", "--output", "path", type=FILE, metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."
+)
+def teleop(settings: Settings, speed: float, guard: float | None, path: Path | None) -> None:
     if speed > settings.limits.speed:
         raise click.BadParameter(f"{speed:g} is above limits.speed, {settings.limits.speed:g}", param_hint="--speed")
     if not sys.stdin.isatty():
         raise click.UsageError("teleop needs a terminal, as its keys drive the robot; over ssh: ssh -t")
-    drive(settings, speed, guard, tell)
+    drive(settings, speed, guard, path, tell)

@@ -42,7 +42,8 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, and `lidar`, without values: when a turn has ended.
+    samples: The latest of each sensor, by name: those of `samples`, proximity as the settings correct it, and `lidar`,
+        without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
@@ -134,7 +135,7 @@ class Mercator:
         if self.age("lidar", now) <= limits.lidar:
             n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
         if self.age("ground", now) <= limits.rvr:
-            ground = COLOURS[self._label()]
+            ground = COLOURS[self.label()]
         self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
@@ -154,6 +155,11 @@ class Mercator:
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
+
+    def label(self) -> ColourName:
+        """The label that is nearest to what the ground sensor told last."""
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
 
     def stale(self, now: float) -> str:
         """What is wrong with the age of a sample that is needed; empty if nothing is."""
@@ -230,16 +236,14 @@ class Mercator:
             f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
         )
 
-    def _label(self) -> ColourName:
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
-
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
         self.listen(event, now)
-        self.samples.update(samples(event, now))
+        for name, sample in samples(event, now):
+            values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
+            self.samples[name] = Sample(now, values)
         match event:
             case Packet():
                 self._sweep.add(event)
@@ -257,7 +261,8 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage":
-                self.notes.append("battery {percentage} %".format_map(values))
+                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

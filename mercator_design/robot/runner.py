@@ -11,16 +11,14 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.control import in_control
+from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.safety import Watchdog
 from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
-_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +57,8 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
         robot.facts["floor"] = " or ".join(labels)
         _begin(log, settings, what, robot, tell)
-        _await_heartbeat(settings, watchdog, robot)
+        arm(settings, robot, watchdog)
         notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-        watchdog.arm()
         _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
 
@@ -81,16 +78,6 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         facts=dict(robot.facts),
     )
     tell(robot.introduction)
-
-
-def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
-    if settings.swarm.heartbeat is None:
-        return
-    end = time.monotonic() + _FIRST_HEARTBEAT
-    while watchdog.heard is None:
-        if time.monotonic() > end:
-            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + CONTROL_PERIOD)
 
 
 def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:

@@ -1,6 +1,7 @@
 """A robot under control: started up, watched, and stopped on every way out."""
 
 import contextlib
+import time
 from collections.abc import Iterable, Iterator, Mapping
 
 from mercator_design.colours import RGB, ColourName
@@ -10,6 +11,9 @@ from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import open_ports
 from mercator_design.robot.safety import Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
+
+_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
+_LOOK = 0.1  # [s]
 
 
 @contextlib.contextmanager
@@ -41,3 +45,19 @@ def in_control(
             yield robot, watchdog
     if log is not None and log.failure:
         raise RobotError(log.failure)
+
+
+def await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
+    """Wait until the swarm has been told that it may run, if this robot needs that.
+
+    Raises:
+        Stopped: if a device says that the robot must not drive.
+        RobotError: if a port is lost, or no heartbeat comes.
+    """
+    if settings.swarm.heartbeat is None:
+        return
+    end = time.monotonic() + _FIRST_HEARTBEAT
+    while watchdog.heard is None:
+        if time.monotonic() > end:
+            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
+        robot.attend(time.monotonic() + _LOOK)

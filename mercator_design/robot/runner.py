@@ -8,19 +8,19 @@ from pathlib import Path
 from random import Random
 
 from mercator_design import __version__
+from mercator_design.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.control import in_control
+from mercator_design.robot.control import await_heartbeat, in_control
 from mercator_design.robot.log import FORMAT, Log, now
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.safety import Watchdog
+from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
-_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog):
         robot.facts["floor"] = " or ".join(labels)
         _begin(log, settings, what, robot, tell)
-        _await_heartbeat(settings, watchdog, robot)
+        await_heartbeat(settings, watchdog, robot)
         watchdog.arm()
         _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
@@ -82,18 +82,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in robot.facts.items())
-    tell(f"{settings.name}: {said}")
-
-
-def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
-    if settings.swarm.heartbeat is None:
-        return
-    end = time.monotonic() + _FIRST_HEARTBEAT
-    while watchdog.heard is None:
-        if time.monotonic() > end:
-            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + CONTROL_PERIOD)
+    tell(f"{settings.name}: {robot.told_of_itself()}")
 
 
 def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
@@ -113,7 +102,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
         robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
-        robot.show(controller.state)
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         log.note(
             "cycle",
             cycle=cycle,

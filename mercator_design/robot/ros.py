@@ -181,7 +181,8 @@ class Reports:
         if now >= self._due and samples.keys() >= _OF_RVR:
             self._due = max(self._due + self._period, now)
             light = samples["ambient_light"]
-            yield "rvr/ground_color", messages.colour(samples["ground"].values)
+            red, green, blue = samples["ground"].values
+            yield "rvr/ground_color", messages.colour((red, green, blue))
             yield "rvr/fixed_color", messages.colour(COLOURS[self._robot.label()])
             yield "rvr/ambient_light", messages.illuminance(later + light.time, light)
             yield "rvr/imu", messages.imu(later + samples["attitude"].time, samples)

@@ -58,14 +58,15 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     labels = settings.labels_of(what.file.header)
     with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog):
         robot.facts["floor"] = " or ".join(labels)
-        _begin(log, settings, what, robot, tell)
+        began = _begin(log, settings, what, robot, tell)
         _await_heartbeat(settings, watchdog, robot)
         watchdog.arm()
-        _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
+        _cycles(robot, Controller(pfsm, settings.reference_model), what, log, began)
 
 
-def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
-    pfsm = what.file.pfsm
+def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> float:
+    """Begin the log; when that was [s, of time.monotonic]."""
+    pfsm, began = what.file.pfsm, time.monotonic()
     log.note(
         "start",
         format=FORMAT,
@@ -84,6 +85,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
     )
     said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in robot.facts.items())
     tell(f"{settings.name}: {said}")
+    return began
 
 
 def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
@@ -96,7 +98,7 @@ def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) ->
         robot.attend(time.monotonic() + CONTROL_PERIOD)
 
 
-def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
+def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log, began: float) -> None:
     """Control cycles until the duration is over; one that comes late is not made up for."""
     random = Random(what.seed)
     start = due = time.monotonic()
@@ -117,7 +119,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         log.note(
             "cycle",
             cycle=cycle,
-            time=round(begin - start, 6),
+            time=round(begin - began, 6),
             state=state,
             next_state=controller.state,
             readings=readings,

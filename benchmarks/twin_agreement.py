@@ -17,7 +17,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -66,6 +66,10 @@ POSES = 0.01
 DELAY = 0.04
 """[s] before a sample arrives within which it was measured, as the twin may be late."""
 _HALF_A_TURN = 0.07  # [s] of the lidar: how old its ranges are, on the whole
+_TITLES = (
+    *("robot", "cycles", "changes of state", "states equal", "wheels equal"),
+    *("ground equal", "neighbours equal", "neighbours by camera", "proximity equal", "median off", "99 % off by less"),
+)
 _COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
 
 
@@ -154,7 +158,9 @@ def perception(folder: Path, robot: int) -> Perception:
             counted[k] += senses(then, robot).neighbours == found.neighbours
         age, *distances = sensed["proximity"]
         perceived = [camera(poses, robot) for poses in track.before(now - age)]
-        off = min(math.hypot(at.proximity_x - found.proximity_x, at.proximity_y - found.proximity_y) for at in perceived)
+        off = min(
+            math.hypot(at.proximity_x - found.proximity_x, at.proximity_y - found.proximity_y) for at in perceived
+        )
         proximity += off <= quantisation(start["reference_model"], distances)
         differences.append(off)
     return Perception(len(differences), ground, (counted[0], counted[1]), proximity, np.array(differences))
@@ -215,15 +221,14 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     if not (options.folder / "run0.jsonl").exists():
         run(options.folder, options.seconds)
-    for title in TITLES:
-        print("|", title, "|")
+    print(f"| {' | '.join(_TITLES)} |\n{len(_TITLES) * '|---'}|")
     for robot in range(len(FSMS)):
         decided, seen = decisions(options.folder / f"run{robot}.jsonl"), perception(options.folder, robot)
         half, most = np.quantile(seen.differences, [0.5, 0.99])
-        row = [robot, decided.cycles, decided.changes]
+        row = [str(number) for number in (robot, decided.cycles, decided.changes)]
         row += [f"{100.0 * same / decided.cycles:.2f} %" for same in (decided.states, decided.wheels)]
         row += [f"{100.0 * same / seen.cycles:.1f} %" for same in (seen.ground, *seen.neighbours, seen.proximity)]
-        print("|", *row, f"{half:.4f}", f"{most:.4f}", sep=" | ")
+        print(f"| {' | '.join(row)} | {half:.4f} | {most:.4f} |")
 
 
 if __name__ == "__main__":

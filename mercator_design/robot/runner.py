@@ -104,7 +104,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         log.note(
             "cycle",
             cycle=cycle,
-            time=round(begin - start, 6),
+            time=round(begin - log.began, 6),
             state=state,
             next_state=controller.state,
             readings=readings,

@@ -13,7 +13,7 @@ from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
-from mercator_design.robot.rvr_messages import COMMANDS, Processor
+from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -218,7 +218,7 @@ def test_of_commands_that_are_refused_one_matters():
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))
-        robot.show(2)
+        robot.show(dict.fromkeys(LIGHTS, (0, 158, 115)))
         robot.attend(time.monotonic() + 0.1)
         assert devices.wheels[-1][1:] == pytest.approx((0.3, -0.15))
         _, _, lamps = next(each for each in devices.commands[::-1] if each[1] == "set_all_leds")

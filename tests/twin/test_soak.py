@@ -146,7 +146,7 @@ class Soak:
         now = time.monotonic()
         if now - self._beats > 0.05:
             self._beats = now
-            if not any(what == "heartbeat" for what, _ in self._done(1)):
+            if 1 not in self.now or "heartbeat" not in dict(self.now[1].done):
                 self.speakers[1].tell(HEARTBEAT)
         if now - self._sampled > 1.0:
             self._sampled = now
@@ -158,16 +158,13 @@ class Soak:
                     self.now[number] = self._begin(number)
                 continue
             if is_over and not any(what in SIGNALS for what, _ in life.done):
-                life.plan = [(0.0, "SIGTERM")]
+                life.plan = [(0.0, "SIGTERM")]  # once
             self._go_on(life, now)
             life.code = life.process.poll()
             if life.code is not None:
                 life.ended = time.monotonic()
                 del self.now[number]
                 self._next[number] = life.ended + self.chance.uniform(0.0, 1.5)
-
-    def _done(self, number):
-        return self.now[number].done if number in self.now else []
 
     def _begin(self, number):
         chance, name = self.chance, f"run{len(self.lives)}"
@@ -268,9 +265,9 @@ class Account:
         return min((t for n, t in self._opened if n == life.number and life.born < t < life.ended), default=math.inf)
 
     def _next(self, life):
-        """When the robot's next run was started."""
-        later = [other.born for other in self.lives if other.number == life.number and other.born > life.born]
-        return min(later, default=math.inf)
+        """When a later run of the robot had it in hand."""
+        later = [other for other in self.lives if other.number == life.number and other.born > life.born]
+        return min(map(self.opened, later), default=math.inf)
 
     def _hears(self, number, when, seconds=BY_FIRMWARE, way="to_robot"):
         """Whether the line to a robot is sound around a time."""
@@ -293,7 +290,7 @@ class Account:
 
     def _of_run(self, life):
         until, robot = self._next(life), life.number
-        if "SIGKILL" not in [what for what, _ in life.done]:
+        if "SIGKILL" not in dict(life.done):
             yield Loss(robot, "ended", life.ended, SOON if self._hears(robot, life.ended) else BY_FIRMWARE, until)
         resumed = dict(life.done).get("SIGCONT", math.inf)
         for what, when in life.done:
@@ -342,12 +339,12 @@ class Account:
 
 def codes(life, account):
     """Exit codes that a run may have had."""
-    sent = {getattr(signal, what) for what, _ in life.done if what in SIGNALS}
-    allowed = {1, 4} | {128 + number for number in sent} | ({-signal.SIGKILL} & {-number for number in sent})
-    if "duration" not in {what for what, _ in life.done} and not life.done:
-        allowed.add(0)
-    handled = account.opened(life)
-    return allowed | {-getattr(signal, what) for what, when in life.done if what in SIGNALS and when < handled}
+    opened, allowed = account.opened(life), {1, 4} if life.done else {0, 1, 4}
+    for what, when in life.done:
+        if what in SIGNALS:
+            number = getattr(signal, what)
+            allowed |= {128 + number, -number} if what == "SIGKILL" or when < opened else {128 + number}
+    return allowed
 
 
 def wrong_with(life, account):
@@ -413,6 +410,7 @@ def test_soak(tmp_path):
     sys.stdout.write("\n".join(["", *report, *late, *wrong, ""]))
     assert not late
     assert not wrong
+    assert SECONDS < 1800.0 or count.keys() >= {*SIGNALS, *OTHERS}
     assert peaceful is not None
     assert peaceful.born < account._start + 10.0
     assert all(kib < GROWTH for kib in grown.values())

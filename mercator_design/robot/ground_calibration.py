@@ -40,6 +40,7 @@ class GroundSensor:
             self._told = now
             self._talk.tell("get_battery_percentage")
         self._talk.attend(now)
+        self._found.clear()
 
     def measure(self, seconds: float) -> list[RGB]:
         """What it reads from now on.
@@ -48,7 +49,6 @@ class GroundSensor:
             RobotError: if that is nothing, or next to nothing, or the port is lost.
         """
         self.attend()
-        self._found.clear()
         self._talk.attend(time.monotonic() + seconds)
         if len(self._found) < _FEWEST:
             raise RobotError(f"ground: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('rvr')}")

@@ -270,7 +270,7 @@ class TestProximity:
 
     def test_a_sensor_that_is_unplugged(self, devices):
         devices.mask = 0xF6
-        with pytest.raises(RobotError, match=r"proximity: sensors 0, 3 off; plug in what is not"):
+        with pytest.raises(RobotError, match="proximity: not plugged in, says the hub: sensors 0, 3"):
             find(devices, Hand(devices))
 
     def test_a_hub_that_falls_silent(self, devices):

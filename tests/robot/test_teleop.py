@@ -236,6 +236,14 @@ class TestDriving:
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
         assert len(shown) < 80
 
+    def test_a_terminal_of_another_user(self, tmp_path):
+        """As after `su`: it can be opened by its general name only."""
+        with driving(tmp_path, lead=OWN_TERMINAL + "import os; os.ttyname = lambda _: '/no/terminal'\n") as drive:
+            drive.press(UP)
+            drive.devices.when(drive.devices.drives)
+            drive.press(b"q")
+            drive.ended(0)
+
     def test_a_terminal_that_takes_nothing_more_holds_up_no_wheels(self, tmp_path):
         with driving(tmp_path) as drive:
             drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise

@@ -139,8 +139,8 @@ def calibrate(
 
 def direction(angle: float) -> str:
     """An angle [rad] from the robot's front in words."""
-    degrees = math.degrees(math.remainder(angle, math.tau))
-    return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+.0f} degrees)"
+    degrees = 180 - round(180.0 - math.degrees(angle)) % 360
+    return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+d} degrees)"
 
 
 def _clear(metres: list[list[float]]) -> list[float]:

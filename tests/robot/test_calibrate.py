@@ -1,6 +1,7 @@
 """mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
 
 import contextlib
+import math
 import os
 import random
 import subprocess
@@ -286,6 +287,18 @@ class TestProximity:
             robot.attend(time.monotonic() + 0.3)
             values = robot.samples["proximity"].values
         assert values == pytest.approx((0.3, 0.0, -float("inf"), *[float("inf")] * 5))
+
+
+def test_directions():
+    degrees = {
+        0: "in front (+0",
+        45: "front left (+45",
+        180.02: "behind (+180",
+        -180: "behind (+180",
+        -100: "right (-100",
+    }
+    for angle, words in degrees.items():
+        assert direction(math.radians(angle)) == f"{words} degrees)"
 
 
 @pytest.mark.parametrize(

@@ -230,6 +230,7 @@ class TestDriving:
 
     def test_what_is_shown(self, tmp_path):
         with driving(tmp_path) as drive:
+            drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
             drive.devices.millimetres = [300, 2000, 20, *[NOTHING] * 5]
             time.sleep(0.8)
             shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
@@ -246,7 +247,6 @@ class TestDriving:
 
     def test_a_terminal_that_takes_nothing_more_holds_up_no_wheels(self, tmp_path):
         with driving(tmp_path) as drive:
-            drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
             with contextlib.suppress(BlockingIOError):
                 os.set_blocking(drive.terminal, False)
                 while True:

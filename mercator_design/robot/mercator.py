@@ -10,19 +10,19 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Self
 
-from mercator_design.colours import COLOURS, RGB, STATE_COLOURS, ColourName
+from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.ports import Line, Ports
 from mercator_design.robot.rvr import Notification, Response
-from mercator_design.robot.rvr_messages import LIGHTS, Processor, lights
+from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
-from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import Packet
@@ -83,14 +83,13 @@ class Mercator:
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self._polled = -math.inf
-        self._shown: tuple[float, int] | None = None
+        self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.notes: list[str] = []
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
-        zero = self._drive_command(0.0, 0.0) + self._talk.command("drive_stop")
-        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, zero, limits.speed)
+        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
 
     def __enter__(self) -> Self:
         try:
@@ -124,9 +123,8 @@ class Mercator:
         Raises:
             Stopped: if a sense that is needed is stale.
         """
+        self.check_ages()
         now = time.monotonic()
-        if stale := self.stale(now):
-            raise Stopped(stale)
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
@@ -153,14 +151,27 @@ class Mercator:
             (0.0, 0.0),
         )
 
+    def check_ages(self) -> None:
+        """See whether all that is needed is told.
+
+        Raises:
+            Stopped: if a sense that is needed is stale.
+        """
+        if stale := self.stale(time.monotonic()):
+            raise Stopped(stale)
+
+    def label(self) -> ColourName:
+        """Of the floor: the one whose colour is nearest to the ground's."""
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
+
+    def turn(self) -> list[float]:
+        """The lidar's last turn: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; 0 for nothing."""
+        return self._sweep.ranges()
+
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
-
-    def label(self) -> ColourName:
-        """The label that is nearest to what the ground sensor told last."""
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
 
     def stale(self, now: float) -> str:
         """What is wrong with the age of a sample that is needed; empty if nothing is."""
@@ -178,7 +189,11 @@ class Mercator:
             RobotError: if the port is lost.
         """
         speed = self._settings.limits.speed
-        self.brake.drive(speed * wheels.left, speed * wheels.right)
+        self.drive_at(speed * wheels.left, speed * wheels.right)
+
+    def drive_at(self, left: float, right: float) -> None:
+        """The same, at speeds [m/s]."""
+        self.brake.drive(left, right)
         self.poll()
 
     def poll(self) -> None:
@@ -188,12 +203,12 @@ class Mercator:
             self._talk.tell("get_battery_voltage_state")
             self._talk.tell("get_battery_percentage")
 
-    def show(self, state: int) -> None:
-        """Let the lamps show a state of the PFSM."""
+    def show(self, colours: Mapping[str, Levels]) -> None:
+        """Give lamps, of rvr_messages.LIGHTS, their colours."""
         now = time.monotonic()
-        if self._shown is None or self._shown[1] != state or now - self._shown[0] > _SHOW:
-            self._shown = now, state
-            self._talk.tell("set_all_leds", **lights(dict.fromkeys(LIGHTS, STATE_COLOURS[state])))
+        if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
+            self._shown = now, colours
+            self._talk.tell("set_all_leds", **lights(colours))
 
     def close(self) -> None:
         """Stop the wheels, then all else; nothing is raised."""
@@ -203,12 +218,7 @@ class Mercator:
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
         with contextlib.suppress(RobotError):
-            for processor in Processor:
-                talk.tell("clear_streaming_service", processor)
-            talk.tell("enable_color_detection", is_enabled=False)
-            talk.tell("release_led_requests")
-            talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
-            talk.tell("restore_default_control_system_timeout")
+            rest_rvr(talk)
 
     def _start(self) -> None:
         talk = self._talk

@@ -8,7 +8,8 @@ from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.talk import Event
 
-_G = 9.80665  # [m/s2]
+STANDARD_GRAVITY = 9.80665
+"""[m/s2]"""
 
 
 class Sample(NamedTuple):
@@ -24,7 +25,7 @@ def _turned(values: Mapping[str, float], scale: float = 1.0) -> tuple[float, ...
 
 
 _CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, ...]]]] = {
-    "accelerometer": ("acceleration", lambda v: _turned(v, _G)),
+    "accelerometer": ("acceleration", lambda v: _turned(v, STANDARD_GRAVITY)),
     "gyroscope": ("turning", lambda v: _turned(v, math.pi / 180.0)),
     "imu": ("attitude", lambda v: (math.radians(v["roll"]), -math.radians(v["pitch"]), math.radians(v["yaw"]))),
     "quaternion": ("orientation", lambda v: (v["w"], *_turned(v))),

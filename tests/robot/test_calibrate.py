@@ -72,6 +72,11 @@ def answer(process, act):
 FLOOR = {"black": (7, 8, 6), "gray": (93, 99, 90), "white": (214, 220, 205)}
 
 
+def lamp(devices):
+    """When it was switched on and off."""
+    return [values["is_enabled"] for _, name, values in devices.commands if name == "enable_color_detection"]
+
+
 class TestColor:
     def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
         def put_on(line):
@@ -95,9 +100,8 @@ class TestColor:
         text = (tmp_path / "robot.yaml").read_text()
         assert text.startswith("# mine\n")
         assert text.endswith("white: [214, 220, 205]}  # by hand\n")
-        assert not devices.wheels
-        lamp = [values["is_enabled"] for _, name, values in devices.commands if name == "enable_color_detection"]
-        assert lamp == [True, False]
+        assert not devices.drives()
+        assert lamp(devices) == [True, False]
 
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color") as process:
@@ -106,7 +110,7 @@ class TestColor:
         assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
         time.sleep(0.1)
-        assert [name for _, name, _ in devices.commands][-1] == "enable_color_detection"
+        assert lamp(devices) == [True, False]
 
     def test_a_signal_puts_out_the_lamp(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color") as process:
@@ -114,7 +118,7 @@ class TestColor:
             process.terminate()
             assert process.wait(10) == 143
         time.sleep(0.1)
-        assert devices.commands[-1][1:] == ("enable_color_detection", {"is_enabled": False})
+        assert lamp(devices) == [True, False]
 
     def test_a_sensor_that_is_silent(self, devices):
         devices.silent.add("color_detection")
@@ -217,7 +221,7 @@ class TestProximity:
         settings = read_settings(tmp_path / "robot.yaml")
         assert settings.proximity_angles == pytest.approx([RING[place] for place in WIRED], abs=1e-4)
         assert settings.proximity_offsets == pytest.approx([0.002 * k - 0.003 for k in range(8)])
-        assert not devices.wheels
+        assert not devices.drives()
 
     def test_without_a_distance_there_are_no_offsets(self, devices):
         hand = Hand(devices, 0.07)

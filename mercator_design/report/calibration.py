@@ -49,7 +49,7 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
         robot, when = recording.start.get("robot", "?"), recording.start.get("time", "?")
         lines.append(f"#   {recording.path.name}: {robot}, {when}, {recording.duration:.0f} s")
     lines += [
-        f"# In brackets: the interval at {CONFIDENCE:.0%}. p: of a fit as bad if the noise is this; {SIMULATIONS} simulations.",
+        f"# In brackets: the interval at {CONFIDENCE:.0%}; p, by {SIMULATIONS} simulations, of a fit as bad by chance.",
         "# All that is not said here is as in the base.",
     ]
     text = "".join(f"{printable(line)}\n" for line in lines) + "schema: 1\n"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from mercator_design.calibration.noise import CONFIDENCE, SIMULATIONS, Noise
 from mercator_design.calibration.sensors import Calibration, Measured
@@ -96,6 +97,7 @@ def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
     density = (cumulative(x + 0.5 * levels.step) - cumulative(x - 0.5 * levels.step)) / levels.step
     axes.plot(x, density, color=_DENSITY, linewidth=1.0)
     axes.set_yticks([])
+    axes.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
     axes.set_xlabel(f"noise [{one.sensor.unit}]" if one.sensor.unit else "noise", labelpad=1.0)
     axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_words(noise)}, p={noise.p_value:.2g}", fontsize=7.5)

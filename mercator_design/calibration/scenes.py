@@ -76,7 +76,7 @@ def read_recording(path: Path) -> Recording:
     Raises:
         RobotError: if it cannot be read, or is none.
     """
-    told: dict[str, list[tuple[float, list[Any]]]] = defaultdict(list)
+    told: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
     start: Mapping[str, Any] = {}
     with understanding(path):
         for event in read(path, "recording"):
@@ -84,11 +84,12 @@ def read_recording(path: Path) -> Recording:
                 case "start":
                     start = event
                 case "sample":
-                    told[event["sensor"]].append((event["time"], event["values"]))
+                    told[event["sensor"]].append((event["time"], np.array(event["values"], dtype=float)))
                 case "turn":
-                    told["lidar"].append((event["time"], event["readings"]))
+                    readings = np.array(event["readings"], dtype=float).reshape(-1, 2)
+                    told["lidar"].append((event["time"], readings))
                 case "wheels":
-                    told["wheels"].append((event["time"], [event["left"], event["right"]]))
+                    told["wheels"].append((event["time"], np.array([event["left"], event["right"]])))
         series = {name: _series(name, rows, start) for name, rows in told.items()}
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
@@ -105,11 +106,11 @@ def read_recording(path: Path) -> Recording:
     return Recording(path, start, duration, moves, scenes)
 
 
-def _series(name: str, rows: list[tuple[float, list[Any]]], start: Mapping[str, Any]) -> Series:
+def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any]) -> Series:
     times = np.array([time for time, _ in rows], dtype=float)
     if name == "lidar":
-        return _beams(times, [np.array(readings, dtype=float).reshape(-1, 2) for _, readings in rows], start)
-    values = np.array([values for _, values in rows], dtype=float)
+        return _beams(times, [readings for _, readings in rows], start)
+    values = np.stack([values for _, values in rows])
     if name == "proximity":
         values[values == 0.0] = np.nan  # too near to tell
     return Series(times, values)

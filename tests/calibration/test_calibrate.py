@@ -163,6 +163,15 @@ def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monk
     assert sensors["lidar"]["parameter"] == pytest.approx(0.0005, rel=0.03)
 
 
+def test_a_lidar_that_sees_nothing(calibrate, tmp_path):
+    """As one whose beams go above the walls."""
+    noise = NOISE | {"lidar": recordings.gaussian(0.0)}
+    file = write(tmp_path / "still.jsonl", measured(noise=noise, centres=only("ground") | {"lidar": [0.0] * 120}))
+    sensors, notes, _ = calibrate(file)
+    assert [*sensors] == ["ground"]
+    assert "lidar, still.jsonl: 120 of 120 channels left out: they measure nothing" in notes
+
+
 def test_samples_that_follow_each_other(calibrate, tmp_path):
     found = measured(60.0, centres=only("turning"))
     times, values = found["turning"]

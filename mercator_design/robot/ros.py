@@ -221,8 +221,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
             robot.attend(due)
             robot.check_ages()
             now = time.monotonic()
-            robot.brake.drive(*orders.speeds(now))
-            robot.poll()
+            robot.drive_at(*orders.speeds(now))
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)

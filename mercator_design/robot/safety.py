@@ -79,7 +79,10 @@ class Brake:
             Stopped: if something has stopped them, or a speed is out of range or not a number.
             RobotError: if the port is lost.
         """
-        self.check(left, right)
+        if not (abs(left) <= self._limit and abs(right) <= self._limit):
+            self.stop(
+                f"wheels: expected speeds from {-self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
+            )
         with self._lock:
             self.look()  # who was suspended may get here before the watchdog does
             if self.why:

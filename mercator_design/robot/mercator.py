@@ -266,6 +266,8 @@ class Mercator:
                 if event.is_ring_start and self._sweep.is_whole:
                     self.samples["lidar"] = Sample(now, ())
             case Response() if not self._talk.is_ending:
+                if event.error:
+                    self.notes.append(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
@@ -276,7 +278,7 @@ class Mercator:
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Stop if the RVR says that it must not drive."""
         match name:
-            case "get_battery_percentage":
+            case "get_battery_percentage" if values:
                 self.facts["battery"] = "{percentage} %".format_map(values)
                 self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:

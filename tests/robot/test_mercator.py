@@ -203,6 +203,18 @@ def test_damaged_bytes(devices):
     assert set(found[10:]) | {0.0} == {0.0, 1.0}
 
 
+def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
+    refused = "get_battery_percentage", "get_battery_voltage_state", "set_all_leds"
+    with robot_on(devices, ()) as robot:
+        devices.refused = dict.fromkeys(refused, 4)
+        robot.show(dict.fromkeys(LIGHTS, (0, 0, 0)))
+        robot._polled = -math.inf
+        robot.drive(Wheels(0.1, 0.1))
+        robot.attend(time.monotonic() + 0.2)
+        assert sorted(robot.notes)[-3:] == [f"{name} was refused: restricted" for name in refused]
+        assert robot.facts["battery"] == "87 %"
+
+
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))

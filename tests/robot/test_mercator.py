@@ -18,6 +18,14 @@ from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
 
 SENSES = ("proximity", "neighbours", "ground")
+PREPARATIONS = (
+    "enable_battery_voltage_state_change_notify",
+    "enable_motor_fault_notify",
+    "reset_yaw",
+    "reset_locator_x_and_y",
+    "enable_color_detection",
+)
+"""Without which a run would not be what it seems."""
 NEAR = ReferenceModel().neighbour_range
 
 
@@ -134,10 +142,11 @@ class TestStart:
             assert robot.facts["commands_end"] == "seen after 0.3 s"
         names = [name for _, name, _ in devices.commands]
         assert names[:4] == ["disable_notifications_and_active_commands", *["clear_streaming_service"] * 2, "wake"]
-        values = {name: values for _, name, values in devices.commands}
+        values = {name: values for _, name, values in devices.commands[::-1]}
         assert values["set_custom_control_system_timeout"] == {"command_timeout": round(1000 * COMMANDS_END)}
         assert names.index("reset_yaw") < names.index("start_streaming_service")
-        assert {"reset_locator_x_and_y", "enable_battery_voltage_state_change_notify"} <= set(names)
+        assert set(PREPARATIONS) <= set(names)
+        assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 2 + [{}] * 2 + [{"is_enabled": True}]
         assert not devices.drives()
         assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
 
@@ -164,6 +173,10 @@ class TestStart:
             (
                 lambda d: d.refused.update(set_custom_control_system_timeout=0x55),
                 r"^rvr: set_custom_control_system_timeout was refused: error 0x55$",
+            ),
+            *(
+                (lambda d, name=name: d.refused.update({name: 4}), rf"^rvr: {name} was refused: restricted$")
+                for name in PREPARATIONS
             ),
             (lambda d: setattr(d, "health", 2), r"^lidar: it reports an error"),
         ],

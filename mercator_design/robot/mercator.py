@@ -23,7 +23,7 @@ from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
 from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
-from mercator_design.robot.sweep import BINS, STEP, Sweep
+from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import Packet
 
@@ -82,6 +82,7 @@ class Mercator:
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
+        self._is_blind = False
         self._polled = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
@@ -262,9 +263,9 @@ class Mercator:
             self.samples[name] = Sample(now, values)
         match event:
             case Packet():
-                self._sweep.add(event)
-                if event.is_ring_start and self._sweep.is_whole:
+                if self._sweep.add(event):
                     self.samples["lidar"] = Sample(now, ())
+                    self._note_sight()
             case Response() if not self._talk.is_ending:
                 if event.error:
                     self.notes.append(f"{event.name} was refused: {words(event.error)}")
@@ -274,6 +275,12 @@ class Mercator:
             case Notification() if not self._talk.is_ending:
                 self.notes.append(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
                 self._heed(event.name, event.values)
+
+    def _note_sight(self) -> None:
+        """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
+        was_blind, self._is_blind = self._is_blind, sum(map(bool, self._sweep.ranges())) < LEAST_READINGS
+        if was_blind != self._is_blind:
+            self.notes.append("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Stop if the RVR says that it must not drive."""

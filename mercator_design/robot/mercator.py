@@ -82,7 +82,7 @@ class Mercator:
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
-        self._is_blind = False
+        self._is_blind = self._do_commands_end = False
         self._polled = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
@@ -103,11 +103,12 @@ class Mercator:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def introduction(self) -> str:
-        """Its name and facts, for people."""
+    def introduce(self, tell: Callable[[str], None]) -> None:
+        """Tell people its name and facts, and a doubt."""
         facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
-        return f"{self._settings.name}: {facts}"
+        tell(f"{self._settings.name}: {facts}")
+        if not self._do_commands_end:
+            tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -246,12 +247,20 @@ class Mercator:
         The maker's documents do not say what a robot that was stopped so answers, so this is not held against it.
         """
         self.brake.drive(0.0, 0.0)
-        first = self._talk.ask("get_active_control_system_id")["controller_id"]
+        first = self._controller()
         self.attend(time.monotonic() + COMMANDS_END + 0.1)
-        then = self._talk.ask("get_active_control_system_id")["controller_id"]
-        self.facts["commands_end"] = (
-            f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
-        )
+        has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._talk.said)
+        self._do_commands_end = has_stopped or (first, self._controller()) == (_TANK, _BRAKING)
+        self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
+
+    def _controller(self) -> int | None:
+        """Which of the RVR's drives; None if it does not tell."""
+        try:
+            return int(self._talk.ask("get_active_control_system_id")["controller_id"])
+        except Stopped:
+            raise
+        except RobotError:
+            return None
 
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)

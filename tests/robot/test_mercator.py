@@ -1,6 +1,7 @@
 """What the robot makes of what its devices tell, and how it is started up and shut down, on pseudo-terminals."""
 
 import math
+import threading
 import time
 from contextlib import contextmanager
 
@@ -134,6 +135,15 @@ def impatient(monkeypatch):
     monkeypatch.setattr(start, "_WAKING", 0.5)
 
 
+def tell_that_it_stopped(devices):
+    """Of commands that run out, the RVR says no more than this."""
+    asked = "get_active_control_system_id"
+    devices.refused[asked] = 2
+    devices.when(lambda: asked in [name for _, name, _ in devices.commands])
+    time.sleep(0.1)
+    devices.tell("robot_has_stopped")
+
+
 class TestStart:
     def test_commands(self, devices):
         with robot_on(devices) as robot:
@@ -150,10 +160,23 @@ class TestStart:
         assert not devices.drives()
         assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
 
-    def test_commands_that_do_not_end_are_not_said_to(self, devices):
-        devices.forgets = False
+    @pytest.mark.parametrize(
+        ("prepare", "is_seen"),
+        [
+            (lambda d: setattr(d, "forgets", False), False),
+            (lambda d: d.refused.update(get_active_control_system_id=2), False),
+            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d]).start(), True),
+        ],
+    )
+    def test_whether_commands_end(self, devices, prepare, is_seen):
+        """However that is known; if it is not, people are warned."""
+        prepare(devices)
+        told = []
         with robot_on(devices, ()) as robot:
-            assert robot.facts["commands_end"] == "not seen"
+            robot.introduce(told.append)
+            assert robot.facts["commands_end"] == ("seen after 0.3 s" if is_seen else "not seen")
+        warning = "Warning: it was not seen that the RVR stops by itself 0.3 s after the last command"
+        assert told[1:] == ([] if is_seen else [warning])
 
     @pytest.mark.parametrize(
         ("prepare", "words"),

@@ -105,7 +105,7 @@ os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
 
 def test_nobody_but_root_opens_a_port_that_is_open(terminals):
     _, names = terminals
-    Path(names.rvr).chmod(0o666)  # noqa: S103 - for nobody
+    Path(names.rvr).chmod(0o666)
     command = [sys.executable, "-c", OPENED_BY_NOBODY, names.rvr]
     with open_ports(names):
         refused = subprocess.run(command, capture_output=True, check=False)

@@ -212,7 +212,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         Signalled: if a signal came.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
-        tell(robot.introduction)
+        robot.introduce(tell)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
         node.obey(robot.brake, orders)
         arm(settings, robot, watchdog)

@@ -79,7 +79,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    tell(robot.introduction)
+    robot.introduce(tell)
 
 
 def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:

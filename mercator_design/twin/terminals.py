@@ -153,6 +153,8 @@ class Terminals:
             if error.errno != errno.EIO:
                 raise
             self._note(fd, now, is_open=False)
+            self._unplug(number, device)  # who was killed had it to itself, and a pseudo-terminal would stay so
+            self._plug_in(number, device)
         else:
             self._send(fd, self._twin.robots[number].receive(device, data, now))
 

@@ -1,6 +1,7 @@
 """The twin's ports: sessions with pyserial, ports that go away, and that nothing is left behind."""
 
 import contextlib
+import fcntl
 import json
 import signal
 import subprocess
@@ -102,6 +103,30 @@ def test_a_session_with_all_three_devices(tmp_path):
     assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
     (clock,) = events(tmp_path, "clock")
     assert 0.0 < time.monotonic() - clock["start"] < 60.0
+
+
+_IS_EXCLUSIVE = 0x80045440  # TIOCGEXCL
+
+
+def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
+    """As that of a device, which a pseudo-terminal would not be."""
+    with running(tmp_path) as terminals:
+        port = port_names(terminals.robots[0]).rvr
+        code = f"""
+import time
+from mercator_design.robot.ports import open_port
+port = open_port("rvr", {port!r})
+print(flush=True)
+time.sleep(60)
+"""
+        with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as program:
+            program.stdout.readline()
+            wait_for(lambda: len(events(tmp_path, "port")) == 1)
+            program.kill()
+        wait_for(lambda: len(events(tmp_path, "port")) == 2)
+        time.sleep(0.05)
+        with serial.Serial(port) as opened:
+            assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
 
 
 def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):

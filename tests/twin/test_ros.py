@@ -124,8 +124,15 @@ def node(ros, pyz, folder, *arguments):
             process.kill()
 
 
+def asked(uri, method, *arguments):
+    """What a master or a node answers."""
+    with ServerProxy(uri) as proxy:
+        _, _, answer = getattr(proxy, method)("/test", *arguments)
+        return answer
+
+
 def subscribed(ros):
-    _, _, (_, topics, _) = ServerProxy(ros.uri).getSystemState("/test")
+    _, topics, _ = asked(ros.uri, "getSystemState")
     return any(topic.endswith("/rvr/wheels_speed") for topic, _ in topics)
 
 
@@ -255,9 +262,9 @@ class TestOthers:
 
 def killed_by_its_name(ros, process, client):
     """As rosnode kill does it."""
-    _, _, uri = ServerProxy(ros.uri).lookupNode("/test", "/mercator_robot")
+    uri = asked(ros.uri, "lookupNode", "/mercator_robot")
     began = time.monotonic()
-    ServerProxy(uri).shutdown("/test", "user request")
+    asked(uri, "shutdown", "user request")
     return began
 
 
@@ -319,19 +326,19 @@ def test_ways_to_stop(ros, pyz, folder, what):
             assert (process.returncode, words in error, "Traceback" in error) == (code, True, False), error
         else:
             time.sleep(0.5)
-            assert process.poll() is None
+            assert process.poll() is None, process.stderr.read()
     assert rested(folder) - began <= allowed + LATEST
 
 
 def test_in_a_namespace(ros, pyz, folder):
     with node(ros, pyz, folder, "__ns:=robot1", "__name:=left", "rvr/imu:=imu"):
-        _, _, (published, subscribed, _) = ServerProxy(ros.uri).getSystemState("/test")
+        published, listened, _ = asked(ros.uri, "getSystemState")
     ours = {topic for topic, nodes in published if "/robot1/left" in nodes}
     assert ours - {"/rosout"} == {
         *(f"/robot1/rvr/{name}" for name in ("ground_color", "fixed_color", "ambient_light", "odom")),
         *("/robot1/imu", "/robot1/scan", "/robot1/ranges"),
     }
-    assert {"/robot1/rvr/wheels_speed", "/robot1/rvr/rgb_leds"} <= {topic for topic, _ in subscribed}
+    assert {"/robot1/rvr/wheels_speed", "/robot1/rvr/rgb_leds"} <= {topic for topic, _ in listened}
 
 
 def test_without_a_master(pyz):

@@ -264,7 +264,8 @@ def killed_by_its_name(ros, process, client):
     """As rosnode kill does it."""
     uri = asked(ros.uri, "lookupNode", "/mercator_robot")
     began = time.monotonic()
-    asked(uri, "shutdown", "user request")
+    with contextlib.suppress(OSError):  # it may have gone before it answers
+        asked(uri, "shutdown", "user request")
     return began
 
 
@@ -317,7 +318,8 @@ WAYS = {
 def test_ways_to_stop(ros, pyz, folder, what):
     act, allowed, code, words = WAYS[what]
     with node(ros, pyz, folder) as process, ros.client("drive", 0.1, 0.2, 20) as client:
-        until(lambda: wheels(folder)[-1] != (0.0, 0.0))
+        until(lambda: wheels(folder)[-1] != (0.0, 0.0) or process.poll() is not None)
+        assert process.poll() is None, process.stderr.read()
         time.sleep(0.5)
         began = act(ros, process, client)
         until(lambda: wheels(folder)[-1] == (0.0, 0.0))

@@ -13,7 +13,6 @@ from mercator_design.robot.safety import Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
 
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
-_LOOK = 0.1  # [s]
 
 
 @contextlib.contextmanager
@@ -47,17 +46,15 @@ def in_control(
         raise RobotError(log.failure)
 
 
-def await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
-    """Wait until the swarm has been told that it may run, if this robot needs that.
+def arm(settings: Settings, robot: Mercator, watchdog: Watchdog) -> None:
+    """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
 
     Raises:
-        Stopped: if a device says that the robot must not drive.
-        RobotError: if a port is lost, or no heartbeat comes.
+        RobotError: if no first heartbeat comes, or as the robot's `attend`.
     """
-    if settings.swarm.heartbeat is None:
-        return
     end = time.monotonic() + _FIRST_HEARTBEAT
-    while watchdog.heard is None:
+    while settings.swarm.heartbeat is not None and watchdog.heard is None:
         if time.monotonic() > end:
             raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + _LOOK)
+        robot.attend(time.monotonic() + 0.1)
+    watchdog.arm()

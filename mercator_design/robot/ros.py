@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from mercator_design.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot import ros_messages as messages
-from mercator_design.robot.control import await_heartbeat, in_control
+from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.mercator import PERIOD, Mercator
 from mercator_design.robot.ros_messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.rvr_messages import LIGHTS
@@ -212,11 +212,10 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         Signalled: if a signal came.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
-        tell(f"{settings.name}: {robot.told_of_itself()}")
+        tell(robot.introduction)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
-        await_heartbeat(settings, watchdog, robot)
         node.obey(robot.brake, orders)
-        watchdog.arm()
+        arm(settings, robot, watchdog)
         due = time.monotonic()
         while True:
             robot.attend(due)

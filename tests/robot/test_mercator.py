@@ -153,7 +153,10 @@ class TestStart:
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
+            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; is it switched on"),
             (lambda d: d.silent.add("color_detection"), r"^ground: nothing yet; is it switched on"),
+            (lambda d: setattr(d, "stuck", True), r"^lidar: nothing yet; has it power"),
+            (lambda d: setattr(d, "mask", 0x7F), r"^proximity: nothing yet; .* are all sensors plugged in\?$"),
             (
                 lambda d: d.refused.update(set_custom_control_system_timeout=3),
                 r"^rvr: set_custom_control_system_timeout was refused: not yet implemented$",

@@ -16,6 +16,7 @@
     log         what happened in a run, and the same decisions again
     recording   what sensors measure, as it comes
     runner      a run
+    ros         a node of ROS 1; ros_messages: what its topics carry
     cli         the command mercator-robot
 
 The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError
 from mercator_design.fsm import Wheels
 from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.keyboard import Key, Keyboard, keyboard
@@ -111,8 +111,7 @@ def _drive(
             return
         for key in pressed:
             stick.press(key, now)
-        if stale := robot.stale(now):
-            raise Stopped(stale)
+        robot.check_ages()
         doing: str = stick.way(now) or "stopped"
         left, right = _WAYS.get(doing, (0.0, 0.0))
         if guard is not None and left == right != 0.0:

@@ -94,6 +94,13 @@ class Brake:
             elif self._due < math.inf:
                 self.arm()
 
+    def check(self, left: float, right: float) -> None:
+        """Stop the wheels if a speed [m/s] is out of range or not a number."""
+        if not (abs(left) <= self._limit and abs(right) <= self._limit):
+            self.stop(
+                f"wheels: expected speeds from -{self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
+            )
+
     def stop(self, why: str) -> None:
         """Stop the wheels for good. Zero is sent twice, as one frame may be damaged on its way."""
         locked = self._lock.acquire(timeout=_LOCKED)

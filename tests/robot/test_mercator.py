@@ -12,6 +12,7 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -205,7 +206,7 @@ def test_damaged_bytes(devices):
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))
-        robot.show(2)
+        robot.show(dict.fromkeys(LIGHTS, (0, 158, 115)))
         robot.attend(time.monotonic() + 0.1)
         assert devices.wheels[-1][1:] == pytest.approx((0.3, -0.15))
         _, _, lamps = next(each for each in devices.commands[::-1] if each[1] == "set_all_leds")

@@ -1,7 +1,6 @@
 """Every way out of a run, from the fault to wheels at rest, as the robot hears it over its serial line.
 
-`mercator-robot run` is a process of its own; clocks are the same in all processes. Time that this machine takes to get
-to a process when it has much else to do is not the program's, so of three attempts the best counts.
+`mercator-robot run` is a process of its own; clocks are the same in all processes.
 """
 
 import os
@@ -20,15 +19,12 @@ from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 from tests.robot.devices import Devices
+from tests.robot.ways import LATEST, free_port, soonest
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 0 --rwm0 20"
 ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
 """Drives, and reads every sense."""
-
-LATEST = 0.25
-"""[s] from a fault to wheels at rest."""
-ATTEMPTS = 3
 
 # What a controller does from the moment on at which there is a file "fault"; it prints when that is.
 FAULTS = """
@@ -42,12 +38,6 @@ def faulty(self, readings, draws):
     return step(self, readings, draws)
 Controller.step = faulty
 """
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return probe.getsockname()[1]
 
 
 class Robot:
@@ -98,14 +88,6 @@ def running(folder, fsm=GO, settings="", fault="", *options):
         finally:
             robot.process.kill()
             robot.process.communicate()
-
-
-def soonest(attempt):
-    """The least of what an attempt takes, made again if it takes too long."""
-    times = []
-    while len(times) < ATTEMPTS and (not times or min(times) > LATEST):
-        times.append(attempt(len(times)))
-    return min(times)
 
 
 def check(robot, code, words, *, zeros=True):

@@ -123,13 +123,15 @@ class Terminals:
         """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
         start, at, began, latest = clock(), time_of_day(), time.process_time(), 0.0
         self._twin.note("clock", start=start, at=at)
+        due = self._twin.next_tick
         while not is_over(now := clock() - start):
-            if now >= self._twin.next_tick:
+            if now >= due:
                 latest = max(latest, now - self._twin.next_tick)
                 self._keep_up(now)
                 self._look(now)
+                due = self._twin.next_tick
             self._carry(now)
-            wait = max(0.0, self._twin.next_tick - (clock() - start))
+            wait = max(0.0, due - (clock() - start))
             for fd, _ in self._open.poll(math.ceil(1000.0 * (min(wait, _PIECE) if self._under_way else wait))):
                 now = clock() - start
                 self._keep_up(now)

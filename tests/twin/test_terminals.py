@@ -129,6 +129,21 @@ time.sleep(60)
             assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
 
 
+def test_what_the_rvr_says_comes_at_the_speed_of_its_line(tmp_path):
+    """The maker's threaded client takes one frame each time it reads, so frames must not come all at once."""
+    host = rvr.Host()
+    echoes = b"".join(host.send("echo", data=bytes(16)) for _ in range(20))
+    with running(tmp_path) as terminals, serial.Serial(port_names(terminals.robots[0]).rvr, 115_200) as port:
+        port.write(host.send("echo", data=b""))
+        hear(port, host, len)
+        start = time.monotonic()
+        port.write(echoes)
+        said = hear(port, host, lambda said: len(said) == 20)
+        took = time.monotonic() - start
+    assert [event.values for event in said] == [{"data": bytes(16)}] * 20
+    assert took >= 20 * 24 * 10 / 115_200  # ten bits a byte
+
+
 def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):
     with running(tmp_path) as terminals:
         names = port_names(terminals.robots[1])

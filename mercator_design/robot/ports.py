@@ -4,6 +4,7 @@ import contextlib
 import errno
 import getpass
 import os
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
 BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+_NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
 
@@ -65,6 +67,23 @@ def find_port(device: str, name: str) -> str:
     if found:
         raise RobotError(f"{device}: expected one {name}, found {_listed(found)}; name it by serial number or path")
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
+
+
+def usb_port(device: str, name: str) -> ListPortInfo:
+    """The USB device at a port.
+
+    Raises:
+        RobotError: if there is none, or the port's name may be another device's tomorrow.
+    """
+    path = find_port(device, name)
+    ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
+    found = ports.get(Path(path).resolve())
+    if found is None:
+        raise RobotError(f"{device}: {path} is not connected; connected are {_listed(ports.values())}")
+    rivals = [port for port in ports.values() if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
+    if len(rivals) > 1:  # a name by the order in which they came
+        raise RobotError(f"{device}: which of {_listed(rivals)} is it? Name it so in robot.yaml")
+    return found
 
 
 def open_port(device: str, name: str) -> serial.Serial:

@@ -1,6 +1,6 @@
 """Robots are deployed to over the system's ssh and scp, to an OpenSSH server on this machine.
 
-A robot is a folder of this user's, and has the ports of a twin. Skipped where there is no sshd: `apt-get install openssh-server`.
+A robot is a folder of this user's, and has the ports of a twin. Skipped where no server is installed.
 """
 
 import getpass

@@ -1,18 +1,30 @@
-"""mdesign export: a mission for other programs that design."""
+"""mdesign export: missions and logs of robots, for other programs."""
 
+import contextlib
 import shlex
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import tell
+from mercator_design.cli.terminal import naming
+from mercator_design.command import FILE, tell
+from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mercator_design.log_export import Exported
+
+LOG = click.argument("log", type=FILE)
 
 
 @click.group()
 def export() -> None:
-    """Write a mission as other programs read it."""
+    """Write a mission, or the log of a robot, as other programs read it."""
 
 
 @export.command()
@@ -58,3 +70,39 @@ def irace(
     for note in designer.race.notes:
         tell(f"Warning: R's irace refuses this: {note}")
     click.echo(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
+
+
+@export.command()
+@LOG
+@click.option("-o", "--output", type=FILE, required=True, help="File to write; - for stdout.")
+def csv(log: Path, output: Path) -> None:
+    """Write LOG, of a robot's run, as a table: a row for each control cycle, as pandas, R and spreadsheets read it.
+
+    docs/robot.md tells what each column is. A log that is still being written is exported as far as it goes.
+    """
+    from mercator_design.log_export import write_csv
+
+    _write(log, output, write_csv, stdout=sys.stdout.buffer if output == Path("-") else None)
+
+
+@export.command()
+@LOG
+@click.option("-o", "--output", type=FILE, required=True, help="File to write.")
+def mcap(log: Path, output: Path) -> None:
+    """Write LOG, of a robot's run, as MCAP, which Foxglove shows and plots.
+
+    docs/robot.md tells what each channel is. A log that is still being written is exported as far as it goes.
+    """
+    from mercator_design.log_export import write_mcap
+
+    _write(log, output, write_mcap)
+
+
+def _write(
+    log: Path, output: Path, write: "Callable[[Path, BinaryIO], Exported]", stdout: BinaryIO | None = None
+) -> None:
+    if output.exists() and log.exists() and output.samefile(log):
+        raise click.BadParameter("expected another file than the log", param_hint="-o")
+    with naming(output), contextlib.nullcontext(stdout) if stdout else replacing(output) as file:
+        cycles, why = write(log, file)
+    tell(f"{output}: {cycles} cycles; {why or 'the log has no end: the run goes on, or was killed'}")

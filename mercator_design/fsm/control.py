@@ -10,7 +10,7 @@ from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE, behave
 from mercator_design.fsm.conditions import probability
 from mercator_design.fsm.modules import MOST_PARAMETERS
 from mercator_design.fsm.perception import Row
-from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Pfsm, Program
+from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Pfsm, Program, Transition
 from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import jittable
 
@@ -88,3 +88,12 @@ class Controller:
     def step(self, readings: Readings, draws: Sequence[float]) -> Wheels:
         """One control cycle, given what the robot perceives and DRAWS uniform draws in [0, 1)."""
         return control_cycle(self._model, self._program, readings, self._memory, draws)
+
+    def transition(self, state: int, readings: Readings, draws: Sequence[float]) -> Transition | None:
+        """Which transition from a state these readings and draws take, if any; not in the first cycle of the state."""
+        places = range(len(self._program.targets))  # where it leads tells which it was
+        memory = [float(state), 1.0, *[0.0] * (MEMORY - 2)]
+        control_cycle(self._model, self._program._replace(targets=places), readings, memory, draws)
+        if memory[CYCLES] > 0.0:
+            return None
+        return self.pfsm.states[state].transitions[int(memory[STATE]) % MOST_TRANSITIONS]

@@ -1,9 +1,9 @@
-"""What happened in a run, cycle by cycle, in a file that can be read while it is written and after any crash.
+"""What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
 
-An event a line (checked_lines.py), only ever appended:
+An event a line (checked_lines.py), only ever appended. Of a recording: recording.py. Of a run:
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
-    cycle   its number, the time since the start [s], the state that acted and the one after it, readings, draws,
+    cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
             wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
             each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
             and 0 where something is too near to tell
@@ -13,6 +13,8 @@ An event a line (checked_lines.py), only ever appended:
 Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
 """
 
+import contextlib
+import math
 import os
 import queue
 import threading
@@ -22,11 +24,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self, TypeAlias
 
+from mercator_design import __version__
 from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import FsmError, RobotError
 from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
+
+Kind: TypeAlias = Literal["run", "recording"]
 
 FORMAT = 1
 SYNC_EVERY = 1.0
@@ -36,6 +41,7 @@ SYNC_EVERY = 1.0
 class Log:
     """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
 
+    began: When `begin` was called [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
     """
 
@@ -46,6 +52,7 @@ class Log:
             RobotError: on entering, if it cannot be written, or exists.
         """
         self.path = path
+        self.began = math.nan
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write_all, daemon=True)
@@ -67,6 +74,11 @@ class Log:
         self._thread.join()
         os.close(self._file)
 
+    def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Append the start, the first event: which robot it is, and values."""
+        self.began = time.monotonic()
+        self.note("start", kind=kind, format=FORMAT, version=__version__, time=now(), robot=robot, **values)
+
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
         self._events.put({"event": event, **values})
@@ -82,20 +94,27 @@ class Log:
                     os.fsync(self._file)
                     synced = time.monotonic()
             os.fsync(self._file)
-        except (OSError, ValueError) as error:
-            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
+            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or repr(error)}"
 
 
 def now() -> str:
-    """The time, for people."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+    """The time of day."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
-def read(path: Path) -> Iterator[Event]:
+def plain(value: float) -> float | None:
+    """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
+    if math.isinf(value):
+        return None if value > 0.0 else 0.0
+    return round(value, 6)
+
+
+def read(path: Path, kind: Kind = "run") -> Iterator[Event]:
     """The events of a log; half a line at its end, which is being written or never will be, is passed over.
 
     Raises:
-        RobotError: if it cannot be read, is no log, or is damaged before its end.
+        RobotError: if it cannot be read, is no log, is one of another kind, or is damaged before its end.
     """
     try:
         with path.open("rb") as file:
@@ -104,20 +123,38 @@ def read(path: Path) -> Iterator[Event]:
                     event = from_line(line)
                     if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
                         raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
+                    if number == 1 and event.get("kind") != kind:
+                        raise ValueError(f"expected the log of a {kind}, found that of a {event.get('kind')}")  # noqa: TRY301
                 except ValueError as error:
                     if number > 1 and next(file, None) is None:
                         return
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 yield event
+            if file.tell() == 0:
+                raise RobotError(f"{path}: expected a robot's log, found nothing")
     except OSError as error:
         raise RobotError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def understanding(path: Path) -> Iterator[None]:
+    """What takes events of a log for what this version writes.
+
+    Raises:
+        RobotError: if they are not.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, FsmError) as error:
+        raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
     """What a controller decided in a cycle.
 
-    time: Since the start of the run [s].
+    time: Since the start of the log [s].
+    condition: Of the transition that was taken; empty if none was.
     differs: How what it decides now differs from the log; empty if it does not.
     """
 
@@ -125,6 +162,7 @@ class Decision:
     time: float
     state: int
     next_state: int
+    condition: str
     readings: Readings
     wheels: Wheels
     differs: str
@@ -147,15 +185,19 @@ def replay(path: Path) -> Iterator[tuple[Pfsm, Decision]]:
         RobotError: as `read`, or if the log is not of this version's making.
     """
     events = read(path)
-    try:
+    with understanding(path):
         pfsm, controller = controller_of(next(events))
         for event in events:
             if event["event"] == "cycle":
                 yield pfsm, _decide(controller, event)
-    except StopIteration:
-        raise RobotError(f"{path}: expected a robot's log, found nothing") from None
-    except (KeyError, TypeError, ValueError, IndexError, FsmError) as error:
-        raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
+
+
+def condition_met(controller: Controller, event: Event) -> str:
+    """The condition of the transition that was taken in a cycle; empty if none was."""
+    if event["next_state"] == event["state"]:
+        return ""
+    taken = controller.transition(event["state"], Readings(*event["readings"]), event["draws"])
+    return "" if taken is None else taken.condition
 
 
 def _decide(controller: Controller, event: Event) -> Decision:
@@ -168,6 +210,7 @@ def _decide(controller: Controller, event: Event) -> Decision:
         time=event["time"],
         state=state,
         next_state=controller.state,
+        condition=condition_met(controller, event),
         readings=readings,
         wheels=decided,
         differs="" if found == logged else f"decides {found}, the log has {logged}",

@@ -6,20 +6,19 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 import contextlib
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Self
 
-from mercator_design.colours import COLOURS, RGB, STATE_COLOURS, ColourName
+from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import Line, Ports
 from mercator_design.robot.rvr import Notification, Response
-from mercator_design.robot.rvr_messages import LIGHTS, lights
-from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.rvr_messages import lights
+from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
@@ -43,11 +42,12 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, `proximity` [m] in the order of the hub, and
-        `lidar`, without values: when a turn has ended.
+    samples: The latest of each sensor, by name: those of `samples`, proximity as the settings correct it, and `lidar`,
+        without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
+    listen: Is called with all that is heard, and when [s].
     """
 
     def __init__(
@@ -83,11 +83,12 @@ class Mercator:
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self._polled = -math.inf
-        self._shown: tuple[float, int] | None = None
+        self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.notes: list[str] = []
+        self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
 
     def __enter__(self) -> Self:
@@ -100,6 +101,12 @@ class Mercator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def introduction(self) -> str:
+        """Its name and facts, for people."""
+        facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
+        return f"{self._settings.name}: {facts}"
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -116,9 +123,8 @@ class Mercator:
         Raises:
             Stopped: if a sense that is needed is stale.
         """
+        self.check_ages()
         now = time.monotonic()
-        if stale := self._stale(now):
-            raise Stopped(stale)
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
@@ -128,7 +134,7 @@ class Mercator:
         if self.age("lidar", now) <= limits.lidar:
             n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
         if self.age("ground", now) <= limits.rvr:
-            ground = COLOURS[self._label()]
+            ground = COLOURS[self.label()]
         self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
@@ -145,9 +151,35 @@ class Mercator:
             (0.0, 0.0),
         )
 
+    def check_ages(self) -> None:
+        """See whether all that is needed is told.
+
+        Raises:
+            Stopped: if a sense that is needed is stale.
+        """
+        if stale := self.stale(time.monotonic()):
+            raise Stopped(stale)
+
+    def label(self) -> ColourName:
+        """Of the floor: the one whose colour is nearest to the ground's."""
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
+
+    def turn(self) -> list[float]:
+        """The lidar's last turn: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; 0 for nothing."""
+        return self._sweep.ranges()
+
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
+
+    def stale(self, now: float) -> str:
+        """What is wrong with the age of a sample that is needed; empty if nothing is."""
+        for name, limit, device in self._needed:
+            if (age := self.age(name, now)) > limit:
+                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
+                return f"{name}: {found}; {self._talk.remedy(device)}"
+        return ""
 
     def drive(self, wheels: Wheels) -> None:
         """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
@@ -157,18 +189,26 @@ class Mercator:
             RobotError: if the port is lost.
         """
         speed = self._settings.limits.speed
-        self.brake.drive(speed * wheels.left, speed * wheels.right)
+        self.drive_at(speed * wheels.left, speed * wheels.right)
+
+    def drive_at(self, left: float, right: float) -> None:
+        """The same, at speeds [m/s]."""
+        self.brake.drive(left, right)
+        self.poll()
+
+    def poll(self) -> None:
+        """Ask after the battery now and then, which also keeps the RVR awake; errors are those of `drive`."""
         if time.monotonic() - self._polled > _POLL:
             self._polled = time.monotonic()
             self._talk.tell("get_battery_voltage_state")
             self._talk.tell("get_battery_percentage")
 
-    def show(self, state: int) -> None:
-        """Let the lamps show a state of the PFSM."""
+    def show(self, colours: Mapping[str, Levels]) -> None:
+        """Give lamps, of rvr_messages.LIGHTS, their colours."""
         now = time.monotonic()
-        if self._shown is None or self._shown[1] != state or now - self._shown[0] > _SHOW:
-            self._shown = now, state
-            self._talk.tell("set_all_leds", **lights(dict.fromkeys(LIGHTS, STATE_COLOURS[state])))
+        if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
+            self._shown = now, colours
+            self._talk.tell("set_all_leds", **lights(colours))
 
     def close(self) -> None:
         """Stop the wheels, then all else; nothing is raised."""
@@ -195,8 +235,8 @@ class Mercator:
             talk.ask(name, processor, **values)
         self.facts |= start_lidar(talk, self._lidar)
         start_hub(talk)
-        talk.until(lambda: not self._stale(time.monotonic()), _BEGIN)
-        if stale := self._stale(time.monotonic()):
+        talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
+        if stale := self.stale(time.monotonic()):
             raise RobotError(stale)
 
     def _watch_commands_end(self) -> None:
@@ -212,33 +252,19 @@ class Mercator:
             f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
         )
 
-    def _stale(self, now: float) -> str:
-        """What is wrong with the age of a sample that is needed; empty if nothing is."""
-        for name, limit, device in self._needed:
-            if (age := self.age(name, now)) > limit:
-                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
-                return f"{name}: {found}; {self._talk.remedy(device)}"
-        return ""
-
-    def _label(self) -> ColourName:
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
-
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
+        self.listen(event, now)
+        for name, sample in samples(event, now):
+            values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
+            self.samples[name] = Sample(now, values)
         match event:
-            case StreamData(is_valid=True):
-                self.samples.update(samples(event, now))
             case Packet():
                 self._sweep.add(event)
                 if event.is_ring_start and self._sweep.is_whole:
                     self.samples["lidar"] = Sample(now, ())
-            case Distances():
-                metres = event.metres()
-                if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
-                    self.samples["proximity"] = Sample(now, tuple(metres))
             case Response() if not self._talk.is_ending:
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
@@ -251,7 +277,8 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage":
-                self.notes.append("battery {percentage} %".format_map(values))
+                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

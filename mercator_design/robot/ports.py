@@ -5,6 +5,7 @@ import errno
 import getpass
 import os
 import re
+import termios
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,6 +94,8 @@ def open_port(device: str, name: str) -> serial.Serial:
         return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
     except serial.SerialException as error:
         raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
+    except termios.error as error:
+        raise RobotError(f"{device}: {path} is lost: {error.args[-1]}") from None
 
 
 def _wrong(path: str, error: serial.SerialException) -> str:

@@ -7,21 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from mercator_design import __version__
+from mercator_design.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.control import in_control
-from mercator_design.robot.log import FORMAT, Log, now
+from mercator_design.robot.control import arm, in_control
+from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.safety import Watchdog
+from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
-_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,20 +59,16 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
         robot.facts["floor"] = " or ".join(labels)
         _begin(log, settings, what, robot, tell)
-        _await_heartbeat(settings, watchdog, robot)
+        arm(settings, robot, watchdog)
         notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-        watchdog.arm()
         _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
 
 def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
     pfsm = what.file.pfsm
-    log.note(
-        "start",
-        format=FORMAT,
-        version=__version__,
-        time=now(),
-        robot=settings.name,
+    log.begin(
+        "run",
+        settings.name,
         fsm=to_text(pfsm),
         flavour=pfsm.flavour,
         header=dict(what.file.header),
@@ -84,18 +79,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in robot.facts.items())
-    tell(f"{settings.name}: {said}")
-
-
-def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
-    if settings.swarm.heartbeat is None:
-        return
-    end = time.monotonic() + _FIRST_HEARTBEAT
-    while watchdog.heard is None:
-        if time.monotonic() > end:
-            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + CONTROL_PERIOD)
+    tell(robot.introduction)
 
 
 def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
@@ -115,12 +99,12 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
         robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
-        robot.show(controller.state)
         notify(WATCHDOG=1)
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         log.note(
             "cycle",
             cycle=cycle,
-            time=round(begin - start, 6),
+            time=round(begin - log.began, 6),
             state=state,
             next_state=controller.state,
             readings=readings,
@@ -129,7 +113,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
             cpu=round(time.thread_time() - worked, 6),
             neighbours=robot.neighbours,
             sensed={
-                name: [round(begin - sample.time, 4), *map(_plain, sample.values)]
+                name: [round(begin - sample.time, 4), *map(plain, sample.values)]
                 for name, sample in robot.samples.items()
             },
         )
@@ -138,10 +122,3 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         robot.notes.clear()
         cycle += 1
         due = max(due + CONTROL_PERIOD, time.monotonic())
-
-
-def _plain(value: float) -> float | None:
-    """As JSON has it: null where nothing is in sight, 0 where something is too near."""
-    if math.isinf(value):
-        return None if value > 0.0 else 0.0
-    return round(value, 6)

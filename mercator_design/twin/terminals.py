@@ -17,6 +17,7 @@ from typing import Any, Self, TextIO
 
 from mercator_design.errors import RobotError
 from mercator_design.loading import dump
+from mercator_design.robot.log import now as time_of_day
 from mercator_design.robot.ports import PortNames
 from mercator_design.robot.settings import Limits, Settings, Swarm
 from mercator_design.twin.faults import Device
@@ -100,8 +101,8 @@ class Terminals:
 
     def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
         """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
-        start, began, latest = clock(), time.process_time(), 0.0
-        self._twin.note("clock", start=start)
+        start, at, began, latest = clock(), time_of_day(), time.process_time(), 0.0
+        self._twin.note("clock", start=start, at=at)
         while not is_over(now := clock() - start):
             latest = max(latest, now - self._twin.next_tick)
             self._keep_up(now)

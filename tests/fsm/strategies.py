@@ -1,4 +1,4 @@
-"""Random PFSMs for property tests."""
+"""Random PFSMs, readings and draws for property tests."""
 
 from hypothesis import strategies as st
 
@@ -6,6 +6,23 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import FLAVOURS, MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.reference import Readings
+
+CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
+READINGS = st.builds(
+    Readings,
+    proximity_x=st.floats(-1, 1),
+    proximity_y=st.floats(-1, 1),
+    neighbours=st.integers(0, 1000).map(float),
+    neighbours_x=st.floats(-1000, 1000),
+    neighbours_y=st.floats(-1000, 1000),
+    ground_red=CHANNEL,
+    ground_green=CHANNEL,
+    ground_blue=CHANNEL,
+    light_x=st.floats(-1, 1),
+    light_y=st.floats(-1, 1),
+)
+DRAW = st.floats(0, 1, exclude_max=True)
 
 
 def values(module: Module) -> st.SearchStrategy[tuple[float, ...]]:

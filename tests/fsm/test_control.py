@@ -5,9 +5,12 @@ import random
 from collections import Counter
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mercator_design.fsm import Controller, Readings, Wheels, parse
 from mercator_design.fsm.control import DRAWS
+from tests.fsm.strategies import DRAW, READINGS, pfsms
 
 NEVER = [0.999999] * DRAWS  # fires nothing below probability one
 ALWAYS = [0.0] * DRAWS
@@ -118,3 +121,27 @@ def test_every_condition_fires_with_its_probability(condition, readings, p):
         for _ in range(2):
             controller.step(readings, [0.5, 0.5, draw] + [0.5] * (DRAWS - 3))
         assert (controller.state == 1) == fires
+
+
+@given(pfsms(), st.lists(st.tuples(READINGS, st.lists(DRAW, min_size=DRAWS, max_size=DRAWS)), max_size=12))
+def test_the_transition_that_is_taken_leads_to_the_next_state(pfsm, cycles):
+    controller = Controller(pfsm)
+    is_new = True
+    for readings, draws in cycles:
+        state = controller.state
+        controller.step(readings, draws)
+        taken = controller.transition(state, readings, draws)
+        if controller.state != state:
+            assert taken in pfsm.states[state].transitions
+            assert taken.target == controller.state
+        else:
+            assert is_new or taken is None
+        is_new = controller.state != state
+
+
+def test_which_of_two_transitions_to_one_state_is_taken():
+    pfsm = parse("--nstates 2 --s0 1 --n0 2 --n0x0 0 --c0x0 0 --p0x0 1 --n0x1 0 --c0x1 2 --p0x1 1 --s1 1")
+    controller = Controller(pfsm)
+    for level, condition in ((0.0, "black floor"), (255.0, "white floor")):
+        assert controller.transition(0, Readings(0, 0, 0, 0, 0, *[level] * 3), NEVER).condition == condition
+    assert controller.state == 0

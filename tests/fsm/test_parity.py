@@ -20,26 +20,11 @@ from mercator_design.fsm.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.fsm.reference import NonNegative, Readings, ReferenceModel
+from mercator_design.fsm.reference import NonNegative, ReferenceModel
 from mercator_design.jit import compiled
 from mercator_design.sim.simulate import program_arrays
-from tests.fsm.strategies import pfsms, values
+from tests.fsm.strategies import DRAW, READINGS, pfsms, values
 
-CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
-READINGS = st.builds(
-    Readings,
-    proximity_x=st.floats(-1, 1),
-    proximity_y=st.floats(-1, 1),
-    neighbours=st.integers(0, 1000).map(float),
-    neighbours_x=st.floats(-1000, 1000),
-    neighbours_y=st.floats(-1000, 1000),
-    ground_red=CHANNEL,
-    ground_green=CHANNEL,
-    ground_blue=CHANNEL,
-    light_x=st.floats(-1, 1),
-    light_y=st.floats(-1, 1),
-)
-DRAW = st.floats(0, 1, exclude_max=True)
 # The simulated original's numbers (argos3-rvr, demiurge-rvr-dao), as far from the defaults as published variants get.
 ORIGINAL = ReferenceModel(
     proximity_near_weight=0.0,

@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 
 from mercator_design.checked_lines import to_line
+from mercator_design.colours import COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
+from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
 from mercator_design.robot.cli import cli
 from mercator_design.robot.log import Log, controller_of, read, replay
 from tests.fsm.test_parity import program_arrays
 
-FSM = (
-    "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 3 --p0x0 1 --w0x0 5 "
-    "--s1 2 --att1 2.5 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.3"
+FSM = (  # all that a Mercator can run
+    "--nstates 4 "
+    "--s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 3 --p0x0 1 --w0x0 5 --n0x1 1 --c0x1 0 --p0x1 0.5 "
+    "--s1 2 --att1 2.5 --n1 2 --n1x0 0 --c1x0 5 --p1x0 0.3 --n1x1 2 --c1x1 1 --p1x1 0.5 "
+    "--s2 1 --n2 2 --n2x0 2 --c2x0 2 --p2x0 0.5 --n2x1 0 --c2x1 4 --p2x1 1 --w2x1 5 "
+    "--s3 3 --rep3 4 --n3 2 --n3x0 0 --c3x0 6 --p3x0 0.6 --l3x0 0 --n3x1 2 --c3x1 5 --p3x1 0.1"
 )
 CYCLES = 300
 
@@ -28,9 +35,11 @@ def log(tmp_path):
     controller = Controller(parse(FSM))
     with Log(tmp_path / "log.jsonl") as log:
         model = ReferenceModel()._asdict()
-        log.note("start", format=1, fsm=FSM, flavour="watermelon", reference_model=model)
+        log.begin("run", "mercator", fsm=FSM, flavour="watermelon", reference_model=model)
         for cycle in range(CYCLES):
-            readings = Readings(*(draw.uniform(-1, 1) for _ in range(2)), draw.choice([0.0, 1.0, 2.0]), draw.random())
+            obstacles, robots = [draw.uniform(-1, 1) for _ in range(2)], draw.choice([0.0, 1.0, 2.0])
+            pull, ground = [draw.uniform(-2, 2) for _ in range(2)], draw.choice([*COLOURS.values()])
+            readings = Readings(*obstacles, robots, *pull, *ground)
             draws = [draw.random() for _ in range(DRAWS)]
             state = controller.state
             wheels = controller.step(readings, draws)
@@ -51,11 +60,17 @@ def lines(log):
     return log.read_bytes().splitlines(keepends=True)
 
 
+def named(flavour, table):
+    return {module.name for module in numbered(table, flavour).values()}
+
+
 def test_it_replays_identically(log):
     decisions = [decision for _, decision in replay(log)]
     assert len(decisions) == CYCLES
     assert {decision.differs for decision in decisions} == {""}
-    assert {decision.state for decision in decisions} == {0, 1}
+    states = parse(FSM).states
+    assert {states[decision.state].behaviour for decision in decisions} == named("watermelon", BEHAVIOURS)
+    assert {decision.condition for decision in decisions} == {"", *named("watermelon", CONDITIONS)}
 
 
 def test_the_simulator_s_kernel_decides_the_same(log):
@@ -114,7 +129,7 @@ def test_damage_before_the_end_is_named(log, number):
         ("", "expected a robot's log, found nothing"),
         ("nonsense\n", "line 1: expected an event"),
         (to_line({"event": "start", "format": 2}), "line 1: expected the start of a robot's log, of format 1"),
-        (to_line({"event": "start", "format": 1}), "expected what this version writes"),
+        (to_line({"event": "start", "format": 1, "kind": "run"}), "expected what this version writes"),
     ],
 )
 def test_what_is_no_log(tmp_path, robot_command, text, words):
@@ -132,7 +147,7 @@ def test_a_log_is_never_written_over(log):
 def test_it_can_be_read_while_it_is_written(tmp_path):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:
-        log.note("start", format=1)
+        log.begin("run", "mercator")
         while not path.stat().st_size:
             pass
         assert [event["event"] for event in read(path)] == ["start"]
@@ -141,7 +156,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path):
 def test_why_it_ended(tmp_path):
     def fail():
         with Log(tmp_path / "log.jsonl") as log:
-            log.note("start", format=1)
+            log.begin("run", "mercator")
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -153,3 +168,11 @@ def test_every_verb_has_help(robot_command):
     for verb in cli.commands:
         code, out, _ = robot_command(verb, "-h")
         assert (code, out.startswith(f"Usage: mercator-robot {verb}")) == (0, True)
+
+
+def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        log.note("start", what=object())
+    assert log.failure.endswith(
+        "log.jsonl: cannot be written: TypeError('Object of type object is not JSON serializable')"
+    )

@@ -9,8 +9,8 @@ from tests.robot.devices import Devices
 
 ROOT = Path(__file__).parents[2]
 HEAVY = (
-    "cloudpickle", "distributed", "joblib", "llvmlite", "matplotlib", "numba", "numpy", "optuna", "pandas", "PIL",
-    "platformdirs", "pymunk", "rich", "scipy", "threadpoolctl",
+    "cloudpickle", "distributed", "joblib", "llvmlite", "matplotlib", "mcap", "numba", "numpy", "optuna", "pandas",
+    "PIL", "platformdirs", "pymunk", "rich", "scipy", "threadpoolctl",
 )  # fmt: skip
 BLOCKED = f"""
 import sys

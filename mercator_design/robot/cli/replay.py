@@ -29,10 +29,7 @@ def _show(decided: tuple[Pfsm, Decision]) -> str:
     """Print a decision; how it differs from the log."""
     pfsm, decision = decided
     state, readings = pfsm.states[decision.state], decision.readings
-    moved = ""
-    if decision.next_state != decision.state:
-        conditions = [edge.condition for edge in state.transitions if edge.target == decision.next_state]
-        moved = f"  -> {decision.next_state} ({' or '.join(conditions)})"
+    moved = f"  -> {decision.next_state} ({decision.condition})" if decision.next_state != decision.state else ""
     obstacle = math.hypot(readings.proximity_x, readings.proximity_y)
     click.echo(
         f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {state.behaviour:<14} "

@@ -1,0 +1,285 @@
+"""mdesign export csv and mcap: all that a robot's log has, exactly, as other programs read it."""
+
+import io
+import itertools
+import json
+import math
+import subprocess
+import sys
+import tracemalloc
+from datetime import datetime
+from importlib.metadata import version
+
+import pandas as pd
+import pytest
+from jsonschema import Draft202012Validator
+from mcap.reader import make_reader
+
+from mercator_design.checked_lines import to_line
+from mercator_design.fsm import Readings, Wheels
+from mercator_design.fsm.control import DRAWS
+from mercator_design.log_export import write_csv, write_mcap
+from mercator_design.robot.log import controller_of, read
+from tests.twin.recorded import ROBOTS, unpack
+
+SENSORS = {
+    "acceleration", "turning", "attitude", "orientation", "position", "velocity", "ground", "ambient_light",
+    "proximity", "lidar",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = unpack(tmp_path_factory.mktemp("logs"))
+    return [folder / f"run{robot}.jsonl" for robot in range(ROBOTS)]
+
+
+@pytest.fixture(scope="module")
+def log(logs):
+    return logs[0]
+
+
+@pytest.fixture(scope="module")
+def events(log):
+    return [*read(log)]
+
+
+@pytest.fixture(scope="module")
+def cycles(events):
+    return [event for event in events if event["event"] == "cycle"]
+
+
+def written(text, lines):
+    text.write_text("".join(map(to_line, lines)))
+    return text
+
+
+class TestCsv:
+    @pytest.fixture
+    def table(self, mdesign, log, tmp_path):
+        code, out, err = mdesign("export", "csv", log, "-o", tmp_path / "run.csv")
+        assert (code, out) == (0, "")
+        assert err == f"{tmp_path}/run.csv: 120 cycles; The duration is over\n"
+        exactly = {} if version("pandas") >= "3.1" else {"float_precision": "round_trip"}
+        return pd.read_csv(tmp_path / "run.csv", **exactly)
+
+    def test_every_number_is_that_of_the_log(self, table, cycles):
+        columns = {
+            tuple(Readings._fields): "readings",
+            tuple(f"draw_{k}" for k in range(DRAWS)): "draws",
+            Wheels._fields: "wheels",
+        }
+        for names, kind in columns.items():
+            assert table[list(names)].to_numpy().tolist() == [event[kind] for event in cycles]
+        for name in ("time", "cycle", "state", "next_state", "cpu"):
+            assert table[name].tolist() == [event[name] for event in cycles]
+        assert [*map(json.loads, table.neighbour_places)] == [event["neighbours"] for event in cycles]
+        assert any(event["neighbours"] for event in cycles)
+
+    def test_what_sensors_told(self, table, cycles):
+        assert set(cycles[0]["sensed"]) == SENSORS
+        for sensor in SENSORS:
+            names = [name for name in table if name.startswith(f"sensed_{sensor}_")]
+            told = [[math.inf if x is None else x for x in event["sensed"][sensor]] for event in cycles]
+            assert table[names].to_numpy().tolist() == told
+
+    def test_nothing_in_sight_is_inf_and_a_silent_sensor_empty(self, tmp_path, events):
+        start, first = events[0], next(event for event in events if event["event"] == "cycle")
+        first = first | {"sensed": {"proximity": [0.1, None, 0.0, 1, 1, 1, 1, 1, 1]}}
+        file = io.BytesIO()
+        write_csv(written(tmp_path / "log.jsonl", [start, first]), file)
+        (row,) = pd.read_csv(io.BytesIO(file.getvalue())).to_dict("records")
+        assert (row["sensed_proximity_distance_0"], row["sensed_proximity_distance_1"]) == (math.inf, 0.0)
+        assert math.isnan(row["sensed_position_x"])
+
+    def test_behaviours_and_conditions(self, logs):
+        seen = set()
+        for log in logs:
+            file = io.BytesIO()
+            write_csv(log, file)
+            pfsm, _ = controller_of(next(read(log)))
+            for row in pd.read_csv(io.BytesIO(file.getvalue()), keep_default_na=False).to_dict("records"):
+                state = pfsm.states[row["state"]]
+                assert row["behaviour"] == state.behaviour
+                taken = {edge.condition for edge in state.transitions if edge.target == row["next_state"]}
+                assert row["condition"] in (taken or {""})
+                seen.add(row["condition"])
+        assert len(seen) > 4
+
+    def test_the_clock_is_that_of_the_robot(self, table, events):
+        assert table.robot.unique().tolist() == ["twin-0"]
+        start = datetime.fromisoformat(events[0]["time"])
+        assert (table.clock - table.time).to_numpy() == pytest.approx(start.timestamp(), rel=0.0, abs=2e-6)
+
+    def test_stdout_has_the_same(self, log):
+        line = [sys.executable, "-m", "mercator_design", "export", "csv", log, "-o", "-"]
+        done = subprocess.run(line, capture_output=True, check=True)
+        file = io.BytesIO()
+        write_csv(log, file)
+        assert done.stdout == file.getvalue()
+
+
+class TestMcap:
+    @pytest.fixture
+    def reader(self, mdesign, log, tmp_path):
+        code, out, err = mdesign("export", "mcap", log, "-o", tmp_path / "run.mcap")
+        assert (code, out, err) == (0, "", f"{tmp_path}/run.mcap: 120 cycles; The duration is over\n")
+        with (tmp_path / "run.mcap").open("rb") as file:
+            yield make_reader(file, validate_crcs=True)
+
+    def test_it_is_whole(self, reader, cycles):
+        summary, messages = reader.get_summary(), [*reader.iter_messages(log_time_order=False)]
+        times = [message.log_time for _, _, message in messages]
+        assert times == sorted(times)
+        statistics = summary.statistics
+        assert (statistics.message_count, statistics.metadata_count) == (len(messages), 1)
+        assert (statistics.message_start_time, statistics.message_end_time) == (times[0], times[-1])
+        topics = {channel.topic for channel in summary.channels.values()}
+        assert topics == {
+            "/state", "/readings", "/draws", "/wheels", "/neighbours", "/odometry", "/notes",
+            *(f"/sensors/{name}" for name in SENSORS),
+        }  # fmt: skip
+        for number, channel in summary.channels.items():
+            if channel.topic != "/notes":
+                assert statistics.channel_message_counts[number] == len(cycles)
+        assert reader.get_header().profile == ""
+
+    def test_messages_are_as_their_schemas_say(self, reader):
+        validators = {}
+        for schema, channel, message in reader.iter_messages():
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            if schema.id not in validators:
+                described = json.loads(schema.data)
+                Draft202012Validator.check_schema(described)
+                assert described["title"] == schema.name
+                validators[schema.id] = Draft202012Validator(closed(described))
+            validators[schema.id].validate(json.loads(message.data))
+        assert len(validators) == 17
+
+    def test_messages_are_what_the_log_has(self, reader, cycles, events):
+        said = {}
+        for _, channel, message in reader.iter_messages():
+            said.setdefault(channel.topic, []).append((message, json.loads(message.data)))
+        start = pd.Timestamp(events[0]["time"]).value
+        for k, event in enumerate(cycles):
+            at = {topic: messages[k][1] for topic, messages in said.items() if topic != "/notes"}
+            message, state = said["/state"][k]
+            assert message.log_time == start + round(1e6 * event["time"]) * 1000
+            assert [state[name] for name in ("cycle", "state", "next_state")] == [
+                event[name] for name in ("cycle", "state", "next_state")
+            ]
+            assert [*at["/readings"].values()] == event["readings"]
+            assert [*at["/wheels"].values()] == event["wheels"]
+            assert at["/draws"]["draws"] == event["draws"]
+            assert [[place["distance"], place["bearing"]] for place in at["/neighbours"]["places"]] == event[
+                "neighbours"
+            ]
+            for name, values in event["sensed"].items():
+                assert [*at[f"/sensors/{name}"].values()] == [value for value in values if value is not None]
+            stamp, pose = at["/odometry"]["timestamp"], at["/odometry"]["pose"]
+            assert [pose["position"]["x"], pose["position"]["y"]] == event["sensed"]["position"][1:]
+            yaw = 2 * math.atan2(pose["orientation"]["z"], pose["orientation"]["w"])
+            assert math.cos(yaw - event["sensed"]["attitude"][3]) == pytest.approx(1.0)
+            age = message.log_time - (10**9 * stamp["sec"] + stamp["nsec"])
+            assert age == pytest.approx(1e9 * event["sensed"]["position"][0], abs=2e3)
+        *notes, end = [note["message"] for _, note in said["/notes"]]
+        assert notes == [event["text"] for event in events if event["event"] == "note"]
+        assert end == "The run has ended: The duration is over"
+
+    def test_the_start_is_metadata(self, reader, events):
+        (metadata,) = reader.iter_metadata()
+        told = metadata.metadata
+        assert (told["fsm"], told["robot"], told["seed"]) == (events[0]["fsm"], "twin-0", "0")
+        assert json.loads(told["facts"]) == events[0]["facts"]
+        assert metadata.name == "start"
+
+
+def closed(schema):
+    """A schema of objects that have nothing else."""
+    if schema.get("type") == "object":
+        properties = {name: closed(part) for name, part in schema["properties"].items()}
+        return schema | {"properties": properties, "additionalProperties": False}
+    return schema | {"items": closed(schema["items"])} if schema.get("type") == "array" else schema
+
+
+@pytest.mark.parametrize("write", [write_csv, write_mcap])
+def test_a_log_that_was_cut_is_exported_as_far_as_it_goes(write, log, tmp_path):
+    cut = tmp_path / "log.jsonl"
+    lines = log.read_bytes().splitlines(keepends=True)
+    cut.write_bytes(b"".join(lines[:50])[:-7])
+    whole, part = io.BytesIO(), io.BytesIO()
+    assert write(cut, part).why is None
+    cut.write_bytes(b"".join(lines[:49]))
+    write(cut, whole)
+    assert part.getvalue() == whole.getvalue()
+
+
+@pytest.mark.parametrize("write", [write_csv, write_mcap])
+def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
+    peaks = []
+    for times in (8, 20):
+        path = tmp_path / f"{times}.jsonl"
+        with path.open("w") as file:
+            file.writelines(map(to_line, itertools.chain(events[:1], *itertools.repeat(events[1:-1], times))))
+        with (tmp_path / "out").open("wb") as file:
+            tracemalloc.start()
+            write(path, file)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap"])
+class TestErrors:
+    @pytest.fixture
+    def export(self, mdesign, form, tmp_path):
+        def run(log, output=tmp_path / "out"):
+            code, out, err = mdesign("export", form, log, "-o", output)
+            assert out == ""
+            assert not (tmp_path / "out").exists()
+            return code, err
+
+        return run
+
+    def test_no_log(self, export, tmp_path):
+        assert export(tmp_path / "no.jsonl") == (
+            1,
+            f"Error: {tmp_path}/no.jsonl: cannot be read: No such file or directory\n",
+        )
+        (tmp_path / "other").write_text("time,x\n1,2\n")
+        code, err = export(tmp_path / "other")
+        assert (code, "line 1: expected an event that ends in its checksum" in err) == (1, True)
+        (tmp_path / "other").write_text("")
+        assert export(tmp_path / "other") == (1, f"Error: {tmp_path}/other: expected a robot's log, found nothing\n")
+
+    def test_damage_in_the_middle(self, export, log, tmp_path):
+        damaged = tmp_path / "log.jsonl"
+        lines = log.read_bytes().splitlines(keepends=True)
+        damaged.write_bytes(b"".join([*lines[:50], lines[50].replace(b"0", b"1", 1), *lines[51:]]))
+        code, err = export(damaged)
+        assert (code, "log.jsonl, line 51: expected the checksum" in err) == (1, True)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"state": 7},
+            {"readings": [0.5] * 11},
+            {"sensed": {"smell": [0.1, 1.0]}},
+            {"sensed": {"position": [0.1, 1.0]}},
+        ],
+        ids=["state", "readings", "sensor", "values"],
+    )
+    def test_events_of_another_version(self, export, events, cycles, tmp_path, change):
+        code, err = export(written(tmp_path / "log.jsonl", [events[0], cycles[0] | change]))
+        assert (code, "expected what this version writes, found other events" in err) == (1, True)
+
+    def test_the_log_itself_is_not_written_over(self, export, log):
+        before = log.read_bytes()
+        code, err = export(log, log)
+        assert (code, "expected another file than the log" in err) == (2, True)
+        assert log.read_bytes() == before
+
+    def test_a_folder_that_is_not_there(self, export, log, tmp_path):
+        assert export(log, tmp_path / "no" / "out") == (
+            1, f"Error: {tmp_path}/no/out: cannot be written: No such file or directory\n",
+        )  # fmt: skip

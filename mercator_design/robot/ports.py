@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import getpass
+import grp
 import os
 import re
 import termios
@@ -104,12 +105,19 @@ def _wrong(path: str, error: serial.SerialException) -> str:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM:
-            return f"no permission; `sudo usermod -aG {Path(path).group()} {getpass.getuser()}`, and log in again"
+            return f"no permission; {_permission(Path(path).group(), getpass.getuser())}"
         case errno.EBUSY | errno.EAGAIN:
             return f"in use by another program{_users(path)}; end it first"
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
             return "not a serial port"
     return str(error)
+
+
+def _permission(group: str, user: str) -> str:
+    """What gives a user the rights of a group."""
+    if user in grp.getgrnam(group).gr_mem:
+        return f"{user} is in the group {group}, but was not when this shell began: log in again"
+    return f"`sudo usermod -aG {group} {user}`, and log in again"
 
 
 def _users(path: str) -> str:
@@ -158,6 +166,10 @@ class Line:
         """Send bytes; errors are those of `read`."""
         with self._naming():
             self._port.write(data)
+
+    def others(self) -> str:
+        """Other programs that have the port open nevertheless, in brackets; empty if there are none."""
+        return _users(str(self._port.name))
 
     def set_dtr(self, *, high: bool) -> None:
         """Set the line that turns a lidar's motor on and off, where there is one."""

@@ -6,16 +6,13 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE
 from mercator_design.robot import install as installation
+from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
 from mercator_design.robot.cli.rows import show
-from mercator_design.robot.settings import Settings, read_settings
 
 
 @click.command()
-@click.option(
-    "--robot", type=FILE, metavar="ROBOT.yaml", help="What is particular to this robot, as the services use it."
-)
+@ROBOT_FILE
 @click.option("--user", help="Who runs the robot.  [default: who has typed sudo]")
 @click.option(
     "--root",
@@ -34,11 +31,11 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
     ROBOT.yaml is, or else of this folder.
     """
     if uninstall:
-        if robot or user or dry_run:
-            raise click.UsageError("--uninstall takes no option but --root")
+        if user or dry_run:
+            raise click.UsageError("--uninstall takes neither --user nor --dry-run")
         show(installation.uninstall(root))
         return
-    ports, findings = installation.connected(Settings() if robot is None else read_settings(robot))
+    ports, findings = installation.connected(settings_of(robot))
     setup = installation.Setup(
         user=user or os.environ.get("SUDO_USER") or getpass.getuser(),
         folder=(robot.parent if robot else Path()).resolve(),

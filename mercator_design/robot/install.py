@@ -1,4 +1,4 @@
-"""What the system knows of the robot: names of its ports, and services that run it and keep it at rest.
+"""What the system knows of the robot: names of its ports, services that run it and keep it at rest, and its priority.
 
 udev gives the two USB devices names of their own, by what they are and not by the order in which they came, and keeps
 ModemManager and brltty from them. systemd brings the robot to rest when the Pi starts, and after each run that it has
@@ -25,6 +25,7 @@ from mercator_design.robot.ports import usb_port
 from mercator_design.robot.settings import Settings
 
 RULES = Path("/etc/udev/rules.d/99-mercator.rules")
+LIMITS = Path("/etc/security/limits.d/99-mercator.conf")
 IDLE, RUN = (Path("/etc/systemd/system", f"mercator-{name}.service") for name in ("idle", "robot"))
 _OURS = "# Written by `mercator-robot install`, removed by `mercator-robot install --uninstall`.\n"
 _READ_UNITS = ["systemctl daemon-reload"]
@@ -35,6 +36,7 @@ AFTERWARDS = [*_READ_UNITS, f"systemctl enable {IDLE.name}", *_READ_RULES]
 _PLAIN = re.compile(r"[A-Za-z0-9_./:@+-]+")
 """What means itself in rules and units."""
 
+_LIMITS = "@dialout - rtprio 2\n"
 # The second line of a rule is of the whole USB device: there ModemManager heeds it, and brltty's rules want a service.
 _RULE = """
 # {device}: {description}
@@ -126,6 +128,7 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup) -> dict[Path, str]:
         service = _SERVICE.format(user=_plain(setup.user), environment=robot)
         return {
             RULES: _OURS + "".join(_rule(device, port) for device, port in ports.items()),
+            LIMITS: _OURS + _LIMITS,
             IDLE: _OURS + _IDLE.format(service=service, program=program),
             RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
         }
@@ -151,7 +154,7 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
 
 def uninstall(root: Path) -> Iterator[Finding]:
     """Remove the files that `install` has written, and no others; errors are those of `install`."""
-    there = [place for place in (RULES, IDLE, RUN) if _below(root, place).exists()]
+    there = [place for place in (RULES, LIMITS, IDLE, RUN) if _below(root, place).exists()]
     _refuse_foreign(there, root)
     for place in there:
         path = _below(root, place)

@@ -78,7 +78,7 @@ def test_a_run_and_its_replay(application, python, tmp_path):
 
 def test_services_run_this_file(application, python, tmp_path):
     done = run(python, application, "install", "--root", tmp_path, folder=tmp_path)
-    assert done.stdout.count(" written\n") == 3, done.stderr
+    assert done.stdout.count(" written\n") == 4, done.stderr
     for name, verb in (("idle", "stop"), ("robot", "run fsm.txt --log logs")):
         unit = (tmp_path / f"etc/systemd/system/mercator-{name}.service").read_text()
         assert f"\nExecStart={python} {application} {verb}\n" in unit

@@ -11,7 +11,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.robot import install as installation
-from mercator_design.robot.install import IDLE, RULES, RUN
+from mercator_design.robot.install import IDLE, LIMITS, RULES, RUN
 
 
 def usb(path, vid, pid, serial_number, location):
@@ -233,13 +233,13 @@ class TestFiles:
     def test_once_and_again_and_never(self, install, root):
         assert install()[0] == 0
         before = files(root)
-        assert set(before) == {RULES, IDLE, RUN}
+        assert set(before) == {RULES, LIMITS, IDLE, RUN}
         other = root / "etc/systemd/system/other.service"
         other.write_text("[Unit]\n")
         assert install()[0] == 0
         assert files(root) == before | {Path("/etc/systemd/system/other.service"): "[Unit]\n"}
         code, out, err = install("--uninstall")
-        assert (code, out.count(" removed\n"), err) == (0, 3, "")
+        assert (code, out.count(" removed\n"), err) == (0, 4, "")
         assert set(files(root)) == {Path("/etc/systemd/system/other.service")}
         assert install("--uninstall") == (0, "", "")
 
@@ -263,7 +263,7 @@ class TestFiles:
     def test_a_dry_run(self, install, root):
         code, out, err = install("--dry-run")
         assert (code, err) == (0, "")
-        for path in (RULES, IDLE, RUN):
+        for path in (RULES, LIMITS, IDLE, RUN):
             assert f"==> {path}\n# Written by" in out
         assert "\n$ systemctl enable mercator-idle.service\n$ udevadm control --reload\n" in out
         assert not files(root)

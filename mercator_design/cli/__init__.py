@@ -10,6 +10,7 @@ import click
 from mercator_design import __version__
 from mercator_design.cli import (
     bundle,
+    calibrate,
     deploy,
     draw,
     evaluate,
@@ -51,6 +52,7 @@ for _verb in (
     evaluate.evaluate,
     export.export,
     record.record,
+    calibrate.calibrate,
     validate.validate,
     draw.draw,
     missions.missions,

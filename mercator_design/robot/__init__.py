@@ -8,12 +8,13 @@
     settings    what is particular to one robot: robot.yaml
     talk        what the devices are told and asked, and what is heard meanwhile
     start       what each device is told before it is of use
-    samples     measurements of the RVR, with axes and units converted
+    samples     measurements of the RVR and the hub, with axes and units converted
     sweep       the lidar's last turn
     mercator    the robot as one object: sensors, wheels, lamps
     safety      what keeps the wheels from turning when nobody is in control of them
     swarm       what is told to all robots
     log         what happened in a run, and the same decisions again
+    recording   what sensors measure, as it comes
     runner      a run
     cli         the command mercator-robot
 

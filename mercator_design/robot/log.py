@@ -1,6 +1,6 @@
-"""What happened in a run, cycle by cycle, in a file that can be read while it is written and after any crash.
+"""What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
 
-An event a line (checked_lines.py), only ever appended:
+An event a line (checked_lines.py), only ever appended. Of a recording: recording.py. Of a run:
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
@@ -14,6 +14,7 @@ Readings, draws and wheels have all their digits: `replay` gives the decision of
 """
 
 import contextlib
+import math
 import os
 import queue
 import threading
@@ -23,11 +24,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self, TypeAlias
 
+from mercator_design import __version__
 from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import FsmError, RobotError
 from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
+
+Kind: TypeAlias = Literal["run", "recording"]
 
 FORMAT = 1
 SYNC_EVERY = 1.0
@@ -68,6 +72,12 @@ class Log:
         self._thread.join()
         os.close(self._file)
 
+    def begin(self, kind: Kind, robot: str, **values: Any) -> float:  # noqa: ANN401 - what JSON can hold
+        """Append the start, the first event: which robot it is, and values; when that is [s, of time.monotonic()]."""
+        began = time.monotonic()
+        self.note("start", kind=kind, format=FORMAT, version=__version__, time=now(), robot=robot, **values)
+        return began
+
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
         self._events.put({"event": event, **values})
@@ -92,11 +102,22 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
-def read(path: Path) -> Iterator[Event]:
+def plain(value: float) -> float | None:
+    """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
+    if math.isinf(value):
+        return None if value > 0.0 else 0.0
+    return round(value, 6)
+
+
+def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
     """The events of a log; half a line at its end, which is being written or never will be, is passed over.
 
+    Args:
+        path: Of the log.
+        kind: It is expected to be of; None: of any.
+
     Raises:
-        RobotError: if it cannot be read, is no log, or is damaged before its end.
+        RobotError: if it cannot be read, is no log, is one of another kind, or is damaged before its end.
     """
     try:
         with path.open("rb") as file:
@@ -105,6 +126,8 @@ def read(path: Path) -> Iterator[Event]:
                     event = from_line(line)
                     if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
                         raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
+                    if number == 1 and kind not in (None, event.get("kind")):
+                        raise ValueError(f"expected the log of a {kind}, found that of a {event.get('kind')}")  # noqa: TRY301
                 except ValueError as error:
                     if number > 1 and next(file, None) is None:
                         return

@@ -6,7 +6,7 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 import contextlib
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Self
 
@@ -15,11 +15,10 @@ from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import Line, Ports
 from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import LIGHTS, Processor, lights
-from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
@@ -43,11 +42,11 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, `proximity` [m] in the order of the hub, and
-        `lidar`, without values: when a turn has ended.
+    samples: The latest of each sensor, by name: those of `samples`, and `lidar`, without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
+    listen: Is called with all that is heard, and when [s].
     """
 
     def __init__(
@@ -88,6 +87,7 @@ class Mercator:
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.notes: list[str] = []
+        self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         zero = self._drive_command(0.0, 0.0) + self._talk.command("drive_stop")
         self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, zero, limits.speed)
 
@@ -101,6 +101,12 @@ class Mercator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def introduction(self) -> str:
+        """Its name and facts, for people."""
+        facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
+        return f"{self._settings.name}: {facts}"
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -118,7 +124,7 @@ class Mercator:
             Stopped: if a sense that is needed is stale.
         """
         now = time.monotonic()
-        if stale := self._stale(now):
+        if stale := self.stale(now):
             raise Stopped(stale)
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
@@ -150,6 +156,14 @@ class Mercator:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
 
+    def stale(self, now: float) -> str:
+        """What is wrong with the age of a sample that is needed; empty if nothing is."""
+        for name, limit, device in self._needed:
+            if (age := self.age(name, now)) > limit:
+                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
+                return f"{name}: {found}; {self._talk.remedy(device)}"
+        return ""
+
     def drive(self, wheels: Wheels) -> None:
         """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
 
@@ -159,6 +173,10 @@ class Mercator:
         """
         speed = self._settings.limits.speed
         self.brake.drive(speed * wheels.left, speed * wheels.right)
+        self.poll()
+
+    def poll(self) -> None:
+        """Ask after the battery now and then, which also keeps the RVR awake; errors are those of `drive`."""
         if time.monotonic() - self._polled > _POLL:
             self._polled = time.monotonic()
             self._talk.tell("get_battery_voltage_state")
@@ -201,8 +219,8 @@ class Mercator:
             talk.ask(name, processor, **values)
         self.facts |= start_lidar(talk, self._lidar)
         start_hub(talk)
-        talk.until(lambda: not self._stale(time.monotonic()), _BEGIN)
-        if stale := self._stale(time.monotonic()):
+        talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
+        if stale := self.stale(time.monotonic()):
             raise RobotError(stale)
 
     def _watch_commands_end(self) -> None:
@@ -218,14 +236,6 @@ class Mercator:
             f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
         )
 
-    def _stale(self, now: float) -> str:
-        """What is wrong with the age of a sample that is needed; empty if nothing is."""
-        for name, limit, device in self._needed:
-            if (age := self.age(name, now)) > limit:
-                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
-                return f"{name}: {found}; {self._talk.remedy(device)}"
-        return ""
-
     def _label(self) -> ColourName:
         red, green, blue = self.samples["ground"].values
         return nearest(self._labels, (red, green, blue))
@@ -234,17 +244,13 @@ class Mercator:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
+        self.listen(event, now)
+        self.samples.update(samples(event, now))
         match event:
-            case StreamData(is_valid=True):
-                self.samples.update(samples(event, now))
             case Packet():
                 self._sweep.add(event)
                 if event.is_ring_start and self._sweep.is_whole:
                     self.samples["lidar"] = Sample(now, ())
-            case Distances():
-                metres = event.metres()
-                if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
-                    self.samples["proximity"] = Sample(now, tuple(metres))
             case Response() if not self._talk.is_ending:
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from mercator_design import __version__
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.control import in_control
-from mercator_design.robot.log import FORMAT, Log, now
+from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.safety import Watchdog
 from mercator_design.robot.settings import Settings
@@ -65,14 +64,11 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
 
 
 def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> float:
-    """Begin the log; when that was [s, of time.monotonic]."""
-    pfsm, began = what.file.pfsm, time.monotonic()
-    log.note(
-        "start",
-        format=FORMAT,
-        version=__version__,
-        time=now(),
-        robot=settings.name,
+    """Begin the log; when that was [s, of time.monotonic()]."""
+    pfsm = what.file.pfsm
+    began = log.begin(
+        "run",
+        settings.name,
         fsm=to_text(pfsm),
         flavour=pfsm.flavour,
         header=dict(what.file.header),
@@ -83,8 +79,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in robot.facts.items())
-    tell(f"{settings.name}: {said}")
+    tell(robot.introduction)
     return began
 
 
@@ -128,7 +123,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log, began:
             cpu=round(time.thread_time() - worked, 6),
             neighbours=robot.neighbours,
             sensed={
-                name: [round(begin - sample.time, 4), *map(_plain, sample.values)]
+                name: [round(begin - sample.time, 4), *map(plain, sample.values)]
                 for name, sample in robot.samples.items()
             },
         )
@@ -137,10 +132,3 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log, began:
         robot.notes.clear()
         cycle += 1
         due = max(due + CONTROL_PERIOD, time.monotonic())
-
-
-def _plain(value: float) -> float | None:
-    """As JSON has it: null where nothing is in sight, 0 where something is too near."""
-    if math.isinf(value):
-        return None if value > 0.0 else 0.0
-    return round(value, 6)

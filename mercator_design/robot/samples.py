@@ -1,12 +1,15 @@
-"""What the RVR's sensors tell, converted: x forwards, y to the left, z up; metres, radians, seconds."""
+"""What the RVR and the hub measure, converted: x forwards, y to the left, z up; metres, radians, seconds."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
+from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.rvr_streaming import StreamData
+from mercator_design.robot.talk import Event
 
-_G = 9.80665  # [m/s2]
+STANDARD_GRAVITY = 9.80665
+"""[m/s2]"""
 
 
 class Sample(NamedTuple):
@@ -22,7 +25,7 @@ def _turned(values: Mapping[str, float], scale: float = 1.0) -> tuple[float, ...
 
 
 _CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, ...]]]] = {
-    "accelerometer": ("acceleration", lambda v: _turned(v, _G)),
+    "accelerometer": ("acceleration", lambda v: _turned(v, STANDARD_GRAVITY)),
     "gyroscope": ("turning", lambda v: _turned(v, math.pi / 180.0)),
     "imu": ("attitude", lambda v: (math.radians(v["roll"]), -math.radians(v["pitch"]), math.radians(v["yaw"]))),
     "quaternion": ("orientation", lambda v: (v["w"], *_turned(v))),
@@ -36,12 +39,19 @@ STREAMED = tuple(_CONVERT)
 """The services that are streamed."""
 
 
-def samples(streamed: StreamData, now: float) -> Iterator[tuple[str, Sample]]:
-    """What a slot measured, by name.
+def samples(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
+    """What an event measured, by name; nothing of most events.
 
     acceleration [m/s2], turning [rad/s], attitude (roll, pitch, yaw) [rad], orientation (w, x, y, z), position [m] and
-    velocity [m/s] along the axes at the start, ground (red, green, blue of 0 to 255), ambient_light [lux].
+    velocity [m/s] along the axes at the start, ground (red, green, blue of 0 to 255), ambient_light [lux], proximity
+    [m] in the order of the hub: infinite where nothing is in sight, minus infinity where something is too near.
     """
-    for service, values in streamed.values.items():
-        name, convert = _CONVERT[service]
-        yield name, Sample(now, convert(values))
+    match event:
+        case StreamData(is_valid=True):
+            for service, values in event.values.items():
+                name, convert = _CONVERT[service]
+                yield name, Sample(now, convert(values))
+        case Distances():
+            metres = event.metres()
+            if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
+                yield "proximity", Sample(now, tuple(metres))

@@ -35,7 +35,7 @@ def log(tmp_path):
     controller = Controller(parse(FSM))
     with Log(tmp_path / "log.jsonl") as log:
         model = ReferenceModel()._asdict()
-        log.note("start", format=1, fsm=FSM, flavour="watermelon", reference_model=model)
+        log.begin("run", "mercator", fsm=FSM, flavour="watermelon", reference_model=model)
         for cycle in range(CYCLES):
             obstacles, robots = [draw.uniform(-1, 1) for _ in range(2)], draw.choice([0.0, 1.0, 2.0])
             pull, ground = [draw.uniform(-2, 2) for _ in range(2)], draw.choice([*COLOURS.values()])
@@ -129,7 +129,7 @@ def test_damage_before_the_end_is_named(log, number):
         ("", "expected a robot's log, found nothing"),
         ("nonsense\n", "line 1: expected an event"),
         (to_line({"event": "start", "format": 2}), "line 1: expected the start of a robot's log, of format 1"),
-        (to_line({"event": "start", "format": 1}), "expected what this version writes"),
+        (to_line({"event": "start", "format": 1, "kind": "run"}), "expected what this version writes"),
     ],
 )
 def test_what_is_no_log(tmp_path, robot_command, text, words):
@@ -147,7 +147,7 @@ def test_a_log_is_never_written_over(log):
 def test_it_can_be_read_while_it_is_written(tmp_path):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:
-        log.note("start", format=1)
+        log.begin("run", "mercator")
         while not path.stat().st_size:
             pass
         assert [event["event"] for event in read(path)] == ["start"]
@@ -156,7 +156,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path):
 def test_why_it_ended(tmp_path):
     def fail():
         with Log(tmp_path / "log.jsonl") as log:
-            log.note("start", format=1)
+            log.begin("run", "mercator")
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):

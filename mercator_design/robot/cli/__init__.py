@@ -5,7 +5,7 @@ import importlib
 import click
 
 from mercator_design import __version__, command
-from mercator_design.robot.cli import check, replay, run, stop
+from mercator_design.robot.cli import check, record, replay, run, stop
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
 """Verbs of the designer's part, which a robot need not have: the module of each."""
@@ -44,5 +44,5 @@ def cli() -> None:
     """  # noqa: D301 - click reads the control character
 
 
-for _verb in (check.check, run.run, stop.stop, stop.heartbeat, replay.replay):
+for _verb in (check.check, run.run, stop.stop, stop.heartbeat, record.record, replay.replay):
     cli.add_command(_verb)

@@ -1,0 +1,227 @@
+"""Noise fitted to measurements that are rounded, by maximum likelihood.
+
+Each channel of a sensor measures something constant that nobody knows, plus noise that is the same for all, and rounds
+the sum to a multiple of a step. So the likelihood of a measurement is the probability of its cell, of the width of a
+step, and each channel's centre is estimated along with the parameter of the noise. Both families have one parameter, so
+that Akaike's criterion compares likelihoods.
+
+Estimates of many centres make that parameter too small: it is what the familiar n - 1 corrects. Here a parametric
+bootstrap does, for both families, whatever the step: simulated measurements are fitted in the same way, and the ratio
+of what comes out to what went in corrects the estimate and gives its confidence interval. The same simulations say how
+large the distance between fitted and found distribution would be by chance, which no table does for fitted parameters
+and steps (Stute, Gonzalez Manteiga and Presedo Quindimil 1993, Bootstrap based goodness-of-fit-tests).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special, stats
+
+Floats = NDArray[np.float64]
+Distribution: TypeAlias = Literal["gaussian", "uniform"]
+
+CONFIDENCE = 0.95
+"""Of intervals."""
+SIMULATIONS = 199
+"""Of the bootstrap: the least p-value is one in as many and one."""
+
+_TOLERANCE = 1e-7  # of the standard deviation
+_MOST_STEPS = 2000
+_GRID = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """What a sensor measured, counted.
+
+    channel, level, count: (k,) In which channel which level was measured how often, by channel, then level, which is a
+        multiple of the step.
+    """
+
+    channel: NDArray[np.int64]
+    level: Floats
+    count: NDArray[np.int64]
+    step: float
+
+    @property
+    def low(self) -> Floats:
+        """The lower end of each level's cell."""
+        return self.level - 0.5 * self.step
+
+    @property
+    def high(self) -> Floats:
+        """The upper end of each level's cell."""
+        return self.level + 0.5 * self.step
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(channels,) Measurements of each."""
+        return self.totals(np.ones_like(self.level)).astype(np.int64)
+
+    def totals(self, values: Floats) -> Floats:
+        """(channels,) The sum of values (k,) over the measurements of each."""
+        return np.bincount(self.channel, self.count * values).astype(float)
+
+
+def levels_of(channel: NDArray[np.int64], value: Floats, step: float) -> Levels:
+    """Count measurements: (n,) the channel of each, from 0 on, and its value."""
+    number = np.rint(value / step).astype(np.int64)
+    least = number.min()
+    span = number.max() - least + 1
+    key, count = np.unique(channel * span + (number - least), return_counts=True)
+    return Levels(key // span, (key % span + least) * step, count, step)
+
+
+class Fit(NamedTuple):
+    """A family with the parameter and the centres (channels,) that make what was measured most likely."""
+
+    parameter: float
+    centres: Floats
+    log_likelihood: float
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Distributions around 0 that differ in their width.
+
+    parameter: What robot models call it.
+    fit: To what was measured, of which a channel has three levels or more.
+    distribution: Of scipy's, of a parameter.
+    """
+
+    name: Distribution
+    parameter: str
+    fit: Callable[[Levels], Fit]
+    distribution: Callable[[float], Any]
+
+
+def fit_gaussian(levels: Levels) -> Fit:
+    """By expectation and maximisation: where in its cell a measurement was before it was rounded is not known."""
+    n = levels.counts
+    centres = levels.totals(levels.level) / n
+    spread = levels.totals((levels.level - centres[levels.channel]) ** 2).sum() / n.sum()
+    sd = float(np.sqrt(max(spread - levels.step**2 / 12.0, levels.step**2 / 20.0)))
+    for _ in range(_MOST_STEPS):
+        a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
+        inside = _normal(a, b)
+        density_a, density_b = (np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) for z in (a, b))
+        first = levels.totals((density_a - density_b) / inside) / n
+        second = levels.totals(1.0 + (a * density_a - b * density_b) / inside).sum() / n.sum()
+        centres = centres + sd * first
+        before, sd = sd, sd * float(np.sqrt(second - (n * first**2).sum() / n.sum()))
+        if abs(sd - before) < _TOLERANCE * sd:
+            break
+    a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
+    return Fit(sd, centres, float(levels.totals(np.log(_normal(a, b))).sum()))
+
+
+def _normal(a: Floats, b: Floats) -> Floats:
+    """Probability of being between a and b, exact in both tails; never 0."""
+    side = np.where(a > 0.0, -1.0, 1.0)
+    found: Floats = np.maximum(np.abs(special.ndtr(side * b) - special.ndtr(side * a)), np.finfo(float).tiny)
+    return found
+
+
+def fit_uniform(levels: Levels) -> Fit:
+    """A channel tells by its outermost levels only.
+
+    The interval of the noise covers all cells between them, and parts of these two, of the likelihood's choice.
+    """
+    first = np.flatnonzero(np.diff(levels.channel, prepend=-1))
+    last = np.append(first[1:], len(levels.channel)) - 1
+    bottom, reach = levels.level[first], levels.level[last] - levels.level[first]
+    lowest, highest, n = levels.count[first], levels.count[last], levels.counts
+    step, one = levels.step, reach == 0.0
+
+    def parts(half_width: float) -> tuple[Floats, Floats]:
+        """Of the lowest and highest cell of each channel, what the interval covers."""
+        covered = np.minimum(2.0 * half_width - (reach - step), 2.0 * step)  # of both together
+        low = np.clip(covered * lowest / (lowest + highest), covered - step, step)
+        return low, covered - low
+
+    def log_likelihood(half_width: float) -> float:
+        low, high = parts(half_width)
+        found = lowest * np.log(np.where(one, 1.0, low)) + highest * np.log(np.where(one, 1.0, high))
+        found += np.where(one, n * np.log(min(step, 2.0 * half_width)), (n - lowest - highest) * np.log(step))
+        return float(found.sum() - n.sum() * np.log(2.0 * half_width))
+
+    longest = float(reach.max())
+    least, most = 0.5 * max(longest - step, 1e-3 * step), 0.5 * (longest + step)
+    grid = np.linspace(least, most, _GRID)[1:]
+    best = int(np.argmax([log_likelihood(half_width) for half_width in grid]))
+    bounds = (grid[best - 1] if best else least + 1e-6 * step, grid[min(best + 1, len(grid) - 1)])
+    found = optimize.minimize_scalar(
+        lambda half_width: -log_likelihood(half_width), bounds=bounds, method="bounded", options={"xatol": 1e-6 * step}
+    )
+    half_width = float(found.x)
+    centres = np.where(one, bottom, bottom + 0.5 * step - parts(half_width)[0] + half_width)
+    return Fit(half_width, centres, log_likelihood(half_width))
+
+
+FAMILIES = (
+    Family("gaussian", "sd", fit_gaussian, lambda sd: stats.norm(scale=sd)),
+    Family("uniform", "half_width", fit_uniform, lambda half: stats.uniform(loc=-half, scale=2.0 * half)),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """The noise of a sensor.
+
+    family: The likelier of both.
+    parameter: Its standard deviation or half width.
+    interval: Of that, at CONFIDENCE.
+    aic_difference: By how much the other family's criterion is larger; below 2 nobody can tell which it is.
+    p_value: Of a distance as large as that between the fitted and the found distribution, if it is this noise.
+    levels, centres: What was measured, and what each channel would measure without noise.
+    """
+
+    family: Family
+    parameter: float
+    interval: tuple[float, float]
+    aic_difference: float
+    p_value: float
+    levels: Levels
+    centres: Floats
+
+
+def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
+    """The noise in what was measured, of which a channel has three levels or more."""
+    fits = [(family, family.fit(levels)) for family in FAMILIES]
+    family, fit = max(fits, key=lambda each: each[1].log_likelihood)
+    (other,) = (each for _, each in fits if each is not fit)
+    simulated = [_simulated(levels, family, fit, random) for _ in range(SIMULATIONS)]
+    refits = [family.fit(each) for each in simulated]
+    distance = _distance(levels, family, fit)
+    farther = sum(_distance(*each) >= distance for each in zip(simulated, [family] * SIMULATIONS, refits, strict=True))
+    ratios = np.array([each.parameter for each in refits]) / fit.parameter
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, middle, high = (fit.parameter / float(ratio) for ratio in np.quantile(ratios, [1.0 - tail, 0.5, tail]))
+    return Noise(
+        family=family,
+        parameter=middle,
+        interval=(low, high),
+        aic_difference=2.0 * (fit.log_likelihood - other.log_likelihood),
+        p_value=(1 + farther) / (1 + SIMULATIONS),
+        levels=levels,
+        centres=fit.centres,
+    )
+
+
+def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Generator) -> Levels:
+    channel = np.repeat(np.arange(len(fit.centres)), levels.counts)
+    noise = family.distribution(fit.parameter).rvs(len(channel), random_state=random)
+    return levels_of(channel, fit.centres[channel] + noise, levels.step)
+
+
+def _distance(levels: Levels, family: Family, fit: Fit) -> float:
+    """Kolmogorov's, between the distributions of noise and measurements, at the middle of their cells."""
+    cumulative = family.distribution(fit.parameter).cdf
+    low, high = (cumulative(edge - fit.centres[levels.channel]) for edge in (levels.low, levels.high))
+    place = 0.5 * (low + high)
+    order = np.argsort(place)
+    below = np.cumsum(levels.count[order]) / levels.count.sum()
+    return float(np.abs(below - place[order]).max())

@@ -1,0 +1,160 @@
+"""Recordings as scenes: parts of them in which the robot stood still in one place."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.log import read
+from mercator_design.robot.ydlidar import correction
+
+Floats = NDArray[np.float64]
+
+SHORTEST = 5.0
+"""[s] of a scene."""
+
+_BLOCK = 1.0  # [s] of which means are compared
+_MOVES: Mapping[str, float] = {"attitude": 0.02, "position": 0.01, "ground": 20.0}
+"""How much the mean of a sensor changes from one second to the next only if the robot is moved: [rad], [m], of 255."""
+_SIGNIFICANT = 6.0  # standard errors, by which it must change besides
+
+
+class Series(NamedTuple):
+    """What a sensor measured.
+
+    times: (n,) [s] since the start of the recording.
+    values: (n, channels), not a number where nothing was measured.
+    angles: (n, channels) [rad] at which the lidar measured them, whose channels are beams; of other sensors None.
+    """
+
+    times: Floats
+    values: Floats
+    angles: Floats | None = None
+
+    def between(self, begin: float, end: float) -> "Series":
+        """The part of a time."""
+        inside = (begin <= self.times) & (self.times <= end)
+        return Series(self.times[inside], self.values[inside], None if self.angles is None else self.angles[inside])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """A robot that stands still.
+
+    name: Of the recording, and the time in it if it has others.
+    sensors: By the names in recordings, and `lidar`.
+    """
+
+    name: str
+    sensors: Mapping[str, Series]
+
+
+class Recording(NamedTuple):
+    """What a recording has.
+
+    start: Its first event.
+    duration: [s]
+    moves: Where it is cut: begin and end of each time in which the robot was moved [s].
+    """
+
+    path: Path
+    start: Mapping[str, Any]
+    duration: float
+    moves: list[tuple[float, float]]
+    scenes: list[Scene]
+
+
+def read_recording(path: Path) -> Recording:
+    """The scenes of a recording, each at least SHORTEST long.
+
+    Raises:
+        RobotError: if it cannot be read, or is none.
+    """
+    told: dict[str, list[tuple[float, list[Any]]]] = defaultdict(list)
+    start: Mapping[str, Any] = {}
+    try:
+        for event in read(path, "recording"):
+            if event["event"] == "start":
+                start = event
+            elif event["event"] == "sample":
+                told[event["sensor"]].append((event["time"], event["values"]))
+            elif event["event"] == "turn":
+                told["lidar"].append((event["time"], event["readings"]))
+        series = {name: _series(name, rows, start) for name, rows in told.items()}
+    except (KeyError, TypeError, ValueError) as error:
+        raise RobotError(f"{path}: expected what this version records, found other events: {error!r}") from None
+    if not series:
+        raise RobotError(f"{path}: expected a recording of sensors, found no sample")
+    duration = max(float(each.times[-1]) for each in series.values())
+    moves = list(_moves(series))
+    still = zip([-math.inf, *(end for _, end in moves)], [*(begin for begin, _ in moves), math.inf], strict=True)
+    scenes = []
+    for begin, end in still:
+        begins, ends = max(begin, 0.0), min(end, duration)
+        if ends - begins >= SHORTEST:
+            parts = {name: each.between(begins, ends) for name, each in series.items()}
+            name = f"{path.name}, {begins:.0f} to {ends:.0f} s" if moves else path.name
+            scenes.append(Scene(name=name, sensors=parts))
+    return Recording(path, start, duration, moves, scenes)
+
+
+def _series(name: str, rows: list[tuple[float, list[Any]]], start: Mapping[str, Any]) -> Series:
+    times = np.array([time for time, _ in rows], dtype=float)
+    if name == "lidar":
+        return _beams(times, [np.array(readings, dtype=float).reshape(-1, 2) for _, readings in rows], start)
+    values = np.array([values for _, values in rows], dtype=float)
+    if name == "proximity":
+        values[values == 0.0] = np.nan  # too near to tell
+    return Series(times, values)
+
+
+def _beams(times: Floats, turns: list[Floats], start: Mapping[str, Any]) -> Series:
+    """Turns by beam: of the angle at which the device measures, which its correction by the range turns away from."""
+    beams = max(1, int(np.median([len(turn) for turn in turns])))
+    values, angles = np.full((2, len(turns), beams), np.nan)
+    for row, turn in enumerate(turns):
+        seen = turn[turn[:, 1] > 0.0]
+        raw = seen[:, 0] - start["lidar_angle"] - np.array([correction(reach) for reach in seen[:, 1]])
+        beam = np.rint(raw * beams / math.tau).astype(int)
+        values[row, beam % beams] = seen[:, 1]
+        angles[row, beam % beams] = raw - beam * math.tau / beams
+    return Series(times, values, angles)
+
+
+def _moves(series: Mapping[str, Series]) -> Iterator[tuple[float, float]]:
+    """Begin and end of each time in which the robot was moved [s]."""
+    blocks = [_changes(series[name], least) for name, least in _MOVES.items() if name in series]
+    moved = np.zeros(max(map(len, blocks), default=0), dtype=bool)
+    for block in blocks:
+        moved[: len(block)] |= block
+    for first, last in _runs(moved):  # change k is from block k to the next
+        yield first * _BLOCK, (last + 2) * _BLOCK
+
+
+def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """First and last of each run of flags that are set, with those that one that is not set lies between."""
+    places = np.flatnonzero(flags)
+    for run in np.split(places, np.flatnonzero(np.diff(places) > 2) + 1):
+        if len(run):
+            yield int(run[0]), int(run[-1])
+
+
+def _changes(series: Series, least: float) -> NDArray[np.bool_]:
+    """Whether the mean of a sensor changes from each block of time to the next."""
+    block = (series.times / _BLOCK).astype(int)
+    n = np.maximum(np.bincount(block), 1)
+    changed = np.zeros(len(n) - 1, dtype=bool)
+    for channel in series.values.T:
+        values = np.unwrap(channel) if least == _MOVES["attitude"] else channel
+        means = np.bincount(block, values) / n
+        sd = np.sqrt(np.median(np.bincount(block, (values - means[block]) ** 2) / n))
+        there = (n[1:] > 1) & (n[:-1] > 1)
+        error = sd * np.sqrt(1.0 / n[1:] + 1.0 / n[:-1])
+        changed |= there & (np.abs(np.diff(means)) > least + _SIGNIFICANT * error)
+    return changed

@@ -1,0 +1,264 @@
+"""Each sensor of a robot model: what of its measurements in recordings counts, and the noise that fits them."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_of
+from mercator_design.calibration.scenes import SHORTEST, Recording, Scene, Series, read_recording
+from mercator_design.errors import MercatorError
+from mercator_design.robot.samples import STANDARD_GRAVITY
+from mercator_design.sim.robot_model import Ground, RobotModel
+
+Floats = NDArray[np.float64]
+
+LEAST = 100
+"""Measurements of a sensor, besides one for each of its channels in each scene."""
+
+_LEAST_OF_CHANNEL = 20
+_PRESENT = 0.5  # of its measurements a channel must have
+_MARGIN = 4.0  # standard deviations to the ends of the range
+_SLANT = 0.3  # standard deviations from one beam to the next
+_SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
+_DRIFT = 1e-9  # chance of a drift where there is none
+_FOLLOWING = 0.2  # correlation of a measurement with the next one
+_UNDECIDED = 2.0  # of Akaike's criterion
+_BAD = 0.05  # p-value
+_FINEST = 1e-3  # of the standard deviation, below which a step makes no difference
+
+
+class Sensor(NamedTuple):
+    """A sensor with noise, in the robot model's words.
+
+    recorded: Its name in recordings.
+    unit: Of its measurements; empty if they have none.
+    scale: From those in recordings to those.
+    """
+
+    key: str
+    recorded: str
+    unit: str
+    scale: float = 1.0
+
+
+SENSORS = (
+    Sensor("proximity", "proximity", "m"),
+    Sensor("ground", "ground", ""),
+    Sensor("lidar", "lidar", "m"),
+    Sensor("ambient_light", "ambient_light", "lux"),
+    Sensor("velocity", "velocity", "m/s"),
+    Sensor("accelerometer", "acceleration", "g", 1.0 / STANDARD_GRAVITY),
+    Sensor("gyroscope", "turning", "rad/s"),
+    Sensor("imu", "attitude", "rad"),
+    Sensor("locator", "position", "m"),
+    Sensor("quaternion", "orientation", ""),
+)
+"""All that robots record. Their axes are others than the simulator's, which makes no difference to noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """What is known of a sensor's noise.
+
+    samples, channels, scenes: How many measurements counted, of how many channels, which are others in each scene.
+    noise: None if there is none, or less than a step.
+    step: Between measurements next to each other; 0 if all are the same.
+    """
+
+    sensor: Sensor
+    samples: int
+    channels: int
+    scenes: int
+    noise: Noise | None
+    step: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What recordings tell of a robot's noise.
+
+    base: The robot model that its sensors are of.
+    sensors: Those of which enough is recorded.
+    notes: What was left out, and what may be wrong.
+    """
+
+    base: RobotModel
+    recordings: tuple[Recording, ...]
+    sensors: tuple[Measured, ...]
+    notes: tuple[str, ...]
+
+
+def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibration:
+    """Fit the noise of each sensor of a robot model to recordings of the robot at rest.
+
+    Args:
+        paths: Of the recordings.
+        base: The robot model.
+        seed: Of simulated measurements, which tell how exact and how good a fit is.
+
+    Raises:
+        RobotError: if a recording cannot be read, or is none.
+        MercatorError: if there is too little to learn from.
+    """
+    recordings = tuple(map(read_recording, paths))
+    scenes = [scene for recording in recordings for scene in recording.scenes]
+    notes = [note for recording in recordings for note in _motion(recording)]
+    measured = []
+    for number, sensor in enumerate(SENSORS):
+        part = getattr(base, sensor.key)
+        if not any(sensor.recorded in scene.sensors for scene in scenes):
+            continue
+        if part is None or (isinstance(part, Ground) and part.gray):
+            notes.append(f"{sensor.key}: recorded, but {base.name} has no such sensor")
+            continue
+        limits = getattr(part, "range", (0.0, 255.0))
+        found = _measured(sensor, limits, scenes, np.random.default_rng([seed, number]), notes)
+        measured += [] if found is None else [found]
+    if not measured:
+        raise MercatorError("; ".join(["nothing to measure noise from", *notes]))
+    return Calibration(base=base, recordings=recordings, sensors=tuple(measured), notes=tuple(notes))
+
+
+def _motion(recording: Recording) -> Iterator[str]:
+    for begin, end in recording.moves:
+        yield f"{recording.path}: the robot was moved from {begin:.0f} to {end:.0f} s, which is left out"
+    if not recording.scenes:
+        yield f"{recording.path}: expected a robot at rest for {SHORTEST:g} s, found {recording.duration:.1f} s in all"
+
+
+def _measured(
+    sensor: Sensor,
+    limits: tuple[float, float],
+    scenes: Sequence[Scene],
+    random: np.random.Generator,
+    notes: list[str],
+) -> Measured | None:
+    """What is known of a sensor, to which notes are added; None if too little is recorded."""
+    channels: list[Floats] = []
+    told_by = 0
+    follow: list[tuple[float, float]] = []
+    for scene in scenes:
+        if sensor.recorded in scene.sensors:
+            where = f"{sensor.key}, {scene.name}"
+            values = _usable(scene.sensors[sensor.recorded], sensor.scale, limits, where, notes)
+            channels += [channel[~np.isnan(channel)] for channel in values.T]
+            follow.append(_following(values - _moments(values)[0]))
+            told_by += values.shape[1] > 0
+    samples = sum(map(len, channels))
+    if samples - len(channels) < LEAST:
+        found = f"{samples} samples of {len(channels)} channels" if channels else "no sample"
+        notes.append(
+            f"{sensor.key}: expected at least {LEAST} samples more than channels, found {found} that can be used"
+        )
+        return None
+    step = _step(channels)
+    if step > 0.0 and (levels := _levels(channels, step)) is not None:
+        noise = fit_noise(levels, random)
+        notes += _doubts(sensor, noise)
+        together, apart = map(sum, zip(*follow, strict=True))
+        if together > _FOLLOWING * apart:
+            notes.append(
+                f"{sensor.key}: samples resemble those before them (correlation {together / apart:.2f}), so there is "
+                "less to learn from than it seems"
+            )
+    else:
+        noise = None
+    return Measured(sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, noise=noise, step=step)
+
+
+def _doubts(sensor: Sensor, noise: Noise) -> Iterator[str]:
+    if noise.aic_difference < _UNDECIDED:
+        yield f"{sensor.key}: too few samples, or too large a step, to tell a Gaussian from a uniform distribution"
+    if noise.p_value < _BAD:
+        yield f"{sensor.key}: not quite {noise.family.name} (p = {noise.p_value:.2g}); --plot shows how far from it"
+
+
+def _usable(series: Series, scale: float, limits: tuple[float, float], where: str, notes: list[str]) -> Floats:
+    """What is measured by the channels that can be used (n, channels)."""
+    values = scale * series.values
+    number = values.shape[1]
+
+    def keep(good: NDArray[np.bool_], why: str) -> None:
+        nonlocal values
+        if not good.all():
+            notes.append(f"{where}: {np.sum(~good)} of {number} channels left out: {why}")
+        values = values[:, good]
+
+    if series.angles is not None:
+        flat = _is_flat(values)
+        values = _level(values, series.angles)
+        keep(flat, "what they see is slanting, or has an edge")
+    seen = np.sum(~np.isnan(values), axis=0)
+    keep(seen >= max(_PRESENT * len(values), 1), f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time")
+    keep(np.sum(~np.isnan(values), axis=0) >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples")
+    low, high = limits
+    centres, sd = _moments(values)
+    inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
+    keep(inside, f"too near to the ends of the range, {low:g} to {high:g}")
+    keep(*_steady(series.times, values))
+    return values
+
+
+def _moments(values: Floats) -> tuple[Floats, Floats]:
+    """Mean and standard deviation of each channel; of one that measures nothing, not a number."""
+    n = np.sum(~np.isnan(values), axis=0)
+    with np.errstate(invalid="ignore"):  # 0 / 0
+        means = np.nansum(values, axis=0) / n
+        return means, np.sqrt(np.nansum((values - means) ** 2, axis=0) / n)
+
+
+def _is_flat(values: Floats) -> NDArray[np.bool_]:
+    """Which beams see what those beside them see, so that it matters little where exactly they go."""
+    means, sd = _moments(values)
+    steps = np.abs(means - np.roll(means, 1))
+    found: NDArray[np.bool_] = np.maximum(steps, np.roll(steps, -1)) <= _SLANT * np.nanmedian(sd)
+    return found
+
+
+def _level(values: Floats, angles: Floats) -> Floats:
+    """What beams measure whose angles change from turn to turn, without what comes of their angles."""
+    off = angles - _moments(angles)[0]
+    sweep = np.nansum(off**2, axis=0)
+    slopes = np.nansum(off * (values - _moments(values)[0]), axis=0) / np.maximum(sweep, _SWEEP**2)
+    found: Floats = values - np.where(sweep > len(values) * _SWEEP**2, slopes, 0.0) * off
+    return found
+
+
+def _steady(times: Floats, values: Floats) -> tuple[NDArray[np.bool_], str]:
+    """Which channels do not drift by more than their noise while the recording lasts; how much the worst one does."""
+    steady, worst = np.ones(values.shape[1], dtype=bool), 0.0
+    for k, channel in enumerate(values.T):
+        there = ~np.isnan(channel)
+        line = stats.linregress(times[there], channel[there])
+        drift = abs(line.slope) * (times[-1] - times[0])
+        if line.pvalue < _DRIFT and drift > np.std(channel[there] - line.slope * times[there]):
+            steady[k], worst = False, max(worst, drift)
+    return steady, f"they drift, by up to {worst:.2g} in {times[-1] - times[0]:.0f} s" if worst else ""
+
+
+def _following(residuals: Floats) -> tuple[float, float]:
+    """Numerator and denominator of the correlation of measurements with the next ones."""
+    both = residuals[:-1] * residuals[1:]
+    return float(np.nansum(both)), float(np.nansum(residuals**2))
+
+
+def _step(channels: Sequence[Floats]) -> float:
+    """The least difference of measurements by the same channel; 0 if there is none."""
+    gaps = np.concatenate([np.diff(np.unique(channel)) for channel in channels])
+    if not len(gaps):
+        return 0.0
+    sd = math.sqrt(np.mean(np.concatenate([channel - channel.mean() for channel in channels]) ** 2))
+    return max(float(gaps.min()), _FINEST * sd)
+
+
+def _levels(channels: Sequence[Floats], step: float) -> Levels | None:
+    """What channels measured, each from its least level on; None if none has three levels."""
+    numbers = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
+    levels = levels_of(numbers, np.concatenate([channel - channel.min() for channel in channels]), step)
+    return levels if np.bincount(levels.channel).max() >= 3 else None

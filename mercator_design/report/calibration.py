@@ -1,0 +1,151 @@
+"""What recordings of a robot at rest tell of its noise: as a table, as JSON, as a picture, as a robot model."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mercator_design.calibration.noise import CONFIDENCE, SIMULATIONS, Noise
+from mercator_design.calibration.sensors import Calibration, Measured
+from mercator_design.errors import printable
+from mercator_design.report.columns import aligned
+from mercator_design.report.figures import house_style, save_figure
+
+_COLUMNS = 3  # of a picture
+_BARS = 40
+_DENSITY, _FOUND = "#d55e00", "#b9d3e6"
+
+
+def calibration_page(calibration: Calibration) -> str:
+    """A line for each sensor."""
+    rows: list[tuple[object, ...]] = [
+        ("sensor", "samples", "scenes", "noise", f"at {CONFIDENCE:.0%}", "AIC of the other", "fit: p")
+    ]
+    rows += [(one.sensor.key, one.samples, one.scenes, *_cells(one)) for one in calibration.sensors]
+    return "\n".join(aligned(rows))
+
+
+def calibration_json(calibration: Calibration, seed: int) -> str:
+    """The same as JSON, with all digits and notes."""
+    return json.dumps(
+        {
+            "base": calibration.base.name,
+            "recordings": [str(recording.path) for recording in calibration.recordings],
+            "seed": seed,
+            "sensors": [_record(one) for one in calibration.sensors],
+            "notes": calibration.notes,
+        },
+        indent=2,
+    )
+
+
+def model_text(calibration: Calibration, base: str, name: str | None) -> str:
+    """A robot model that says no more than the noise, and in comments where that is from."""
+    lines = ["# Noise measured on a robot at rest, by `mdesign calibrate` from"]
+    for recording in calibration.recordings:
+        robot, when = recording.start.get("robot", "?"), recording.start.get("time", "?")
+        lines.append(f"#   {recording.path.name}: {robot}, {when}, {recording.duration:.0f} s")
+    lines += [
+        f"# In brackets: the interval at {CONFIDENCE:.0%}. p: of a fit as bad if the noise is this; {SIMULATIONS} simulations.",
+        "# All that is not said here is as in the base.",
+    ]
+    text = "".join(f"{printable(line)}\n" for line in lines) + "schema: 1\n"
+    if name is not None:
+        text += f"name: {json.dumps(name)}\n"
+    text += f"base: {json.dumps(base)}\n"
+    for one in calibration.sensors:
+        if one.noise is None and getattr(calibration.base, one.sensor.key).noise is None:
+            continue
+        text += f"{one.sensor.key}:\n  noise: {_written(one)}\n"
+    return text
+
+
+def save_noise(path: Path, calibration: Calibration) -> None:
+    """Draw what was measured of each sensor that has noise, around what it would measure without, and what was fitted.
+
+    Args:
+        path: With the suffix .png or .svg, which says what is written.
+        calibration: What to draw.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    noisy = [(one, one.noise) for one in calibration.sensors if one.noise is not None]
+    rows = max(1, math.ceil(len(noisy) / _COLUMNS))
+    with house_style():
+        figure = Figure(figsize=(2.6 * min(_COLUMNS, max(1, len(noisy))), 2.1 * rows), layout="constrained")
+        for number, (one, noise) in enumerate(noisy, start=1):
+            _draw(figure.add_subplot(rows, min(_COLUMNS, len(noisy)), number), one, noise)
+        save_figure(path, figure)
+
+
+def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
+    """A histogram, whose bars are some steps wide, and the density of the noise after it is rounded."""
+    levels = noise.levels
+    found = levels.level - noise.centres[levels.channel]
+    reach = float(np.abs(found).max()) + 0.5 * levels.step
+    width = levels.step * max(1, round(2.0 * reach / (_BARS * levels.step)))
+    bars = math.ceil(reach / width + 0.5)
+    edges = width * (np.arange(2 * bars) - bars + 0.5)
+    axes.hist(found, bins=[*edges], weights=levels.count, density=True, color=_FOUND, edgecolor="white", linewidth=0.3)
+    x = np.linspace(edges[0], edges[-1], 500)
+    cumulative = noise.family.distribution(noise.parameter).cdf
+    density = (cumulative(x + 0.5 * levels.step) - cumulative(x - 0.5 * levels.step)) / levels.step
+    axes.plot(x, density, color=_DENSITY, linewidth=1.0)
+    axes.set_yticks([])
+    axes.tick_params(length=2.0, width=0.6, pad=2.0)
+    axes.set_xlabel(f"noise [{one.sensor.unit}]" if one.sensor.unit else "noise", labelpad=1.0)
+    axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_words(noise)}, p={noise.p_value:.2g}", fontsize=7.5)
+
+
+def _cells(one: Measured) -> tuple[object, ...]:
+    if one.noise is None:
+        return (f"none: {_why_none(one)}", None, None, None)
+    noise, unit = one.noise, one.sensor.unit
+    low, high = noise.interval
+    return (
+        f"{_words(noise)} {unit}".strip(),
+        f"{low:.4g} to {high:.4g}",
+        f"{noise.aic_difference:+.3g}",
+        f"{noise.p_value:.2g}",
+    )
+
+
+def _words(noise: Noise) -> str:
+    return f"{noise.family.name}, {noise.family.parameter.replace('_', ' ')} {noise.parameter:.4g}"
+
+
+def _why_none(one: Measured) -> str:
+    return (
+        "all samples of a channel are equal" if one.step == 0.0 else f"less than the step of its values, {one.step:.3g}"
+    )
+
+
+def _written(one: Measured) -> str:
+    if one.noise is None:
+        return f"null  # {_why_none(one)}; {one.samples} samples"
+    noise = one.noise
+    low, high = noise.interval
+    value = f"{{distribution: {noise.family.name}, {noise.family.parameter}: {noise.parameter:.4g}}}"
+    unit = f"[{one.sensor.unit}] " if one.sensor.unit else ""
+    return f"{value}  # {unit}({low:.4g} to {high:.4g}); p = {noise.p_value:.2g}; {one.samples} samples"
+
+
+def _record(one: Measured) -> dict[str, object]:
+    noise = one.noise
+    return {
+        "sensor": one.sensor.key,
+        "unit": one.sensor.unit,
+        "samples": one.samples,
+        "channels": one.channels,
+        "scenes": one.scenes,
+        "step": one.step,
+        "distribution": None if noise is None else noise.family.name,
+        "parameter": None if noise is None else noise.parameter,
+        "interval": None if noise is None else noise.interval,
+        "aic_difference": None if noise is None else noise.aic_difference,
+        "p_value": None if noise is None else noise.p_value,
+    }

@@ -1,0 +1,108 @@
+"""A recording: all that a robot's devices measure, as it comes, with the time since its start [s].
+
+Written and read as the log of a run (log.py):
+
+    start   the robot, what its devices say of themselves, the settings of its sensors
+    sample  of a sensor by its name in samples.py: time, values; a distance is null where nothing is in sight, and 0
+            where something is too near to tell
+    turn    of the lidar: the time at which it ended, and its readings, angle [rad, from the robot's front] and range
+            [m] of each; 0 where nothing came back
+    note    what a device told, or that a sensor has fallen silent
+    end     why the recording ended
+"""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.control import in_control
+from mercator_design.robot.log import Log, plain
+from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.samples import samples
+from mercator_design.robot.settings import Settings
+from mercator_design.robot.talk import Event
+from mercator_design.robot.ydlidar import Packet, Turns
+
+_EVERYTHING = ("ground", "neighbours", "proximity")  # senses, which need all devices
+_SHOW = 0.5  # [s] between looks at what has come
+
+
+class Recorder:
+    """Writes to a log what a robot hears from now on.
+
+    count: Of samples and turns.
+    """
+
+    def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
+        self._log, self._turns, self._front = log, Turns(), settings.lidar_angle
+        self.count = 0
+        self._begin = log.begin(
+            "recording",
+            settings.name,
+            facts=dict(robot.facts),
+            proximity_angles=settings.proximity_angles,
+            lidar_angle=settings.lidar_angle,
+        )
+        robot.listen = self._hear
+
+    def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Write an event that happened at a time [s, of time.monotonic()]."""
+        self._log.note(event, time=round(now - self._begin, 4), **values)
+
+    def _hear(self, event: Event, now: float) -> None:
+        for name, sample in samples(event, now):
+            self.count += 1
+            self.note("sample", now, sensor=name, values=[*map(plain, sample.values)])
+        if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
+            self.count += 1
+            self.note("turn", now, readings=[(self._turned(angle), round(reach, 5)) for angle, reach in turn])
+
+    def _turned(self, angle: float) -> float:
+        return round((angle + self._front) % math.tau, 5)
+
+
+def record(
+    settings: Settings,
+    path: Path,
+    duration: float | None,
+    tell: Callable[[str], None],
+    show: Callable[[float, int], None],
+) -> None:
+    """Record a robot at rest.
+
+    Args:
+        settings: The robot.
+        path: Of the recording, a new file.
+        duration: [s]; None: until something stops it.
+        tell: Called with what people should know.
+        show: Called now and then with the time [s] and the number of samples and turns up to then.
+
+    Raises:
+        Stopped: if a device says that the robot is not well.
+        RobotError: if a device cannot be used, or the recording cannot be written.
+        Signalled: if a signal came.
+    """
+    log = Log(path)
+    with in_control(settings, _EVERYTHING, {}, log) as (robot, _):
+        recorder = Recorder(log, robot, settings)
+        tell(robot.introduction)
+        begin = now = time.monotonic()
+        end = math.inf if duration is None else begin + duration
+        silent = ""
+        while now < end:
+            robot.attend(min(now + _SHOW, end))
+            now = time.monotonic()
+            if log.failure:
+                raise RobotError(log.failure)
+            before, silent = silent, robot.stale(now)
+            if silent and not before:
+                tell(f"Warning: {silent}")
+                robot.notes.append(silent)
+            for text in robot.notes:
+                recorder.note("note", now, text=text)
+            robot.notes.clear()
+            robot.poll()
+            show(now - begin, recorder.count)

@@ -2,13 +2,12 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
-from mercator_design.errors import RobotError
+from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import Line, Ports, open_port
+from mercator_design.robot.ports import Line
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.talk import Event, Talk
@@ -23,25 +22,11 @@ _LOW = 20  # [%] of the battery
 _OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the control system's manual
 
 
-class Finding(NamedTuple):
-    """What was looked at, and how it is; if something is wrong, with what to do."""
-
-    what: str
-    is_fine: bool
-    words: str
-
-
 def check(settings: Settings) -> Iterator[Finding]:
     """Look at all that a run needs, of which nothing moves but the lidar."""
     yield check_clock(time.time())
     yield check_console(settings.ports.rvr, _KERNEL.read_text() if _KERNEL.exists() else "")
-    for device in Ports._fields:
-        try:
-            with open_port(device, getattr(settings.ports, device)) as port:
-                line = Line(device, port)
-                yield from _DEVICES[device](settings, line)
-        except RobotError as error:
-            yield Finding(device, is_fine=False, words=str(error).removeprefix(f"{device}: "))
+    yield from of_devices(settings, _DEVICES)
 
 
 def check_clock(now: float) -> Finding:
@@ -119,14 +104,16 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     if not found:
         return
     last = found[-1]
-    for i, (angle, distance) in enumerate(zip(settings.proximity_angles, last.metres(), strict=True)):
+    for i, (angle, distance) in enumerate(
+        zip(settings.proximity_angles, settings.corrected(last.metres()), strict=True)
+    ):
         is_fine = bool(last.mask >> i & 1)
         seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
         words = f"{seen}; a hand before it shows whether it is this one" if is_fine else "off; plug it in"
         yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
 
 
-_DEVICES: dict[str, Callable[[Settings, Line], Iterator[Finding]]] = {
+_DEVICES: dict[str, Look] = {
     "rvr": _check_rvr,
     "lidar": _check_lidar,
     "proximity": _check_hub,

@@ -1,6 +1,7 @@
 """A robot under control: started up, watched, and stopped on every way out."""
 
 import contextlib
+import time
 from collections.abc import Iterable, Iterator, Mapping
 
 from mercator_design.colours import RGB, ColourName
@@ -10,6 +11,8 @@ from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import open_ports
 from mercator_design.robot.safety import Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
+
+_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
 @contextlib.contextmanager
@@ -41,3 +44,17 @@ def in_control(
             yield robot, watchdog
     if log is not None and log.failure:
         raise RobotError(log.failure)
+
+
+def arm(settings: Settings, robot: Mercator, watchdog: Watchdog) -> None:
+    """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+
+    Raises:
+        RobotError: if no first heartbeat comes, or as the robot's `attend`.
+    """
+    end = time.monotonic() + _FIRST_HEARTBEAT
+    while settings.swarm.heartbeat is not None and watchdog.heard is None:
+        if time.monotonic() > end:
+            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
+        robot.attend(time.monotonic() + 0.1)
+    watchdog.arm()

@@ -41,6 +41,7 @@ SYNC_EVERY = 1.0
 class Log:
     """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
 
+    began: When `begin` was called [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
     """
 
@@ -51,6 +52,7 @@ class Log:
             RobotError: on entering, if it cannot be written, or exists.
         """
         self.path = path
+        self.began = math.nan
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write_all, daemon=True)
@@ -72,11 +74,10 @@ class Log:
         self._thread.join()
         os.close(self._file)
 
-    def begin(self, kind: Kind, robot: str, **values: Any) -> float:  # noqa: ANN401 - what JSON can hold
-        """Append the start, the first event: which robot it is, and values; when that is [s, of time.monotonic()]."""
-        began = time.monotonic()
+    def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Append the start, the first event: which robot it is, and values."""
+        self.began = time.monotonic()
         self.note("start", kind=kind, format=FORMAT, version=__version__, time=now(), robot=robot, **values)
-        return began
 
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
@@ -93,8 +94,8 @@ class Log:
                     os.fsync(self._file)
                     synced = time.monotonic()
             os.fsync(self._file)
-        except (OSError, ValueError) as error:
-            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
+            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or repr(error)}"
 
 
 def now() -> str:

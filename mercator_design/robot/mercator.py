@@ -10,19 +10,19 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Self
 
-from mercator_design.colours import COLOURS, RGB, STATE_COLOURS, ColourName
+from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.ports import Line, Ports
 from mercator_design.robot.rvr import Notification, Response
-from mercator_design.robot.rvr_messages import LIGHTS, Processor, lights
+from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, nearest
-from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import Packet
@@ -42,7 +42,8 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, and `lidar`, without values: when a turn has ended.
+    samples: The latest of each sensor, by name: those of `samples`, proximity as the settings correct it, and `lidar`,
+        without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
@@ -82,14 +83,13 @@ class Mercator:
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self._polled = -math.inf
-        self._shown: tuple[float, int] | None = None
+        self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.notes: list[str] = []
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
-        zero = self._drive_command(0.0, 0.0) + self._talk.command("drive_stop")
-        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, zero, limits.speed)
+        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
 
     def __enter__(self) -> Self:
         try:
@@ -123,9 +123,8 @@ class Mercator:
         Raises:
             Stopped: if a sense that is needed is stale.
         """
+        self.check_ages()
         now = time.monotonic()
-        if stale := self.stale(now):
-            raise Stopped(stale)
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
@@ -135,7 +134,7 @@ class Mercator:
         if self.age("lidar", now) <= limits.lidar:
             n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
         if self.age("ground", now) <= limits.rvr:
-            ground = COLOURS[self._label()]
+            ground = COLOURS[self.label()]
         self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
@@ -151,6 +150,24 @@ class Mercator:
             ground,
             (0.0, 0.0),
         )
+
+    def check_ages(self) -> None:
+        """See whether all that is needed is told.
+
+        Raises:
+            Stopped: if a sense that is needed is stale.
+        """
+        if stale := self.stale(time.monotonic()):
+            raise Stopped(stale)
+
+    def label(self) -> ColourName:
+        """Of the floor: the one whose colour is nearest to the ground's."""
+        red, green, blue = self.samples["ground"].values
+        return nearest(self._labels, (red, green, blue))
+
+    def turn(self) -> list[float]:
+        """The lidar's last turn: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; 0 for nothing."""
+        return self._sweep.ranges()
 
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
@@ -172,7 +189,11 @@ class Mercator:
             RobotError: if the port is lost.
         """
         speed = self._settings.limits.speed
-        self.brake.drive(speed * wheels.left, speed * wheels.right)
+        self.drive_at(speed * wheels.left, speed * wheels.right)
+
+    def drive_at(self, left: float, right: float) -> None:
+        """The same, at speeds [m/s]."""
+        self.brake.drive(left, right)
         self.poll()
 
     def poll(self) -> None:
@@ -182,12 +203,12 @@ class Mercator:
             self._talk.tell("get_battery_voltage_state")
             self._talk.tell("get_battery_percentage")
 
-    def show(self, state: int) -> None:
-        """Let the lamps show a state of the PFSM."""
+    def show(self, colours: Mapping[str, Levels]) -> None:
+        """Give lamps, of rvr_messages.LIGHTS, their colours."""
         now = time.monotonic()
-        if self._shown is None or self._shown[1] != state or now - self._shown[0] > _SHOW:
-            self._shown = now, state
-            self._talk.tell("set_all_leds", **lights(dict.fromkeys(LIGHTS, STATE_COLOURS[state])))
+        if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
+            self._shown = now, colours
+            self._talk.tell("set_all_leds", **lights(colours))
 
     def close(self) -> None:
         """Stop the wheels, then all else; nothing is raised."""
@@ -197,12 +218,7 @@ class Mercator:
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
         with contextlib.suppress(RobotError):
-            for processor in Processor:
-                talk.tell("clear_streaming_service", processor)
-            talk.tell("enable_color_detection", is_enabled=False)
-            talk.tell("release_led_requests")
-            talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
-            talk.tell("restore_default_control_system_timeout")
+            rest_rvr(talk)
 
     def _start(self) -> None:
         talk = self._talk
@@ -236,16 +252,14 @@ class Mercator:
             f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
         )
 
-    def _label(self) -> ColourName:
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
-
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
         self.listen(event, now)
-        self.samples.update(samples(event, now))
+        for name, sample in samples(event, now):
+            values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
+            self.samples[name] = Sample(now, values)
         match event:
             case Packet():
                 self._sweep.add(event)
@@ -263,7 +277,8 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage":
-                self.notes.append("battery {percentage} %".format_map(values))
+                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

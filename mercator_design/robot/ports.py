@@ -4,6 +4,7 @@ import contextlib
 import errno
 import getpass
 import os
+import termios
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +75,8 @@ def open_port(device: str, name: str) -> serial.Serial:
         return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
     except serial.SerialException as error:
         raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
+    except termios.error as error:
+        raise RobotError(f"{device}: {path} is lost: {error.args[-1]}") from None
 
 
 def _wrong(path: str, error: serial.SerialException) -> str:

@@ -50,7 +50,7 @@ class Recorder:
 
     def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Write an event that happened at a time [s, of time.monotonic()]."""
-        self._log.note(event, time=round(now - self._begin, 4), **values)
+        self._log.note(event, time=round(now - self._log.began, 4), **values)
 
     def _hear(self, event: Event, now: float) -> None:
         for name, sample in samples(event, now):

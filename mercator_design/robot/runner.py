@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
+from mercator_design.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.control import in_control
+from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.safety import Watchdog
+from mercator_design.robot.rvr_messages import LIGHTS
+from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
-_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,18 +56,17 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     """
     log, pfsm = Log(path), what.file.pfsm
     labels = settings.labels_of(what.file.header)
-    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog):
+    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
         robot.facts["floor"] = " or ".join(labels)
-        began = _begin(log, settings, what, robot, tell)
-        _await_heartbeat(settings, watchdog, robot)
-        watchdog.arm()
-        _cycles(robot, Controller(pfsm, settings.reference_model), what, log, began)
+        _begin(log, settings, what, robot, tell)
+        arm(settings, robot, watchdog)
+        notify(READY=1, STATUS=f"{settings.name} runs, {path}")
+        _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
 
 
-def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> float:
-    """Begin the log; when that was [s, of time.monotonic()]."""
+def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
     pfsm = what.file.pfsm
-    began = log.begin(
+    log.begin(
         "run",
         settings.name,
         fsm=to_text(pfsm),
@@ -80,20 +80,9 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         facts=dict(robot.facts),
     )
     tell(robot.introduction)
-    return began
 
 
-def _await_heartbeat(settings: Settings, watchdog: Watchdog, robot: Mercator) -> None:
-    if settings.swarm.heartbeat is None:
-        return
-    end = time.monotonic() + _FIRST_HEARTBEAT
-    while watchdog.heard is None:
-        if time.monotonic() > end:
-            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + CONTROL_PERIOD)
-
-
-def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log, began: float) -> None:
+def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
     """Control cycles until the duration is over; one that comes late is not made up for."""
     random = Random(what.seed)
     start = due = time.monotonic()
@@ -110,11 +99,12 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log, began:
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
         robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
-        robot.show(controller.state)
+        notify(WATCHDOG=1)
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         log.note(
             "cycle",
             cycle=cycle,
-            time=round(begin - began, 6),
+            time=round(begin - log.began, 6),
             state=state,
             next_state=controller.state,
             readings=readings,

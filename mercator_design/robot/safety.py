@@ -7,6 +7,7 @@ do, the RVR does: it stops when it has heard no command for `COMMANDS_END` (see 
 """
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -43,7 +44,6 @@ class Brake:
     """The only way to the wheels; threads and signal handlers may use it.
 
     why: What stopped them; empty as long as nothing has.
-    driven: When the last command was sent [s].
     """
 
     def __init__(
@@ -59,8 +59,18 @@ class Brake:
         """
         self._write, self._drive, self._zero, self._limit = write, drive, zero, limit
         self._lock = threading.RLock()
+        self._due = math.inf  # when the next command must have come
         self.why = ""
-        self.driven = time.monotonic()
+
+    def arm(self) -> None:
+        """From now on commands must follow each other."""
+        self._due = time.monotonic() + STALL
+
+    def look(self) -> None:
+        """Stop the wheels if the control loop has stalled."""
+        late = time.monotonic() - self._due
+        if late > 0.0:
+            self.stop(f"the control loop stalled: no command for {STALL + late:.2f} s")
 
     def drive(self, left: float, right: float) -> None:
         """Set the speeds of the treads [m/s].
@@ -74,12 +84,22 @@ class Brake:
                 f"wheels: expected speeds from {-self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
             )
         with self._lock:
+            self.look()  # who was suspended may get here before the watchdog does
             if self.why:
                 raise Stopped(self.why)
             self._write(self._drive(left, right))
-            self.driven = time.monotonic()
+            self.look()
             if self.why:  # a stop that did not wait for this command
                 self.stop(self.why)
+            elif self._due < math.inf:
+                self.arm()
+
+    def check(self, left: float, right: float) -> None:
+        """Stop the wheels if a speed [m/s] is out of range or not a number."""
+        if not (abs(left) <= self._limit and abs(right) <= self._limit):
+            self.stop(
+                f"wheels: expected speeds from -{self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
+            )
 
     def stop(self, why: str) -> None:
         """Stop the wheels for good. Zero is sent twice, as one frame may be damaged on its way."""
@@ -130,8 +150,8 @@ class Watchdog(threading.Thread):
             self._listening.close()
 
     def arm(self) -> None:
-        """From now on commands to the wheels must follow each other."""
-        self._brake.driven = time.monotonic()
+        """From now on commands to the wheels must follow each other, and heartbeats."""
+        self._brake.arm()
         self._armed.set()
 
     def run(self) -> None:
@@ -150,8 +170,7 @@ class Watchdog(threading.Thread):
                 self._brake.stop("the watchdog failed")
 
     def _look(self, now: float) -> None:
-        if now - self._brake.driven > STALL:
-            self._brake.stop(f"the control loop stalled: no command for {now - self._brake.driven:.2f} s")
+        self._brake.look()
         if self._heartbeat is not None and (self.heard is None or now - self.heard > self._heartbeat):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
@@ -196,9 +215,10 @@ class Signals:
             self._came = True
 
     def _act(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
+        if self._came:
+            return
+        self._came = True
         name = signal.Signals(number).name
         if self.brake is not None:
             self.brake.stop(name)
-        if not self._came:
-            self._came = True
-            raise Signalled(f"Stopped by {name}.", 128 + number)
+        raise Signalled(f"Stopped by {name}.", 128 + number)

@@ -1,7 +1,7 @@
 """What is particular to one robot: its ports, limits, colours, and where its sensors look. A YAML file, robot.yaml."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,6 +14,7 @@ from mercator_design.robot.ports import PortNames
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
 Age = Annotated[float, Range(0.05, 10.0)]
+Offset = Annotated[float, Range(-0.2, 0.2)]
 
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
 """As the robot model mercator has its proximity sensors."""
@@ -57,6 +58,7 @@ class Settings:
         None  # colours of each one's floor, if not those in fsm.txt
     )
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
+    proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
     swarm: Swarm = Swarm()
     reference_model: ReferenceModel = ReferenceModel()
@@ -79,6 +81,13 @@ class Settings:
         floor = tuple(name for name in COLOURS if name in told)
         names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or _USUAL
         return {name: COLOURS[name] if name not in measured else _floats(measured[name]) for name in names}
+
+    def corrected(self, distances: Sequence[float]) -> tuple[float, ...]:
+        """The hub's distances [m] without what each sensor reads too much, at least 0; what is no number of m stays."""
+        return tuple(
+            max(0.0, distance - offset) if math.isfinite(distance) else distance
+            for distance, offset in zip(distances, self.proximity_offsets, strict=True)
+        )
 
 
 def read_settings(path: Path) -> Settings:

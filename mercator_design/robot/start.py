@@ -1,4 +1,4 @@
-"""What each device is told before it is of use, and what it says of itself then."""
+"""What each device is told before it is of use, with what it says of itself then, and to be at rest again."""
 
 from functools import partial
 from typing import Any
@@ -20,9 +20,7 @@ def wake_rvr(talk: Talk) -> dict[str, Any]:
     Raises:
         RobotError: if it does not answer.
     """
-    talk.tell("disable_notifications_and_active_commands")
-    for processor in Processor:
-        talk.tell("clear_streaming_service", processor)
+    _quieten(talk)
     talk.tell("wake")
     talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
     facts = {}
@@ -31,6 +29,24 @@ def wake_rvr(talk: Talk) -> dict[str, Any]:
         facts[f"firmware_{processor.name.lower()}"] = "{major}.{minor}.{revision}".format_map(version)
     talk.ask("get_battery_voltage_state")
     return facts | {"battery": "{percentage} %".format_map(talk.ask("get_battery_percentage"))}
+
+
+def halt(talk: Talk) -> bytes:
+    """The commands that stop the wheels."""
+    return talk.command("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + talk.command("drive_stop")
+
+
+def rest_rvr(talk: Talk) -> None:
+    """Leave the RVR as if nobody had used it: wheels and lamps off, nothing streamed, commands as long as usual.
+
+    Raises:
+        RobotError: if it does not answer, or refuses to stop.
+    """
+    _quieten(talk)
+    talk.tell("enable_color_detection", is_enabled=False)
+    talk.tell("release_led_requests")
+    talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
+    talk.tell("restore_default_control_system_timeout")
 
 
 def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
@@ -66,6 +82,12 @@ def start_hub(talk: Talk) -> None:
         said = talk.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
         if not said.ok:
             raise RobotError(f"proximity: command {command.code:#x} was refused")
+
+
+def _quieten(talk: Talk) -> None:
+    talk.tell("disable_notifications_and_active_commands")
+    for processor in Processor:
+        talk.tell("clear_streaming_service", processor)
 
 
 def _acknowledges(command: multiflex.Command, said: Acknowledgement) -> bool:

@@ -33,6 +33,7 @@ class Devices(threading.Thread):
     stuck: Whether the lidar's motor does not turn.
     health: Of the lidar; 2 is an error.
     silent: Names of lines, and of services, that tell nothing.
+    deaf: Names of lines that take nothing.
     refused: By name of a command, the error that answers it.
     noise: What the RVR says in place of anything else.
     damage: Chance that a byte has a wrong bit.
@@ -50,7 +51,7 @@ class Devices(threading.Thread):
         self.millimetres = [multiflex.NOTHING] * 8
         self.robots = []
         self.battery = 1
-        self.silent = set()
+        self.silent, self.deaf = set(), set()
         self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
         self.stuck, self.damage, self._draw = False, 0.0, random.Random(1)
         self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
@@ -125,7 +126,7 @@ class Devices(threading.Thread):
                 self._send("proximity", Distances(tuple(self.millimetres), self.mask).encode())
 
     def _hear(self):
-        ends = {end: line for line, end in self._ends.items()}
+        ends = {end: line for line, end in self._ends.items() if line not in self.deaf}
         ready, _, _ = select.select(list(ends), [], [], 0.005)
         for end in ready:
             try:

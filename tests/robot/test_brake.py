@@ -1,12 +1,17 @@
 """The brake: what passes it, and that nothing does after a stop, whoever pulls it and when."""
 
 import math
+import os
+import signal
 import threading
+import time
 
 import pytest
 
+from mercator_design.command import Signalled
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.robot.safety import Brake
+from mercator_design.robot import rvr
+from mercator_design.robot.safety import STALL, Brake, Signals
 
 
 class Wire:
@@ -84,3 +89,56 @@ def test_a_stop_by_a_signal_handler_while_a_command_is_being_sent(wire, brake):
     wire.during = lambda: brake.stop("SIGTERM")
     brake.drive(0.2, 0.2)
     assert wire.sent[-2:] == [b"zero"] * 2
+
+
+def test_a_loop_that_was_suspended_does_not_drive_again(wire, brake):
+    """It may go on before the watchdog does."""
+    brake.arm()
+    brake.drive(0.1, 0.1)
+    time.sleep(STALL + 0.02)
+    with pytest.raises(Stopped, match=r"the control loop stalled: no command for 0\.\d\d s"):
+        brake.drive(0.1, 0.1)
+    assert wire.sent == [b"0.1 0.1", b"zero", b"zero"]
+
+
+def test_nor_if_it_was_suspended_while_a_command_was_being_sent(wire, brake):
+    brake.arm()
+    wire.during = lambda: time.sleep(STALL + 0.02)
+    brake.drive(0.1, 0.1)
+    assert wire.sent[0] == b"0.1 0.1"
+    assert set(wire.sent[1:]) == {b"zero"}
+    with pytest.raises(Stopped, match="the control loop stalled"):
+        brake.drive(0.1, 0.1)
+
+
+def test_before_it_is_armed_commands_need_not_follow_each_other(wire, brake):
+    brake.drive(0.0, 0.0)
+    time.sleep(STALL + 0.02)
+    brake.look()
+    brake.drive(0.0, 0.0)
+    assert wire.sent == [b"0 0"] * 2
+
+
+@pytest.mark.parametrize("is_finished", [False, True])
+def test_a_stop_in_the_middle_of_a_frame_is_heard(is_finished):
+    """The line took a part of a command to drive, then what stops; and then the rest, or nothing any more."""
+    host = rvr.Host()
+    drive = host.send("drive_tank_si_units", left_velocity=0.275390625, right_velocity=-0.3)
+    assert b"\xab" in drive  # an escape, behind which it may be cut, too
+    zero = host.send("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + host.send("drive_stop")
+    for cut in range(1, len(drive)):
+        heard = rvr.Device().receive(drive[:cut] + zero + (drive[cut:] if is_finished else b""))
+        assert [command.name for command in heard] == ["drive_tank_si_units", "drive_stop"]
+        assert heard[0].values == {"left_velocity": 0.0, "right_velocity": 0.0}
+
+
+def test_only_the_first_signal_interrupts(wire, brake):
+    """A second one must not keep the robot from being shut down."""
+    signals = Signals()
+    with signals.caught():
+        signals.brake = brake
+        with pytest.raises(Signalled, match="SIGHUP"):
+            os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert brake.why == "SIGHUP"
+    assert wire.sent == [b"zero"] * 2

@@ -168,3 +168,11 @@ def test_every_verb_has_help(robot_command):
     for verb in cli.commands:
         code, out, _ = robot_command(verb, "-h")
         assert (code, out.startswith(f"Usage: mercator-robot {verb}")) == (0, True)
+
+
+def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        log.note("start", what=object())
+    assert log.failure.endswith(
+        "log.jsonl: cannot be written: TypeError('Object of type object is not JSON serializable')"
+    )

@@ -12,6 +12,7 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -152,7 +153,10 @@ class TestStart:
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
+            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; is it switched on"),
             (lambda d: d.silent.add("color_detection"), r"^ground: nothing yet; is it switched on"),
+            (lambda d: setattr(d, "stuck", True), r"^lidar: nothing yet; has it power"),
+            (lambda d: setattr(d, "mask", 0x7F), r"^proximity: nothing yet; .* are all sensors plugged in\?$"),
             (
                 lambda d: d.refused.update(set_custom_control_system_timeout=3),
                 r"^rvr: set_custom_control_system_timeout was refused: not yet implemented$",
@@ -202,7 +206,7 @@ def test_damaged_bytes(devices):
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
         robot.drive(Wheels(1.0, -0.5))
-        robot.show(2)
+        robot.show(dict.fromkeys(LIGHTS, (0, 158, 115)))
         robot.attend(time.monotonic() + 0.1)
         assert devices.wheels[-1][1:] == pytest.approx((0.3, -0.15))
         _, _, lamps = next(each for each in devices.commands[::-1] if each[1] == "set_all_leds")

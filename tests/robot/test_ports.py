@@ -5,6 +5,7 @@ import errno
 import os
 import subprocess
 import sys
+import termios
 
 import pytest
 import serial
@@ -140,3 +141,13 @@ class TestPortsByWhatTheyAre:
         ):
             find_port("lidar", "usb:10c4:ea60")
         assert find_port("lidar", "usb:10c4:ea60:8") == "/dev/ttyUSB1"
+
+
+def test_a_port_that_is_lost_while_it_is_opened(terminals, monkeypatch):
+    def lost(*_):
+        raise termios.error(errno.EIO, "Input/output error")
+
+    _, names = terminals
+    monkeypatch.setattr(termios, "tcflush", lost)
+    with pytest.raises(RobotError, match=r"^rvr: /dev/pts/\d+ is lost: Input/output error$"), open_ports(names):
+        pass

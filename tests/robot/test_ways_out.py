@@ -1,7 +1,6 @@
 """Every way out of a run, from the fault to wheels at rest, as the robot hears it over its serial line.
 
-`mercator-robot run` is a process of its own; clocks are the same in all processes. Time that this machine takes to get
-to a process when it has much else to do is not the program's, so of three attempts the best counts.
+`mercator-robot run` is a process of its own; clocks are the same in all processes.
 """
 
 import os
@@ -11,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -20,15 +19,12 @@ from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 from tests.robot.devices import Devices
+from tests.robot.ways import LATEST, free_port, soonest
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 0 --rwm0 20"
 ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
 """Drives, and reads every sense."""
-
-LATEST = 0.25
-"""[s] from a fault to wheels at rest."""
-ATTEMPTS = 3
 
 # What a controller does from the moment on at which there is a file "fault"; it prints when that is.
 FAULTS = """
@@ -42,12 +38,6 @@ def faulty(self, readings, draws):
     return step(self, readings, draws)
 Controller.step = faulty
 """
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return probe.getsockname()[1]
 
 
 class Robot:
@@ -100,14 +90,6 @@ def running(folder, fsm=GO, settings="", fault="", *options):
             robot.process.communicate()
 
 
-def soonest(attempt):
-    """The least of what an attempt takes, made again if it takes too long."""
-    times = []
-    while len(times) < ATTEMPTS and (not times or min(times) > LATEST):
-        times.append(attempt(len(times)))
-    return min(times)
-
-
 def check(robot, code, words, *, zeros=True):
     """How a run has ended."""
     returned, error = robot.ended()
@@ -140,9 +122,12 @@ def unplugs(line):
 DEVICE_FAULTS = {
     # what happens: how, seconds that it may go on, what is said
     "ground silent": (silence("color_detection"), 0.25, "ground: nothing for"),
+    "attitude silent": (silence("imu"), 0.25, "attitude: nothing for"),
     "rvr silent": (silence("rvr"), 0.25, "nothing for"),
     "hub silent": (silence("proximity"), 0.5, "proximity: nothing for"),
     "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
+    "hub's sensor off": (lambda robot: setattr(robot.devices, "mask", 0x7F), 0.5, "proximity: nothing for"),
+    "lidar stuck": (lambda robot: setattr(robot.devices, "stuck", True), 0.6, "lidar: nothing for"),
     "hub lost": (unplugs("proximity"), 0.0, "proximity: /dev/pts/"),
     "lidar lost": (unplugs("lidar"), 0.0, "lidar: /dev/pts/"),
     "battery critical": (tells("battery_voltage_state_change", state=3), 0.0, "rvr: the battery is critical"),
@@ -189,6 +174,8 @@ CONTROLLER_FAULTS = {
     "infinite": ("return Wheels(0.0, -math.inf)", 4, "found 0, -inf"),
     "too fast": ("return Wheels(1.0, 1.01)", 4, "found 0.3, 0.303"),
     "stalled": ("time.sleep(1.0)", 4, "the control loop stalled"),
+    "no memory": ("raise MemoryError", 1, "Error: not enough memory"),
+    "watchdog": ("from mercator_design.robot import safety; safety.Watchdog._look = None", 4, "the watchdog failed"),
     "busy": ("while not os.path.exists('stop'): pass", 4, "stalled"),
 }
 
@@ -233,6 +220,73 @@ def test_a_process_that_is_killed_or_suspended_is_stopped_by_the_robot(number, t
             return robot.devices.rests_since() - began - COMMANDS_END
 
     assert soonest(attempt) <= 0.05
+
+
+def test_a_process_that_was_suspended_does_not_drive_again(tmp_path):
+    """The robot has stopped by itself meanwhile, and wheels that rest turn again only in a new run."""
+    with running(tmp_path) as robot:
+        robot.drives()
+        began = time.monotonic()
+        robot.process.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        robot.process.send_signal(signal.SIGCONT)
+        check(robot, 4, "the control loop stalled: no command for 1.")
+        assert robot.devices.rests_since() - began < 1.0
+
+
+STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
+
+
+@pytest.mark.parametrize("command", STARTING)
+def test_a_signal_during_the_start(command, tmp_path):
+    with running(tmp_path) as robot:
+        robot.devices.when(lambda: command in [name for _, name, _ in robot.devices.commands])
+        robot.process.terminate()
+        returned, error = robot.ended()
+        assert (returned, error) == (143, "Stopped by SIGTERM.\n")
+        assert not robot.devices.drives()
+        assert robot.devices.commands[-1][1] == "restore_default_control_system_timeout"
+        assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
+
+
+def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
+    with running(tmp_path) as robot:
+        robot.drives()
+        robot.process.terminate()
+        robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
+        robot.process.send_signal(signal.SIGINT)
+        check(robot, 143, "Stopped by SIGTERM.")
+        assert robot.devices.commands[-1][1] == "restore_default_control_system_timeout"
+
+
+def test_a_line_that_takes_nothing_any_more(tmp_path):
+    """As if the robot were lost: what waits in the line does not let it drive on later."""
+
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.devices.deaf.add("rvr")
+            fill(robot.devices.names.rvr)
+            returned, error = robot.ended()
+            assert (returned, "is lost: Write timeout" in error) == (1, True), error
+            time.sleep(COMMANDS_END)
+            robot.devices.deaf.clear()
+            time.sleep(0.2)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt) <= 0.05
+
+
+def fill(port):
+    """Let nothing more go into a line that nobody reads."""
+    line = os.open(port, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    for _ in range(5):  # the system moves some on, and then takes more
+        with suppress(BlockingIOError):
+            while os.write(line, bytes(100)):
+                pass
+        time.sleep(0.005)
+    os.close(line)
 
 
 def test_the_log_is_whole_but_for_its_end_when_the_process_is_killed(tmp_path):
@@ -308,6 +362,14 @@ class TestSwarm:
                 return robot.devices.rests_since() - began
 
         assert soonest(attempt) <= LATEST
+
+    def test_stop_during_the_start(self, tmp_path):
+        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when(lambda: robot.devices.commands)
+            speaker.stop()
+            returned, error = robot.ended()
+            assert (returned, error) == (4, "Error: swarm: told to stop by 127.0.0.1\n")
+            assert not robot.devices.drives()
 
     def test_silence(self, tmp_path):
         def attempt(number):

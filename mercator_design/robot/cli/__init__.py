@@ -5,7 +5,7 @@ import importlib
 import click
 
 from mercator_design import __version__, command
-from mercator_design.robot.cli import check, record, replay, run, stop
+from mercator_design.robot.cli import calibrate, check, record, replay, ros, run, stop, teleop
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
 """Verbs of the designer's part, which a robot need not have: the module of each."""
@@ -44,5 +44,15 @@ def cli() -> None:
     """  # noqa: D301 - click reads the control character
 
 
-for _verb in (check.check, run.run, stop.stop, stop.heartbeat, record.record, replay.replay):
+for _verb in (
+    calibrate.calibrate,
+    check.check,
+    record.record,
+    replay.replay,
+    ros.ros,
+    run.run,
+    stop.heartbeat,
+    stop.stop,
+    teleop.teleop,
+):
     cli.add_command(_verb)

@@ -2,9 +2,9 @@
 
 import click
 
-from mercator_design.errors import RobotError, printable
 from mercator_design.robot.check import check as findings
 from mercator_design.robot.cli.options import ROBOT
+from mercator_design.robot.cli.rows import show
 from mercator_design.robot.settings import Settings
 
 
@@ -15,9 +15,4 @@ def check(settings: Settings) -> None:
 
     The wheels are not touched; the lidar turns for some seconds. Exit code 1 if something is wrong.
     """
-    wrong = 0
-    for finding in findings(settings):
-        wrong += not finding.is_fine
-        click.echo(printable(f"{'ok   ' if finding.is_fine else 'WRONG'}  {finding.what:<26} {finding.words}"))
-    if wrong:
-        raise RobotError(f"{wrong} wrong")
+    show(findings(settings))

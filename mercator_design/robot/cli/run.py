@@ -23,7 +23,7 @@ from mercator_design.robot.settings import Settings
     help="Of the random draws; robots of a swarm need different ones.  [default: a fresh one; the log has it]",
 )
 @click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")
-@click.option("-o", "--log", "path", type=FILE, metavar="LOG", help="[default: run-DATE-TIME.jsonl]")
+@click.option("-o", "--log", type=FILE, help="Or a folder for it.  [default: run-DATE-TIME.jsonl]")
 @FLAVOUR
 @LENIENT
 def run(
@@ -32,7 +32,7 @@ def run(
     duration: float | None,
     seed: int | None,
     dry_run: bool,
-    path: Path | None,
+    log: Path | None,
     flavour: str | None,
     lenient: bool,
 ) -> None:
@@ -43,7 +43,8 @@ def run(
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
-    path = path or Path(time.strftime("run-%Y%m%d-%H%M%S.jsonl"))
+    log = log or Path()
+    path = log / time.strftime("run-%Y%m%d-%H%M%S.jsonl") if log.is_dir() else log
     what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run)
     drive(settings, what, path, tell)
     tell(f"The duration is over; the log is {path}")

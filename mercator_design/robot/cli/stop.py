@@ -1,30 +1,48 @@
-"""mercator-robot stop, heartbeat: what is told to all robots of a swarm."""
+"""mercator-robot stop, heartbeat: this robot at rest; what is told to all robots of a swarm."""
 
 import time
+from dataclasses import replace
 
 import click
 
 from mercator_design.command import tell
 from mercator_design.errors import RobotError
-from mercator_design.robot.settings import Swarm
+from mercator_design.robot.cli.options import ROBOT
+from mercator_design.robot.cli.rows import show
+from mercator_design.robot.rest import rest
+from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 
 _BEATS = 0.1
 """[s] between heartbeats."""
 
-_HOSTS = click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
-_PORT = click.option("--port", type=click.IntRange(1, 65535), default=Swarm().port, show_default=True, help="Of UDP.")
+_PORT = click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    help=f"Of UDP.  [default: swarm.port of ROBOT.yaml, as usual {Swarm().port}]",
+)
 
 
 @click.command()
-@_HOSTS
+@click.argument("hosts", nargs=-1, metavar="[HOST]...")
+@ROBOT
 @_PORT
-def stop(hosts: tuple[str, ...], port: int) -> None:
-    """Stop the robots that run at HOSTs, or, at a broadcast address, all of a network.
+def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
+    """Bring this robot to rest, or stop those that run at HOSTs; at a broadcast address, all of a network.
 
-    Prints which say that they have stopped; exit code 1 if none does.
+    Without HOST, a run in progress here is told to stop; then wheels, streaming, lamps and the lidar are stopped over
+    their ports, each device by itself. Exit code 1 if one could not be.
+
+    With HOSTs, prints which robots say that they have stopped; exit code 1 if none does.
     """
-    with Speaker(hosts, port) as speaker:
+    if port is not None:
+        settings = replace(settings, swarm=replace(settings.swarm, port=port))
+    if not hosts:
+        show(rest(settings))
+        return
+    if settings.swarm.port is None:
+        raise click.UsageError("expected --port, as ROBOT.yaml has none")
+    with Speaker(hosts, settings.swarm.port) as speaker:
         stopped = speaker.stop()
     for name in stopped:
         click.echo(f"{name} has stopped")
@@ -33,8 +51,8 @@ def stop(hosts: tuple[str, ...], port: int) -> None:
 
 
 @click.command()
-@_HOSTS
-@_PORT
+@click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
+@click.option("--port", type=click.IntRange(1, 65535), default=Swarm().port, show_default=True, help="Of UDP.")
 def heartbeat(hosts: tuple[str, ...], port: int) -> None:
     """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them."""
     with Speaker(hosts, port) as speaker:

@@ -1,0 +1,85 @@
+"""Keys and a line of status at a terminal, which is as it was on every way out but SIGKILL."""
+
+import contextlib
+import os
+import re
+import sys
+import termios
+from collections.abc import Iterator
+from typing import Literal, TypeAlias
+
+from mercator_design.errors import Stopped, printable
+
+Key: TypeAlias = Literal["forward", "back", "left", "right", "quit", "stop"]
+
+_ARROWS: dict[bytes, Key] = {b"A": "forward", b"B": "back", b"C": "right", b"D": "left"}
+_KEYS: dict[bytes, Key] = {
+    b"w": "forward",
+    b"s": "back",
+    b"a": "left",
+    b"d": "right",
+    b"q": "quit",
+    b"\x04": "quit",
+    **{start + letter: key for start in (b"\x1b[", b"\x1bO") for letter, key in _ARROWS.items()},
+}
+_KEY = re.compile(rb"\x1b(?:\[[0-9;]*[@-~]|O.)|.", re.DOTALL)
+_BEGUN = re.compile(rb"\x1b(?:\[[0-9;]*|O)?\Z")  # of a key whose other bytes are on their way
+_CLEAR_LINE = "\r\x1b[K"
+
+
+def keys(data: bytes) -> tuple[list[Key], bytes]:
+    """The keys that were pressed by the bytes that a terminal sends, and what is not whole of the last one."""
+    rest = begun[0] if (begun := _BEGUN.search(data)) else b""
+    pressed = _KEY.findall(data.removesuffix(rest) if rest else data)
+    return [_KEYS.get(each.lower() if len(each) == 1 else each, "stop") for each in pressed], rest
+
+
+class Keyboard:
+    """A terminal whose keys come at once and unseen; those that end programs still do."""
+
+    def __init__(self, terminal: int) -> None:
+        """Make one of a terminal that makes nobody wait."""
+        self._terminal, self._rest = terminal, b""
+
+    def pressed(self) -> list[Key]:
+        """The keys that were pressed since the last call.
+
+        Raises:
+            Stopped: if the terminal is gone.
+        """
+        try:
+            data = os.read(self._terminal, 1000)
+        except BlockingIOError:
+            return []
+        except OSError:  # as Linux has it when the other end of a pseudo-terminal is closed
+            data = b""
+        if not data:
+            raise Stopped("the terminal is lost")
+        found, self._rest = keys(self._rest + data)
+        return found
+
+    def show(self, status: str) -> None:
+        """Put a line in the place of the last one, if the terminal takes it; one that is gone is found by `pressed`."""
+        with contextlib.suppress(OSError):
+            width = os.get_terminal_size(self._terminal).columns or 80
+            os.write(self._terminal, (_CLEAR_LINE + printable(status)[: width - 1]).encode())
+
+
+@contextlib.contextmanager
+def keyboard() -> Iterator[Keyboard]:
+    """The terminal of this program's input, with its settings changed meanwhile."""
+    # Opened anew, as the shell would not like its own not to wait.
+    terminal = os.open(os.ttyname(sys.stdin.fileno()), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    usual, changed = termios.tcgetattr(terminal), termios.tcgetattr(terminal)
+    changed[0] &= ~termios.IXON  # Ctrl-S would hold up the status
+    changed[3] &= ~(termios.ICANON | termios.ECHO)
+    changed[6][termios.VMIN], changed[6][termios.VTIME] = 1, 0
+    try:
+        termios.tcsetattr(terminal, termios.TCSAFLUSH, changed)
+        yield Keyboard(terminal)
+    finally:
+        with contextlib.suppress(termios.error, OSError):  # a terminal that is gone
+            termios.tcflush(terminal, termios.TCIFLUSH)  # keys are no commands to the shell
+            termios.tcsetattr(terminal, termios.TCSANOW, usual)
+            os.write(terminal, b"\n")
+        os.close(terminal)

@@ -1,0 +1,33 @@
+"""Whoever stands beside the robot and does what it cannot do by itself."""
+
+import os
+import select
+from collections.abc import Callable
+
+from mercator_design.command import tell
+from mercator_design.errors import RobotError
+
+_STDIN = 0
+_LOOK = 0.1  # [s]
+
+
+def ask(what: str, meanwhile: Callable[[], None]) -> None:
+    """Ask somebody, or a script that writes a line, to do something; until Enter says that it is done.
+
+    Args:
+        what: To do.
+        meanwhile: Called again and again, as devices must be heard.
+
+    Raises:
+        RobotError: at the end of the input.
+    """
+    tell(f"{what}, then press Enter.")
+    while True:
+        while not select.select([_STDIN], [], [], _LOOK)[0]:
+            meanwhile()
+        byte = os.read(_STDIN, 1)  # not more, as a line further is the answer to another question
+        if not byte:
+            raise RobotError("nobody presses Enter any more: the input has ended; nothing was changed")
+        if byte == b"\n":
+            meanwhile()
+            return

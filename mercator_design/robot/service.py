@@ -1,0 +1,26 @@
+"""What systemd hears of a run that it has started (sd_notify(3)); nothing is said where nobody listens."""
+
+import contextlib
+import os
+import socket
+from collections.abc import Iterator
+
+
+def notify(**states: str | int) -> None:
+    """Tell systemd, without waiting for it: READY=1, WATCHDOG=1, STATUS="...", STOPPING=1."""
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address:
+        return
+    message = "\n".join(f"{name}={value}" for name, value in states.items())
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as speaking:
+        speaking.setblocking(False)
+        speaking.sendto(message.encode(), address.replace("@", "\0", 1) if address[0] == "@" else address)
+
+
+@contextlib.contextmanager
+def until_stopping() -> Iterator[None]:
+    """A context whose end is the beginning of the service's."""
+    try:
+        yield
+    finally:
+        notify(STOPPING=1, STATUS="stopped, shuts down")

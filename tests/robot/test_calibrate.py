@@ -1,0 +1,301 @@
+"""mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
+
+import contextlib
+import os
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design.errors import RobotError
+from mercator_design.robot import ground_calibration, proximity_calibration
+from mercator_design.robot.cli import main
+from mercator_design.robot.ground_calibration import confused, doubts, ground_sensor
+from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.multiflex import NOTHING
+from mercator_design.robot.ports import open_ports
+from mercator_design.robot.proximity_calibration import direction, hub
+from mercator_design.robot.settings import Settings, read_settings
+from tests.robot.devices import Devices
+
+ROOT = Path(__file__).parents[2]
+RING = Settings().proximity_angles
+COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()", "calibrate"]
+
+
+@pytest.fixture
+def devices():
+    with Devices() as devices:
+        yield devices
+
+
+@contextlib.contextmanager
+def calibrate(folder, devices, *arguments, settings=""):
+    """A process that asks; `robot.yaml` is in the folder."""
+    names = devices.names
+    ports = f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
+    (folder / "robot.yaml").write_text(f"# mine\n{ports}{settings}")
+    process = subprocess.Popen(
+        [*COMMAND, *arguments, "--robot", "robot.yaml", "--seconds", "1"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def answer(process, act):
+    """Press Enter at every question, once `act` has done what it says; the lines that were said."""
+    said = []
+    for line in process.stderr:
+        said.append(line.rstrip("\n"))
+        if line.endswith(", then press Enter.\n"):
+            act(line)
+            time.sleep(0.15)  # until what was measured before is on its way
+            process.stdin.write("\n")
+            process.stdin.flush()
+    process.wait()
+    return said
+
+
+FLOOR = {"black": (7, 8, 6), "gray": (93, 99, 90), "white": (214, 220, 205)}
+
+
+class TestColor:
+    def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
+        def put_on(line):
+            name = line.split()[4].rstrip(",")
+            devices.sensed["color_detection"].update(zip("rgb", FLOOR[name], strict=True))
+
+        kept = "labels: {red: [90, 10, 10]}  # by hand\n"
+        with calibrate(tmp_path, devices, "color", "black", "gray", "white", settings=kept) as process:
+            said = answer(process, put_on)
+            assert process.returncode == 0, said
+            printed = process.stdout.read()
+        assert printed == "labels:\n  black: [7, 8, 6]\n  gray: [93, 99, 90]\n  white: [214, 220, 205]\n"
+        assert [line for line in said if "then press" not in line] == [
+            *(
+                f"{name}: {red}.0 {green}.0 {blue}.0, spread 0.0, of {n} measurements"
+                for (name, (red, green, blue)), n in zip(FLOOR.items(), counts(said), strict=True)
+            ),
+            "robot.yaml has it now",
+        ]
+        assert read_settings(tmp_path / "robot.yaml").labels == {"red": (90, 10, 10), **FLOOR}
+        text = (tmp_path / "robot.yaml").read_text()
+        assert text.startswith("# mine\n")
+        assert text.endswith("white: [214, 220, 205]}  # by hand\n")
+        assert not devices.wheels
+        lamp = [values["is_enabled"] for _, name, values in devices.commands if name == "enable_color_detection"]
+        assert lamp == [True, False]
+
+    def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
+        with calibrate(tmp_path, devices, "color") as process:
+            out, said = process.communicate("\n", timeout=20)
+        assert (process.returncode, out) == (1, "")
+        assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said
+        assert read_settings(tmp_path / "robot.yaml").labels is None
+        time.sleep(0.1)
+        assert [name for _, name, _ in devices.commands][-1] == "enable_color_detection"
+
+    def test_a_signal_puts_out_the_lamp(self, devices, tmp_path):
+        with calibrate(tmp_path, devices, "color") as process:
+            assert process.stderr.readline() == "Put the robot on black, then press Enter.\n"
+            process.terminate()
+            assert process.wait(10) == 143
+        time.sleep(0.1)
+        assert devices.commands[-1][1:] == ("enable_color_detection", {"is_enabled": False})
+
+    def test_a_sensor_that_is_silent(self, devices):
+        devices.silent.add("color_detection")
+        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="ground: 0 measurements in"):
+            sensor.measure(0.2)
+
+    def test_what_was_measured_before_does_not_count(self, devices):
+        with ground_sensor(devices.names) as sensor:
+            devices.sensed["color_detection"]["r"] = 200
+            time.sleep(0.3)
+            devices.sensed["color_detection"]["r"] = 100
+            time.sleep(0.2)
+            assert {red for red, _, _ in sensor.measure(1.0)} == {100.0}
+
+    def test_it_is_kept_awake(self, devices, monkeypatch):
+        monkeypatch.setattr(ground_calibration, "_AWAKE", 0.0)
+        with ground_sensor(devices.names) as sensor:
+            time.sleep(0.1)
+            before = len(devices.commands)
+            sensor.attend()
+            devices.when(lambda: len(devices.commands) > before)
+        assert devices.commands[before][1] == "get_battery_percentage"
+
+    def test_what_is_doubtful(self):
+        def gray(level, n=60):
+            return [(level, level, level)] * n
+
+        assert list(doubts("gray", gray(93.0))) == []
+        assert "stand still" in next(doubts("gray", gray(80.0, 30) + gray(120.0, 30)))
+        assert "is the sensor's lamp on" in next(doubts("white", gray(1.0)))
+        assert "darker than usual: brightness 100, not 255" in next(doubts("white", gray(100.0)))
+        assert "brighter than usual: brightness 99, not 0" in next(doubts("black", gray(99.0)))
+        assert list(doubts("black", gray(0.0))) == []
+
+    def test_colours_that_would_be_confused(self):
+        """The middle between 90 and 96 is one standard deviation from both; beyond it lies 15.9 % of a normal one."""
+        draw = random.Random(1)
+        sd = 3.0**0.5  # along the diagonal 6 levels are 6 sqrt(3), their half 3 sqrt(3), which is three of these
+
+        def around(level):
+            return [(draw.gauss(level, 3.0 * sd),) * 3 for _ in range(20000)]
+
+        labels = {"gray": (90.0,) * 3, "white": (90.0 + 6.0 * sd,) * 3, "black": (7.0,) * 3}
+        (said,) = confused({"gray": around(90.0)}, labels)
+        assert said.startswith(
+            "gray and white are 18 levels apart, 1.0 standard deviations from the middle between them"
+        )
+        share = float(said.split()[-4].rstrip("%"))
+        assert share == pytest.approx(15.9, abs=0.6)
+        assert list(confused({"black": [(7.0, 7.0, 7.0)] * 60}, labels)) == []
+        (said,) = confused({"red": [(90.0, 90.0, 90.0)] * 60}, {"red": (90.0,) * 3, **labels} | {"white": (255.0,) * 3})
+        assert said.startswith("red and gray are 0 levels apart, 0.0 standard deviations")
+
+
+def counts(said):
+    return [line.split()[-2] for line in said if line.endswith(" measurements")]
+
+
+WIRED = (3, 0, 1, 2, 7, 6, 5, 4)
+"""The place on the ring of each sensor, where somebody plugged them in otherwise."""
+
+
+class Hand:
+    """Somebody who holds something where the question says, seen by one sensor, which reads a little too much."""
+
+    def __init__(self, devices, distance=0.3):
+        self.devices, self.distance = devices, distance
+        self.questions = []
+
+    def __call__(self, question):
+        self.questions.append(question)
+        self.devices.millimetres = [NOTHING] * 8
+        for sensor, place in enumerate(WIRED):
+            if direction(RING[place]) in question:
+                self.hold(sensor)
+
+    def hold(self, sensor):
+        self.devices.millimetres[sensor] = round(1000 * self.distance) + 2 * sensor - 3
+
+
+def find(devices, ask, distance=None):
+    said = []
+
+    def question(text):
+        ask(text)
+        time.sleep(0.15)
+
+    with hub(devices.names) as sensors:
+        return proximity_calibration.calibrate(sensors, RING, distance, 0.6, question, said.append), said
+
+
+class TestProximity:
+    def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
+        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3") as process:
+            said = answer(process, Hand(devices))
+            assert process.returncode == 0, said
+            printed = process.stdout.read()
+        assert "sensor 1 looks front left (+45 degrees), and reads -0.001 m too much" in said
+        assert printed.startswith("proximity_angles: [-1.5708, 0.7854, 0.0,")
+        settings = read_settings(tmp_path / "robot.yaml")
+        assert settings.proximity_angles == pytest.approx([RING[place] for place in WIRED], abs=1e-4)
+        assert settings.proximity_offsets == pytest.approx([0.002 * k - 0.003 for k in range(8)])
+        assert not devices.wheels
+
+    def test_without_a_distance_there_are_no_offsets(self, devices):
+        hand = Hand(devices, 0.07)
+        found, _ = find(devices, hand)
+        assert found == (tuple(RING[place] for place in WIRED), None)
+        assert [question.split(", ")[0] for question in hand.questions[:3]] == [
+            "Leave nothing within 1 m around the robot",
+            "Hold something flat in front (+0 degrees)",
+            "Hold something flat front left (+45 degrees)",
+        ]
+
+    def test_what_is_unclear_is_asked_again(self, devices):
+        class Clumsy(Hand):
+            """Leaves things about, holds its hand before two sensors, then before none, then before another."""
+
+            wrong = iter([(5,), None, (1, 2), (), None, (2,), None])
+
+            def __call__(self, question):
+                super().__call__(question)
+                if (sensors := next(self.wrong, None)) is not None:
+                    self.devices.millimetres = [NOTHING] * 8
+                    for sensor in sensors:
+                        self.hold(sensor)
+
+        found, said = find(devices, Clumsy(devices))
+        assert found.angles == tuple(RING[place] for place in WIRED)
+        assert [line.removeprefix("Once more: ") for line in said if line.startswith("Once more")] == [
+            "nearer than 0.75 m is something before sensor 5",
+            "sensors 1, 2 see it; hold something smaller, and stand aside",
+            "no sensor sees it; not found yet, so may be dead: sensors 0, 1, 2, 3, 4, 5, 6, 7",
+            "sensor 2 sees it, which looks in front (+0 degrees)",
+        ]
+
+    def test_a_dead_sensor(self, devices):
+        class Dead(Hand):
+            def hold(self, sensor):
+                if sensor != 1:
+                    super().hold(sensor)
+
+        with pytest.raises(
+            RobotError, match=r"after 3 times still: no sensor sees it; .* sensors 0, 1, 3, 4, 5, 6, 7$"
+        ):
+            find(devices, Dead(devices))
+
+    @pytest.mark.parametrize(
+        ("distance", "words"), [(0.02, "too near to tell"), (0.55, "sensor 2 sees it at 0.55 m, not 0.3 m")]
+    )
+    def test_something_held_elsewhere(self, devices, distance, words):
+        with pytest.raises(RobotError, match=f"after 3 times still: .*{words}"):
+            find(devices, Hand(devices, distance), 0.3)
+
+    def test_a_sensor_that_is_unplugged(self, devices):
+        devices.mask = 0xF6
+        with pytest.raises(RobotError, match=r"proximity: sensors 0, 3 off; plug in what is not"):
+            find(devices, Hand(devices))
+
+    def test_a_hub_that_falls_silent(self, devices):
+        with hub(devices.names) as sensors:
+            devices.silent.add("proximity")
+            with pytest.raises(RobotError, match=r"proximity: 0 measurements in 0.5 s; is this the hub's port"):
+                sensors.measure(0.5)
+
+    def test_offsets_are_taken_from_what_a_robot_senses(self, devices):
+        devices.millimetres = [312, 55, 20, *[NOTHING] * 5]
+        settings = Settings(ports=devices.names, proximity_offsets=(0.012, 0.2, 0.1, 0.1, -0.1, 0.0, 0.0, 0.0))
+        with open_ports(settings.ports) as ports, Mercator(settings, ports, ["proximity"], {}) as robot:
+            robot.attend(time.monotonic() + 0.3)
+            values = robot.samples["proximity"].values
+        assert values == pytest.approx((0.3, 0.0, -float("inf"), *[float("inf")] * 5))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["color", "grey"], "'grey' is not one of"),
+        (["color", "--seconds", "0"], "--seconds"),
+        (["proximity", "--distance", "3"], "--distance"),
+    ],
+)
+def test_wrong_usage(run_command, arguments, words):
+    code, _, said = run_command("mercator-robot", main, "calibrate", *arguments)
+    assert (code, words in said) == (2, True), said

@@ -1,0 +1,126 @@
+"""mercator-robot stop, without a host: this robot is at rest, whatever drove it."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from mercator_design.robot import start, talk
+from mercator_design.robot.ports import open_port
+from mercator_design.robot.rvr import Host
+from mercator_design.robot.ydlidar import encode_command
+from tests.robot.devices import Devices
+from tests.robot.test_ways_out import free_port, running
+
+
+@pytest.fixture
+def devices():
+    with Devices() as devices:
+        yield devices
+
+
+@pytest.fixture
+def stop(robot_command, devices, tmp_path):
+    """Run it; gives exit code, rows by what they are about, and messages."""
+
+    def run(**ports):
+        names = {name: getattr(devices.names, name) for name in ("rvr", "lidar", "proximity")} | ports
+        listed = ", ".join(f"{name}: {path}" for name, path in names.items())
+        (tmp_path / "robot.yaml").write_text(f"ports: {{{listed}}}\nswarm: {{port: {free_port()}}}\n")
+        code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
+        return code, {line[7:34].strip(): (line.startswith("ok "), line[34:]) for line in out.splitlines()}, err
+
+    return run
+
+
+def leave_running(devices):
+    """What a program that was killed leaves behind: a robot that drives for a minute, and a lidar that turns."""
+    host = Host()
+    with open_port("rvr", devices.names.rvr) as port, open_port("lidar", devices.names.lidar) as lidar:
+        port.write(host.send("set_custom_control_system_timeout", command_timeout=60_000))
+        port.write(host.send("start_streaming_service", period=50))
+        port.write(host.send("drive_tank_si_units", left_velocity=0.3, right_velocity=0.3))
+        lidar.write(encode_command("scan"))
+        devices.when(lambda: devices.drives() and devices.lidar_commands)
+
+
+def test_after_a_program_that_was_killed(stop, devices):
+    leave_running(devices)
+    began = time.monotonic()
+    assert stop() == (
+        0,
+        {"rvr": (True, "at rest; battery 87 %"), "lidar": (True, "told to stop")},
+        "",
+    )
+    assert devices.rests_since() - began < 1.0
+    devices.when(lambda: devices.commands[-1][1] == "restore_default_control_system_timeout")
+    names = [name for _, name, _ in devices.commands]
+    names = names[names.index("drive_stop") - 1 :]
+    assert names[:4] == ["drive_tank_si_units", "drive_stop"] * 2
+    assert names[-7:] == [
+        "disable_notifications_and_active_commands",
+        *["clear_streaming_service"] * 2,
+        "enable_color_detection",
+        "release_led_requests",
+        "drive_stop",
+        "restore_default_control_system_timeout",
+    ]
+    assert next(v for _, name, v in devices.commands if name == "enable_color_detection") == {"is_enabled": False}
+    assert devices.lidar_commands[-2:] == ["force_stop", "stop"]
+
+
+def test_a_run_in_progress(robot_command, tmp_path):
+    with running(tmp_path) as robot:
+        robot.drives()
+        code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
+        assert (code, err) == (0, "")
+        run, rvr, lidar = out.splitlines()
+        assert run.split(maxsplit=2) == ["ok", "run", "mercator (127.0.0.1) has stopped"]
+        assert rvr.startswith("ok     rvr ")
+        assert lidar.startswith("ok     lidar ")
+        returned, error = robot.ended()
+        assert (returned, "swarm: told to stop by 127.0.0.1" in error) == (4, True)
+        robot.devices.rests_since()
+
+
+def test_a_run_that_is_suspended_has_the_port(robot_command, tmp_path):
+    with running(tmp_path) as robot:
+        robot.drives()
+        robot.process.send_signal(signal.SIGSTOP)
+        code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
+        assert (code, err) == (1, "Error: 2 wrong\n")
+        for row in out.splitlines():
+            assert row.startswith("WRONG  ")
+            assert f"process {robot.process.pid}); end it first" in row
+
+
+def test_a_lidar_that_is_missing(stop):
+    code, rows, err = stop(lidar="/dev/no_such_port")
+    assert (code, err) == (1, "Error: 1 wrong\n")
+    assert rows["rvr"] == (True, "at rest; battery 87 %")
+    assert rows["lidar"][1].startswith("/dev/no_such_port: no such port")
+
+
+def test_a_port_that_another_program_has(stop, devices):
+    code = f"import serial, sys; port = serial.Serial({devices.names.rvr!r}, exclusive=True); print(flush=True); "
+    code += "sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        code, rows, err = stop()
+        assert (code, err) == (1, "Error: 1 wrong\n")
+        assert rows["rvr"][1].endswith(f"process {other.pid}); end it first")
+        assert rows["lidar"] == (True, "told to stop")
+        devices.when(lambda: devices.lidar_commands == ["force_stop", "stop"])
+        other.stdin.close()
+
+
+def test_a_robot_that_does_not_answer_is_told_nevertheless(stop, devices, monkeypatch):
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
+    leave_running(devices)
+    devices.silent = {"rvr"}
+    code, rows, _ = stop()
+    assert (code, rows["rvr"][1].startswith("no answer; ")) == (1, True)
+    devices.rests_since()

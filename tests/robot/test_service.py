@@ -1,0 +1,75 @@
+"""What systemd hears of a run, over a socket that a test has in its place."""
+
+import contextlib
+import os
+import signal
+import socket
+import time
+
+import pytest
+
+from mercator_design.robot.service import notify
+from tests.robot.test_ways_out import running
+
+
+@pytest.fixture(params=["path", "abstract"])
+def manager(request, tmp_path, monkeypatch):
+    """The socket that a service is told of."""
+    address = str(tmp_path / "notify") if request.param == "path" else f"\0mercator-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(address)
+        listening.settimeout(20.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", address.replace("\0", "@"))
+        yield listening
+
+
+def heard(manager):
+    return dict(line.split("=", 1) for line in manager.recv(4096).decode().splitlines())
+
+
+def drain(manager):
+    """What is there to be heard; nothing if that is nothing."""
+    with contextlib.suppress(BlockingIOError):
+        return heard(manager)
+
+
+def test_a_run_is_ready_alive_in_each_cycle_and_stopping(manager, tmp_path):
+    with running(tmp_path) as robot:
+        assert heard(manager) == {"READY": "1", "STATUS": "mercator runs, log.jsonl"}
+        assert [heard(manager) for _ in range(5)] == [{"WATCHDOG": "1"}] * 5
+        robot.process.send_signal(signal.SIGTERM)
+        while (told := heard(manager)) == {"WATCHDOG": "1"}:
+            pass
+        assert told["STOPPING"] == "1"
+        assert robot.ended()[0] == 143
+        manager.setblocking(False)
+        assert not drain(manager)
+
+
+def test_a_run_that_hangs_is_not_said_to_be_alive(manager, tmp_path):
+    with running(tmp_path, fault="time.sleep(60)") as robot:
+        robot.drives()
+        robot.fault()
+        time.sleep(0.1)
+        manager.setblocking(False)
+        while drain(manager):
+            pass
+        time.sleep(1.0)
+        assert not drain(manager)
+
+
+def test_a_start_that_fails_is_never_ready(manager, tmp_path):
+    with running(tmp_path, settings=", heartbeat: 0.5") as robot:
+        assert "no heartbeat" in robot.ended(20.0)[1]
+    assert heard(manager)["STOPPING"] == "1"
+
+
+@pytest.mark.parametrize("address", ["", "/no/such/socket"])
+def test_nobody_listens(monkeypatch, address):
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    notify(READY=1)
+
+
+def test_a_manager_that_does_not_read_holds_nothing_up(manager):
+    for _ in range(10_000):
+        notify(WATCHDOG=1)

@@ -1,0 +1,370 @@
+"""A person drives: what keys mean, for how long, and every way out, from the fault to wheels at rest.
+
+`mercator-robot teleop` is a process of its own, on a pseudo-terminal that tests write keys to.
+"""
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import termios
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design.robot.keyboard import keys
+from mercator_design.robot.log import read
+from mercator_design.robot.mercator import COMMANDS_END
+from mercator_design.robot.multiflex import NOTHING
+from mercator_design.robot.settings import Settings
+from mercator_design.robot.swarm import Speaker
+from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
+from tests.robot.devices import Devices
+from tests.robot.ways import LATEST, free_port, soonest
+
+ROOT = Path(__file__).parents[2]
+RING = Settings().proximity_angles
+UP = b"\x1b[A"
+
+
+class TestKeys:
+    def test_what_terminals_send(self):
+        arrows = ["forward", "back", "right", "left"]
+        assert keys(b"\x1b[A\x1b[B\x1b[C\x1b[D") == (arrows, b"")
+        assert keys(b"\x1bOA\x1bOB\x1bOC\x1bOD") == (arrows, b"")
+        assert keys(b"wsdaWSDA") == (2 * arrows, b"")
+        assert keys(b"q\x04Q") == (["quit"] * 3, b"")
+
+    def test_all_others_stop(self):
+        assert keys(b" \x1b[1;5A\x1b[3~\x1bOPx\n\xc3\x1b\x1b[A") == (["stop"] * 8 + ["forward"], b"")
+
+    def test_a_key_that_comes_in_pieces(self):
+        for cut in (1, 2):
+            pressed, rest = keys(b"a" + UP[:cut])
+            assert (pressed, rest) == (["left"], UP[:cut])
+            assert keys(rest + UP[cut:]) == (["forward"], b"")
+
+
+class TestStick:
+    def test_a_key_that_is_pressed_once(self):
+        stick = Stick()
+        assert stick.way(0.0) is None
+        stick.press("forward", 10.0)
+        assert stick.way(10.0 + HELD - 0.01) == "forward"
+        assert stick.way(10.0 + HELD + 0.01) is None
+
+    @pytest.mark.parametrize(("delay", "period"), [(0.25, 0.033), (0.5, 0.033), (0.66, 0.1)])
+    def test_one_that_is_held_drives_without_a_break(self, delay, period):
+        """Of the Linux console, of desktops, of X11."""
+        stick = Stick()
+        stick.press("left", 0.0)
+        times = [delay + k * period for k in range(20)]
+        for now in times:
+            assert stick.way(now) == "left"
+            stick.press("left", now)
+        assert stick.way(times[-1] + REPEATED - 0.01) == "left"
+        assert stick.way(times[-1] + REPEATED + 0.01) is None
+
+    def test_another_key_takes_over(self):
+        stick = Stick()
+        stick.press("forward", 0.0)
+        stick.press("right", 0.1)
+        assert stick.way(0.1 + HELD - 0.01) == "right"
+        stick.press("stop", 0.3)
+        assert stick.way(0.3) is None
+
+
+def test_what_is_ahead():
+    distances = [0.5, 0.8, 0.6, 0.1, 0.3, 0.2, 0.4, 0.1]
+    assert nearest_ahead(1.0, distances, RING) == 0.5
+    assert nearest_ahead(-1.0, distances, RING) == 0.2
+    assert nearest_ahead(1.0, [math.inf] * 8, RING) == math.inf
+
+
+FAULTS = """
+import os, time
+from mercator_design.robot.teleop import Stick
+way = Stick.way
+def faulty(self, now):
+    if os.path.exists("fault"):
+        print(time.monotonic(), flush=True)
+        {fault}
+    return way(self, now)
+Stick.way = faulty
+"""
+OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+
+
+class Drive:
+    """A `mercator-robot teleop` on devices and a terminal that a test has in hand."""
+
+    def __init__(self, folder, devices, fault, options, lead):
+        self.folder, self.devices, self.port = folder, devices, free_port()
+        names = devices.names
+        (folder / "robot.yaml").write_text(
+            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
+            f"swarm: {{port: {self.port}}}\n"
+        )
+        lead += FAULTS.format(fault=fault) if fault else ""
+        self.fingers, self.terminal = os.openpty()
+        self.usual = termios.tcgetattr(self.terminal)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", f"{lead}from mercator_design.robot.cli import main; main()"]
+            + ["teleop", "--robot", "robot.yaml", *options],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdin=self.terminal,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        said = [self.process.stderr.readline(), self.process.stderr.readline()]
+        assert said[1].startswith("Arrows or WASD drive"), said
+        devices.when(lambda: not termios.tcgetattr(self.terminal)[3] & termios.ECHO)
+
+    def press(self, data):
+        os.write(self.fingers, data)
+
+    @contextlib.contextmanager
+    def holding(self, data=b"w"):
+        """A key is held, and has been for a while."""
+        over = threading.Event()
+
+        def repeat():
+            while not over.wait(0.04):
+                with contextlib.suppress(OSError):  # nobody at the other end
+                    self.press(data)
+
+        finger = threading.Thread(target=repeat)
+        finger.start()
+        try:
+            self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
+            assert self.process.poll() is None, self.process.stderr.read()
+            time.sleep(0.25)
+            yield
+        finally:
+            over.set()
+            finger.join()
+
+    def ended(self, code, words=""):
+        """It ends so, with the terminal as it was, and the robot told to stop."""
+        _, error = self.process.communicate(timeout=10)
+        assert (self.process.returncode, words in error) == (code, True), (self.process.returncode, error)
+        assert termios.tcgetattr(self.terminal) == self.usual
+        assert [name for _, name, _ in self.devices.commands].count("drive_stop") >= 2
+
+    def close(self):
+        self.process.kill()
+        self.process.communicate()
+        for end in (self.fingers, self.terminal):
+            with contextlib.suppress(OSError):
+                os.close(end)
+
+
+@contextlib.contextmanager
+def driving(folder, *options, fault="", lead=OWN_TERMINAL):
+    folder.mkdir(exist_ok=True)
+    with Devices() as devices:
+        drive = Drive(folder, devices, fault, options, lead)
+        try:
+            yield drive
+        finally:
+            drive.close()
+
+
+class TestDriving:
+    def test_ways_speeds_and_silence(self, tmp_path):
+        with driving(tmp_path, "-o", "drive.jsonl") as drive:
+            for key in (UP, b"s", b"a", b"\x1b[C"):
+                drive.press(key)
+                time.sleep(0.3)
+            drive.press(b" ")
+            time.sleep(0.2)
+            told = {(round(left, 4), round(right, 4)) for _, left, right in drive.devices.wheels}
+            assert told == {(0.0, 0.0), (0.15, 0.15), (-0.15, -0.15), (-0.075, 0.075), (0.075, -0.075)}
+            drive.press(b"q")
+            drive.ended(0)
+        *_, end = events = list(read(tmp_path / "drive.jsonl", "recording"))
+        wheels = [(event["left"], event["right"]) for event in events if event["event"] == "wheels"]
+        assert set(wheels) == told
+        assert {"sample", "turn"} <= {event["event"] for event in events}
+        assert end["event"] == "end"
+
+    def test_a_single_key_and_one_that_was_held(self, tmp_path):
+        with driving(tmp_path, "--speed", "0.3") as drive:
+
+            def attempt(_):
+                pressed = time.monotonic()
+                drive.press(b"w")
+                time.sleep(HELD + LATEST + 0.1)
+                return drive.devices.rests_since() - pressed
+
+            assert HELD <= soonest(lambda n: attempt(n) - HELD) + HELD <= HELD + LATEST
+
+            def let_go(_):
+                with drive.holding():
+                    pass
+                last = time.monotonic()
+                time.sleep(REPEATED + LATEST + 0.1)
+                return drive.devices.rests_since() - last - REPEATED
+
+            assert -0.1 <= soonest(let_go) <= LATEST
+            assert drive.process.poll() is None
+
+    def test_it_does_not_drive_towards_what_is_near(self, tmp_path):
+        with driving(tmp_path, "--guard", "0.3") as drive:
+            drive.devices.millimetres = [NOTHING, 250, *[NOTHING] * 6]
+            time.sleep(0.3)
+            drive.press(UP)
+            time.sleep(0.3)
+            assert not drive.devices.drives()
+            assert b"BLOCKED" in os.read(drive.fingers, 4000)
+            drive.press(b"s")
+            drive.devices.when(drive.devices.drives)
+            assert {(left, right) for _, left, right in drive.devices.wheels if left} == {pytest.approx((-0.15, -0.15))}
+
+    def test_what_is_shown(self, tmp_path):
+        with driving(tmp_path) as drive:
+            drive.devices.millimetres = [300, 2000, 20, *[NOTHING] * 5]
+            time.sleep(0.8)
+            shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
+        assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
+        assert len(shown) < 80
+
+    def test_a_terminal_that_takes_nothing_more_holds_up_no_wheels(self, tmp_path):
+        with driving(tmp_path) as drive:
+            drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
+            with contextlib.suppress(BlockingIOError):
+                os.set_blocking(drive.terminal, False)
+                while True:
+                    os.write(drive.terminal, b"x" * 100)
+            with drive.holding():
+                time.sleep(1.0)
+                assert drive.process.poll() is None
+                left, right = drive.devices.wheels[-1][1:]
+                assert left == right == pytest.approx(0.15)
+
+
+def hangs_up(drive):
+    os.close(drive.fingers)
+    drive.fingers = os.open(os.devnull, os.O_RDWR)  # where further keys go
+
+
+WAYS = {
+    # what happens: how, seconds that it may go on, exit code, what is said
+    "q": (lambda drive: drive.press(b"q"), 0.0, 0, ""),
+    "ctrl-d": (lambda drive: drive.press(b"\x04"), 0.0, 0, ""),
+    "ctrl-c": (lambda drive: drive.press(b"\x03"), 0.0, 130, "Stopped by SIGINT."),
+    "ctrl-z": (lambda drive: drive.press(b"\x1a"), 0.0, 128 + signal.SIGTSTP, "Stopped by SIGTSTP."),
+    **{
+        name: (
+            lambda drive, name=name: drive.process.send_signal(signal.Signals[name]),
+            0.0,
+            128 + signal.Signals[name],
+            f"Stopped by {name}.",
+        )
+        for name in ("SIGTERM", "SIGHUP", "SIGQUIT")
+    },
+    "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
+    "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
+    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 1, "proximity: /dev/pts/"),
+    "battery": (
+        lambda drive: drive.devices.tell("battery_voltage_state_change", state=3),
+        0.0,
+        4,
+        "rvr: the battery is critical",
+    ),
+}
+
+
+class TestWaysOut:
+    @pytest.mark.parametrize("what", WAYS)
+    def test_while_a_key_is_held(self, what, tmp_path):
+        act, allowed, code, words = WAYS[what]
+
+        def attempt(number):
+            with driving(tmp_path / str(number), "--guard", "0.1") as drive, drive.holding():
+                began = time.monotonic()
+                act(drive)
+                drive.ended(code, words)
+                return drive.devices.rests_since() - began - allowed
+
+        assert soonest(attempt) <= LATEST
+
+    @pytest.mark.parametrize(
+        ("lead", "code", "words"), [(OWN_TERMINAL, 129, "Stopped by SIGHUP."), ("", 4, "the terminal is lost")]
+    )
+    def test_the_terminal_is_lost(self, lead, code, words, tmp_path):
+        """Of the session, which gets a signal; or another."""
+
+        def attempt(number):
+            with driving(tmp_path / str(number), lead=lead) as drive, drive.holding():
+                began = time.monotonic()
+                hangs_up(drive)
+                _, error = drive.process.communicate(timeout=10)
+                assert (drive.process.returncode, words in error) == (code, True), (drive.process.returncode, error)
+                return drive.devices.rests_since() - began
+
+        assert soonest(attempt) <= LATEST
+
+    @pytest.mark.parametrize(
+        ("fault", "code", "words"),
+        [("1 / 0", 1, "ZeroDivisionError"), ("time.sleep(1.0)", 4, "the control loop stalled")],
+    )
+    def test_the_program_fails(self, fault, code, words, tmp_path):
+        def attempt(number):
+            with driving(tmp_path / str(number), fault=fault) as drive, drive.holding():
+                (drive.folder / "fault").touch()
+                began = float(drive.process.stdout.readline())
+                drive.ended(code, words)
+                return drive.devices.rests_since() - began
+
+        assert soonest(attempt) <= LATEST
+
+    @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+    def test_killed_or_suspended_it_is_stopped_by_the_robot(self, number, tmp_path):
+        def attempt(k):
+            with driving(tmp_path / str(k)) as drive, drive.holding():
+                began = time.monotonic()
+                drive.process.send_signal(number)
+                time.sleep(COMMANDS_END + 0.1)
+                return drive.devices.rests_since() - began - COMMANDS_END
+
+        assert soonest(attempt) <= 0.05
+
+    def test_the_swarm_is_told_to_stop(self, tmp_path):
+        def attempt(number):
+            with (
+                driving(tmp_path / str(number)) as drive,
+                drive.holding(),
+                Speaker(["127.0.0.1"], drive.port) as speaker,
+            ):
+                began = time.monotonic()
+                assert speaker.stop() == ["mercator (127.0.0.1)"]
+                drive.ended(4, "swarm: told to stop by 127.0.0.1")
+                return drive.devices.rests_since() - began
+
+        assert soonest(attempt) <= LATEST
+
+    def test_a_full_disk(self, tmp_path):
+        limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000))"
+        with driving(tmp_path, "-o", "drive.jsonl", fault=limit) as drive, drive.holding():
+            (tmp_path / "fault").touch()
+            drive.ended(1, "drive.jsonl: cannot be written: File too large")
+            assert not any(left for _, left, _ in drive.devices.wheels[-3:])
+
+
+class TestUsage:
+    def test_without_a_terminal(self, robot_command):
+        code, _, said = robot_command("teleop")
+        assert (code, "teleop needs a terminal" in said) == (2, True)
+
+    def test_too_fast(self, robot_command, tmp_path):
+        (tmp_path / "robot.yaml").write_text("limits: {speed: 0.1}\n")
+        code, _, said = robot_command("teleop", "--robot", tmp_path / "robot.yaml")
+        assert (code, "0.15 is above limits.speed, 0.1" in said) == (2, True)

@@ -1,4 +1,4 @@
-"""mdesign export csv and mcap: all that a robot's log has, exactly, as other programs read it."""
+"""mdesign export csv and mcap: all that logs and recordings of robots have, exactly, as other programs read it."""
 
 import io
 import itertools

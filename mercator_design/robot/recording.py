@@ -39,7 +39,7 @@ class Recorder:
     def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
         self._log, self._turns, self._front = log, Turns(), settings.lidar_angle
         self.count = 0
-        self._begin = log.begin(
+        log.begin(
             "recording",
             settings.name,
             facts=dict(robot.facts),

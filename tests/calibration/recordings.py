@@ -85,11 +85,14 @@ def write(path, found, **start):
     events = []
     for sensor, (times, values) in found.items():
         for time, row in zip(times.tolist(), values.tolist(), strict=True):
+            event = {"time": round(time, 4)}
             if sensor == "lidar":
-                events.append({"event": "turn", "time": round(time, 4), "readings": turn(row)})
+                event |= {"event": "turn", "readings": turn(row)}
+            elif sensor == "wheels":
+                event |= {"event": "wheels", "left": row[0], "right": row[1]}
             else:
-                values_ = [*map(plain, row)]
-                events.append({"event": "sample", "time": round(time, 4), "sensor": sensor, "values": values_})
+                event |= {"event": "sample", "sensor": sensor, "values": [*map(plain, row)]}
+            events.append(event)
     events.sort(key=lambda event: event["time"])
     lines = [begin | start, *events, {"event": "end", "why": "The duration is over"}]
     path.write_text("".join(map(to_line, lines)))

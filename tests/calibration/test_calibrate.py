@@ -115,6 +115,16 @@ def test_a_robot_that_is_moved_between_is_seen_in_two_places(calibrate, tmp_path
     assert sensors["imu"]["parameter"] == pytest.approx(0.002, rel=0.05)
 
 
+def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
+    """However slowly it goes."""
+    found = measured(40.0)
+    times = np.arange(0.0, 40.0, 0.05)
+    found["wheels"] = times, np.where((times > 15.0) & (times < 22.0), 1e-3, 0.0)[:, np.newaxis] * [1.0, 1.0]
+    recording = read_recording(write(tmp_path / "drive.jsonl", found))
+    assert recording.moves == [(14.0, 23.0)]
+    assert [scene.name for scene in recording.scenes] == ["drive.jsonl, 0 to 14 s", "drive.jsonl, 23 to 40 s"]
+
+
 def test_what_is_left_out(calibrate, tmp_path):
     """What is cut off, drifts, or sees nothing; beams beside an edge and on a slanting wall."""
     centres = {name: [*CENTRES[name]] for name in ("ground", "proximity", "lidar")}
@@ -196,7 +206,7 @@ def test_what_is_no_recording(mdesign, tmp_path):
     empty.write_text(to_line(start))
     for file, words in (
         (run, "line 1: expected the log of a recording, found that of a run"),
-        (other, "expected what this version records, found other events: KeyError('time')"),
+        (other, "expected what this version writes, found other events: KeyError('time')"),
         (empty, "expected a recording of sensors, found no sample"),
         (tmp_path / "none.jsonl", "cannot be read: No such file or directory"),
     ):

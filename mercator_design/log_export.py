@@ -94,7 +94,7 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         for name, values in _SENSED.items()
     },
 }
-"""Of each topic, the name of its schema and the schema (JSON Schema, of which Foxglove knows no alternatives)."""
+"""Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
 
 
 class _Log:

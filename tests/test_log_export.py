@@ -298,6 +298,11 @@ def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
     assert peaks[1] < 1.3 * peaks[0]
 
 
+def test_mcap_needs_a_file(mdesign, log):
+    code, _, err = mdesign("export", "mcap", log, "-o", "-")
+    assert (code, "expected a file" in err) == (2, True)
+
+
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 class TestErrors:
     @pytest.fixture

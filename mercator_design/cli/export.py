@@ -15,7 +15,7 @@ from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 LOG = click.argument("log", type=FILE)
 
@@ -93,12 +93,20 @@ def mcap(log: Path, output: Path) -> None:
     """
     from mercator_design.log_export import write_mcap
 
+    if output == Path("-"):
+        raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")
     _write(log, output, write_mcap)
 
 
 def _write(log: Path, output: Path, write: "Callable[[Path, BinaryIO], str]", stdout: BinaryIO | None = None) -> None:
     if output.exists() and log.exists() and output.samefile(log):
         raise click.BadParameter("expected another file than the log", param_hint="-o")
-    with naming(output), contextlib.nullcontext(stdout) if stdout else replacing(output) as file:
+    with contextlib.nullcontext(stdout) if stdout else _new(output) as file:
         summary = write(log, file)
     tell(f"{output}: {summary}")
+
+
+@contextlib.contextmanager
+def _new(path: Path) -> "Iterator[BinaryIO]":
+    with naming(path), replacing(path) as file:
+        yield file

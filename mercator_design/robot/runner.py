@@ -100,6 +100,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         wheels = controller.step(readings, draws)
         robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
         notify(WATCHDOG=1)
+        robot.poll()
         robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         log.note(
             "cycle",

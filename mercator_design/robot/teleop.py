@@ -118,7 +118,8 @@ def _drive(
             if distance < guard:
                 doing, left, right = "BLOCKED", 0.0, 0.0
         left, right = speed * left, speed * right
-        robot.drive_at(left, right)
+        robot.brake.drive(left, right)
+        robot.poll()
         record("wheels", now, left=left, right=right)
         for text in robot.notes:
             record("note", now, text=text)

@@ -246,7 +246,7 @@ def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
         devices.refused = dict.fromkeys(refused, 4)
         robot.show(dict.fromkeys(LIGHTS, (0, 0, 0)))
         robot._polled = -math.inf
-        robot.drive(Wheels(0.1, 0.1))
+        robot.poll()
         robot.attend(time.monotonic() + 0.2)
         noted = [note for note in robot.notes if "refused" in note]
         assert sorted(noted) == [f"{name} was refused: restricted" for name in refused]

@@ -38,6 +38,15 @@ def read_small(path: Path, most: int) -> bytes:
     raise Unreadable(wrong)
 
 
+def sync_folder(path: Path) -> None:
+    """So that a new file is found in it after a loss of power."""
+    folder = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file atomically: after a crash there is the old one or the new one, whole."""
     write_bytes(path, text.encode())

@@ -36,6 +36,7 @@ from typing import Any, NamedTuple, Self
 
 from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.files import sync_folder
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
 
@@ -322,7 +323,7 @@ class Journal(Record):
             if not new:
                 self._resume()
             else:
-                self._sync_folder()
+                sync_folder(self.path.parent)
         except BaseException:
             os.close(self._file)
             raise
@@ -399,14 +400,6 @@ class Journal(Record):
             self.notes.append(f"{self.path}, {reading.torn}: cut off there; what it was about is run again")
             os.ftruncate(self._file, reading.length)
             self.sync()
-
-    def _sync_folder(self) -> None:
-        """So that the file is found in it after a loss of power."""
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def is_locked(path: Path) -> bool:

@@ -4,10 +4,10 @@ An event a line (checked_lines.py), only ever appended. Of a recording: recordin
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
-            wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
-            each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
-            and 0 where something is too near to tell
-    note    what a device told
+            wheels (null if no finite number), what the program took of processors since the cycle before [s], the
+            neighbours' distances [m] and bearings [rad], and of each sensor the age [s] and the values of its latest
+            sample: a distance is null where nothing is in sight, and 0 where something is too near to tell
+    note    what a device told, and when
     end     why the run ended
 
 Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
@@ -29,6 +29,7 @@ from typing import Any, Literal, Self, TypeAlias
 from mercator_design import __version__
 from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import FsmError, RobotError
+from mercator_design.files import sync_folder
 from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
 
 Kind: TypeAlias = Literal["run", "recording"]
@@ -42,6 +43,8 @@ _LAST = 10.0  # [s] that the end may take to be written
 
 class Log:
     """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
+
+    The file is there from the beginning, and stays if `begin` is called.
 
     began: When `begin` was called [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
@@ -62,6 +65,7 @@ class Log:
     def __enter__(self) -> Self:
         try:
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            sync_folder(self.path.parent)
         except OSError as error:
             raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
         self._thread.start()
@@ -71,13 +75,17 @@ class Log:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         why = "The duration is over" if error is None else str(error) or type(error).__name__
-        self.note("end", why=why, time=now())
+        has_begun = math.isfinite(self.began)
+        if has_begun:
+            self.note("end", why=why, time=now())
         self._events.put(None)
         self._thread.join(_LAST)
         if self._thread.is_alive():
             self._fail("the disk hangs")
             return
         os.close(self._file)
+        if not has_begun:
+            self.path.unlink(missing_ok=True)
 
     def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append the start, the first event: which robot it is, and values."""
@@ -89,6 +97,10 @@ class Log:
         self._events.put({"event": event, **values})
         if self._events.qsize() > _WAITING and not self.failure:
             self._fail("the disk hangs")
+
+    def remark(self, text: str) -> None:
+        """Append what a device told just now."""
+        self.note("note", time=round(time.monotonic() - self.began, 4), text=text)
 
     def _fail(self, why: str) -> None:
         self.failure = f"{self.path}: cannot be written: {why}"
@@ -118,6 +130,11 @@ def plain(value: float) -> float | None:
     if math.isinf(value):
         return None if value > 0.0 else 0.0
     return round(value, 6)
+
+
+def finite(wheels: Wheels) -> list[float | None]:
+    """Speeds as JSON has them: null if no finite number."""
+    return [speed if math.isfinite(speed) else None for speed in wheels]
 
 
 def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
@@ -215,10 +232,11 @@ def condition_met(controller: Controller, event: Event) -> str:
 
 
 def _decide(controller: Controller, event: Event) -> Decision:
-    readings, wheels = Readings(*event["readings"]), Wheels(*event["wheels"])
+    readings = Readings(*event["readings"])
     state = controller.state
     decided = controller.step(readings, event["draws"])
-    found, logged = (state, controller.state, decided), (event["state"], event["next_state"], wheels)
+    found = (state, controller.state, finite(decided))
+    logged = (event["state"], event["next_state"], event["wheels"])
     return Decision(
         cycle=event["cycle"],
         time=event["time"],

@@ -6,6 +6,7 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 import contextlib
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Self
@@ -35,6 +36,7 @@ PERIOD = 0.05
 _BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
 _POLL = 10.0  # [s] between questions after the battery
 _SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
+_NOTES = 100
 _CRITICAL = 3  # state of the battery
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
@@ -46,7 +48,7 @@ class Mercator:
         without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
-    notes: What devices told that is neither a measurement nor an answer; whoever reads them empties the list.
+    notes: What devices told that is neither a measurement nor an answer, before they are `report`ed; the latest.
     listen: Is called with all that is heard, and when [s].
     """
 
@@ -88,7 +90,8 @@ class Mercator:
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
-        self.notes: list[str] = []
+        self.notes: deque[str] = deque(maxlen=_NOTES)
+        self._note: Callable[[str], None] = self.notes.append
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
 
@@ -109,6 +112,12 @@ class Mercator:
         tell(f"{self._settings.name}: {facts}")
         if not self._do_commands_end:
             tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
+
+    def report(self, tell: Callable[[str], None]) -> None:
+        """Have the notes told, as they come from now on."""
+        self._note = tell
+        while self.notes:
+            tell(self.notes.popleft())
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -190,15 +199,17 @@ class Mercator:
                 return f"{name}: {found}; {self._talk.remedy(device)}"
         return ""
 
-    def drive(self, wheels: Wheels) -> None:
-        """Turn the treads, at fractions of the limit of their speed.
+    def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
+        """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
 
         Raises:
             Stopped: if something has stopped the wheels, or a fraction is out of range or not a number.
             RobotError: if the port is lost.
         """
         speed = self._settings.limits.speed
-        self.brake.drive(speed * wheels.left, speed * wheels.right)
+        left, right = speed * wheels.left, speed * wheels.right
+        self.brake.check(left, right)
+        self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def poll(self) -> None:
         """Ask after the battery if that was long ago, which also keeps the RVR awake.
@@ -283,26 +294,26 @@ class Mercator:
                     self._note_sight()
             case Response() if not self._talk.is_ending:
                 if event.error:
-                    self.notes.append(f"{event.name} was refused: {words(event.error)}")
+                    self._note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
             case Notification() if not self._talk.is_ending:
-                self.notes.append(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
+                self._note(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
                 self._heed(event.name, event.values)
 
     def _note_sight(self) -> None:
         """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
         was_blind, self._is_blind = self._is_blind, sum(map(bool, self._sweep.ranges())) < LEAST_READINGS
         if was_blind != self._is_blind:
-            self.notes.append("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
+            self._note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage" if values:
                 self.facts["battery"] = "{percentage} %".format_map(values)
-                self.notes.append(f"battery {self.facts['battery']}")
+                self._note(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

@@ -49,6 +49,7 @@ class Recorder:
             lidar_angle=settings.lidar_angle,
         )
         robot.listen = self._hear
+        robot.report(log.remark)
 
     def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Write an event that happened at a time [s, of time.monotonic()]."""
@@ -102,9 +103,6 @@ def record(
             before, silent = silent, robot.stale(now)
             if silent and not before:
                 tell(f"Warning: {silent}")
-                robot.notes.append(silent)
-            for text in robot.notes:
-                recorder.note("note", now, text=text)
-            robot.notes.clear()
+                log.remark(silent)
             robot.poll()
             show(now - begin, recorder.count)

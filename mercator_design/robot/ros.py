@@ -221,6 +221,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
     with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
         robot.introduce(tell)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
+        robot.report(tell)
         node.obey(robot.brake, orders)
         arm(settings, robot, watchdog)
         due = time.monotonic()
@@ -233,7 +234,4 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)
-            for note in robot.notes:
-                tell(note)
-            robot.notes.clear()
             due = max(due + PERIOD, time.monotonic())

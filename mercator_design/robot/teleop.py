@@ -121,9 +121,6 @@ def _drive(
         robot.brake.drive(left, right)
         robot.poll()
         record("wheels", now, left=left, right=right)
-        for text in robot.notes:
-            record("note", now, text=text)
-        robot.notes.clear()
         if periods % _STATUS == 0:
             keys.show(f"{doing:<8} {_status(robot, settings, now)}")
         periods += 1

@@ -2,6 +2,7 @@
 
 import os
 import random
+import stat
 import threading
 
 import numpy as np
@@ -145,6 +146,33 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
 def test_a_log_is_never_written_over(log):
     with pytest.raises(RobotError, match=r"log.jsonl: cannot be written: File exists"), Log(log):
         pytest.fail("begun")
+
+
+def test_a_log_that_never_began_leaves_no_file(tmp_path):
+    with Log(tmp_path / "log.jsonl"):
+        assert (tmp_path / "log.jsonl").exists()
+    assert not (tmp_path / "log.jsonl").exists()
+
+
+def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
+    """That there is a new file, at once; what is in it, now and then and at its end."""
+    forced = []
+
+    def fsync(file):
+        status = os.fstat(file)
+        forced.append("folder" if stat.S_ISDIR(status.st_mode) else status.st_size)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(log_module, "SYNC_EVERY", -1.0)
+    path = tmp_path / "log.jsonl"
+    with Log(path) as log:
+        assert forced == ["folder"]
+        log.begin("run", "mercator")
+        while len(forced) < 2:
+            pass
+        begun = path.stat().st_size
+        monkeypatch.setattr(log_module, "SYNC_EVERY", 60.0)
+    assert forced == ["folder", begun, path.stat().st_size]
 
 
 def test_it_can_be_read_while_it_is_written(tmp_path):

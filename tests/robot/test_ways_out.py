@@ -247,6 +247,7 @@ def test_a_signal_during_the_start(command, tmp_path):
         assert not robot.devices.drives()
         assert robot.devices.commands[-1][1] == "restore_default_control_system_timeout"
         assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
+        assert not (tmp_path / "log.jsonl").exists()
 
 
 def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
@@ -339,6 +340,60 @@ def test_a_dry_run_never_turns_the_wheels(tmp_path):
         assert not robot.devices.drives()
         cycles = [event for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle"]
         assert cycles[0]["wheels"] == [1.0, 1.0]
+
+
+def test_a_dry_run_is_stopped_by_what_would_stop_another(tmp_path):
+    with running(tmp_path, GO, "", "return Wheels(math.nan, 1.0)", "--dry-run") as robot:
+        robot.devices.when(lambda: (tmp_path / "log.jsonl").exists() and (tmp_path / "log.jsonl").stat().st_size)
+        robot.fault()
+        check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+
+
+class TestWhatStoppedIt:
+    """It is in the log."""
+
+    def test_what_a_device_told(self, tmp_path):
+        with running(tmp_path) as robot:
+            robot.drives()
+            robot.devices.tell("motor_fault", is_fault=True)
+            check(robot, 4, "rvr: a motor has a fault")
+        *_, told, end = read(tmp_path / "log.jsonl")
+        assert (told["event"], told["text"]) == ("note", "motor_fault is_fault True")
+        assert end["why"] == "rvr: a motor has a fault"
+        assert told["time"] > 0.0
+
+    def test_what_was_decided(self, tmp_path, robot_command):
+        with running(tmp_path, fault="return Wheels(math.nan, -1.01)") as robot:
+            robot.drives()
+            robot.fault()
+            check(robot, 4, "found nan, -0.303")
+        *_, cycle, _ = read(tmp_path / "log.jsonl")
+        assert (cycle["event"], cycle["wheels"]) == ("cycle", [None, -1.01])
+        code, out, err = robot_command("replay", tmp_path / "log.jsonl")
+        assert (code, "has (0, 0, [None, -1.01])" in err) == (1, True)
+        assert len(out.splitlines()) == cycle["cycle"] + 1
+
+
+def test_a_log_that_exists_keeps_the_robot_from_starting(tmp_path):
+    (tmp_path / "log.jsonl").write_text("of another run")
+    with running(tmp_path) as robot:
+        returned, error = robot.ended()
+        assert (returned, "log.jsonl: cannot be written: File exists" in error) == (1, True), error
+        assert (robot.devices.commands, robot.devices.lidar_commands) == ([], [])
+    assert (tmp_path / "log.jsonl").read_text() == "of another run"
+
+
+def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
+    busy = "import threading; threading.Thread(target=sum, args=[range(10**6)]).start()"
+    with running(tmp_path, GO, "", busy, "--duration", "3") as robot:
+        robot.drives()
+        robot.fault()
+        began = time.process_time()
+        sum(range(10**6))
+        took = time.process_time() - began
+        robot.ended()
+    cpu = sorted(event["cpu"] for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle")
+    assert cpu[len(cpu) // 2] > 0.5 * took
 
 
 def test_a_full_disk(tmp_path):

@@ -8,7 +8,7 @@
       ProtocolError         1   a device cannot be told what was asked
       RobotError            1   a device of the robot cannot be used
         SettingsError       3   the settings of a robot do not say what they should
-        Stopped             4   something stopped a robot's wheels
+        Stopped             4   something stopped a robot's wheels, or a port was lost
 
 Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
 reaches a user is a fault of this program.

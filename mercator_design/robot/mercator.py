@@ -123,8 +123,7 @@ class Mercator:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
 
         Raises:
-            Stopped: if a device says that the robot must not drive.
-            RobotError: if a port is lost.
+            Stopped: if a device says that the robot must not drive, or a port is lost.
         """
         self._talk.attend(until)
 
@@ -203,8 +202,7 @@ class Mercator:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
 
         Raises:
-            Stopped: if something has stopped the wheels, or a fraction is out of range or not a number.
-            RobotError: if the port is lost.
+            Stopped: if something has stopped the wheels, a fraction is out of range or no number, or the port is lost.
         """
         speed = self._settings.limits.speed
         left, right = speed * wheels.left, speed * wheels.right
@@ -215,7 +213,7 @@ class Mercator:
         """Ask after the battery if that was long ago, which also keeps the RVR awake.
 
         Raises:
-            RobotError: if the port is lost.
+            Stopped: if the port is lost.
         """
         if time.monotonic() - self._polled > _POLL:
             self._polled = time.monotonic()

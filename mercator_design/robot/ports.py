@@ -17,7 +17,7 @@ import serial
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, Stopped
 from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
@@ -181,7 +181,7 @@ class Line:
         """What has come; waits for something, but not for long.
 
         Raises:
-            RobotError: if the port is lost.
+            Stopped: if the port is lost.
         """
         with self._naming():
             return bytes(self._port.read(self._port.in_waiting or 1))
@@ -201,4 +201,4 @@ class Line:
         try:
             yield
         except OSError as error:
-            raise RobotError(f"{self.device}: {self._port.name} is lost: {error}") from None
+            raise Stopped(f"{self.device}: {self._port.name} is lost: {error}") from None

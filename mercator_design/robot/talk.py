@@ -58,7 +58,7 @@ class Talk:
         """Send bytes to a device.
 
         Raises:
-            RobotError: if the port is lost.
+            Stopped: if the port is lost.
         """
         self._lines[device].write(data)
 
@@ -74,7 +74,8 @@ class Talk:
         """What the RVR answers to a command.
 
         Raises:
-            RobotError: if it does not, or refuses, or a port is lost.
+            RobotError: if it does not, or refuses.
+            Stopped: if a port is lost.
         """
 
         def command() -> bytes:
@@ -122,7 +123,7 @@ class Talk:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
 
         Raises:
-            RobotError: if a port is lost; or what `take` raises.
+            Stopped: if a port is lost; or what `take` raises.
         """
         while True:
             left = until - time.monotonic()

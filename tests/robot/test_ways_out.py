@@ -146,7 +146,7 @@ def test_devices_that_fail(what, tmp_path):
             robot.drives()
             began = time.monotonic()
             act(robot)
-            check(robot, 1 if "lost" in what else 4, words)
+            check(robot, 4, words)
             return robot.devices.rests_since() - began - allowed
 
     assert soonest(attempt) <= LATEST
@@ -308,7 +308,7 @@ def test_the_rvr_lost(tmp_path):
             robot.drives()
             began = time.monotonic()
             robot.devices.unplug("rvr")
-            check(robot, 1, "rvr: /dev/pts/", zeros=False)
+            check(robot, 4, "rvr: /dev/pts/", zeros=False)
             time.sleep(COMMANDS_END)
             return robot.devices.rests_since() - began - COMMANDS_END
 

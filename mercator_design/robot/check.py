@@ -10,13 +10,13 @@ from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import Line
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk
 from mercator_design.robot.ydlidar import Packet, Turns
 
 _KERNEL = Path("/proc/cmdline")
 _LISTEN = 2.0  # [s] to a lidar or hub
 _LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
-_LEAST_READINGS = 2  # in a turn of a lidar that sees
 _LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _LOW = 20  # [%] of the battery
 _OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the control system's manual
@@ -81,7 +81,7 @@ def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
     if found:
         seen = found[len(found) // 2]
-        is_fine = seen >= _LEAST_READINGS
+        is_fine = seen >= LEAST_READINGS
         advice = "" if is_fine else "; is there anything at its height, and its window clean?"
         yield Finding("lidar's sight", is_fine, f"{seen} readings in a turn" + advice)
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import getpass
 import os
 import termios
@@ -68,18 +69,36 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
+class _Port(serial.Serial):
+    """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
+
+    def open(self) -> None:
+        super().open()
+        fcntl.ioctl(self.fileno(), termios.TIOCEXCL)
+
+    def close(self) -> None:
+        if self.is_open:
+            with contextlib.suppress(OSError):  # a port that is lost
+                fcntl.ioctl(self.fileno(), termios.TIOCNXCL)
+        super().close()
+
+
 def open_port(device: str, name: str) -> serial.Serial:
     """One of the three ports, for this program alone; errors are those of `open_ports`."""
     path = find_port(device, name)
     try:
-        return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
-    except serial.SerialException as error:
+        port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
+    except OSError as error:
         raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
     except termios.error as error:
         raise RobotError(f"{device}: {path} is lost: {error.args[-1]}") from None
+    if users := _users(path):
+        port.close()
+        raise RobotError(f"{device}: {path}: {_in_use(users)}")
+    return port
 
 
-def _wrong(path: str, error: serial.SerialException) -> str:
+def _wrong(path: str, error: OSError) -> str:
     """What is wrong with a port that cannot be opened, and what to do."""
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
@@ -87,13 +106,18 @@ def _wrong(path: str, error: serial.SerialException) -> str:
         case errno.EACCES | errno.EPERM:
             return f"no permission; `sudo usermod -aG {Path(path).group()} {getpass.getuser()}`, and log in again"
         case errno.EBUSY | errno.EAGAIN:
-            return f"in use by another program{_users(path)}; end it first"
+            return _in_use(_users(path))
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
             return "not a serial port"
     return str(error)
 
 
-def _users(path: str) -> str:
+def _in_use(users: list[str]) -> str:
+    by = f" ({'; '.join(users)})" if users else ""
+    return f"in use by another program{by}; end it first"
+
+
+def _users(path: str) -> list[str]:
     """Other programs that have a port open, of those that this user may look at."""
     port, users = Path(path).resolve(), []
     for process in Path("/proc").glob("[0-9]*"):
@@ -101,7 +125,7 @@ def _users(path: str) -> str:
             is_other = process.name != str(os.getpid())
             if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
                 users.append(f"{(process / 'comm').read_text().strip()}, process {process.name}")
-    return f" ({'; '.join(users)})" if users else ""
+    return users
 
 
 def _listed(ports: Iterable[ListPortInfo]) -> str:

@@ -307,7 +307,7 @@ def test_the_rvr_lost(tmp_path):
             robot.drives()
             began = time.monotonic()
             robot.devices.unplug("rvr")
-            check(robot, 4, "rvr: /dev/pts/", zeros=False)
+            check(robot, 1, "rvr: /dev/pts/", zeros=False)
             time.sleep(COMMANDS_END)
             return robot.devices.rests_since() - began - COMMANDS_END
 

@@ -1,6 +1,7 @@
 """The twin's ports: sessions with pyserial, ports that go away, and that nothing is left behind."""
 
 import contextlib
+import fcntl
 import json
 import signal
 import subprocess
@@ -102,6 +103,45 @@ def test_a_session_with_all_three_devices(tmp_path):
     assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
     (clock,) = events(tmp_path, "clock")
     assert 0.0 < time.monotonic() - clock["start"] < 60.0
+
+
+_IS_EXCLUSIVE = 0x80045440  # TIOCGEXCL
+
+
+def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
+    """As that of a device, which a pseudo-terminal would not be."""
+    with running(tmp_path) as terminals:
+        port = port_names(terminals.robots[0]).rvr
+        code = f"""
+import time
+from mercator_design.robot.ports import open_port
+port = open_port("rvr", {port!r})
+print(flush=True)
+time.sleep(60)
+"""
+        with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as program:
+            program.stdout.readline()
+            wait_for(lambda: len(events(tmp_path, "port")) == 1)
+            program.kill()
+        wait_for(lambda: len(events(tmp_path, "port")) == 2)
+        time.sleep(0.05)
+        with serial.Serial(port) as opened:
+            assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
+
+
+def test_what_the_rvr_says_comes_at_the_speed_of_its_line(tmp_path):
+    """The maker's threaded client takes one frame each time it reads, so frames must not come all at once."""
+    host = rvr.Host()
+    echoes = b"".join(host.send("echo", data=bytes(16)) for _ in range(20))
+    with running(tmp_path) as terminals, serial.Serial(port_names(terminals.robots[0]).rvr, 115_200) as port:
+        port.write(host.send("echo", data=b""))
+        hear(port, host, len)
+        start = time.monotonic()
+        port.write(echoes)
+        said = hear(port, host, lambda said: len(said) == 20)
+        took = time.monotonic() - start
+    assert [event.values for event in said] == [{"data": bytes(16)}] * 20
+    assert took >= 20 * 24 * 10 / 115_200  # ten bits a byte
 
 
 def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):

@@ -36,6 +36,8 @@ Kind: TypeAlias = Literal["run", "recording"]
 FORMAT = 1
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+_WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
+_LAST = 10.0  # [s] that the end may take to be written
 
 
 class Log:
@@ -71,7 +73,10 @@ class Log:
         why = "The duration is over" if error is None else str(error) or type(error).__name__
         self.note("end", why=why, time=now())
         self._events.put(None)
-        self._thread.join()
+        self._thread.join(_LAST)
+        if self._thread.is_alive():
+            self._fail("the disk hangs")
+            return
         os.close(self._file)
 
     def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
@@ -82,6 +87,11 @@ class Log:
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
         self._events.put({"event": event, **values})
+        if self._events.qsize() > _WAITING and not self.failure:
+            self._fail("the disk hangs")
+
+    def _fail(self, why: str) -> None:
+        self.failure = f"{self.path}: cannot be written: {why}"
 
     def _write_all(self) -> None:
         synced = time.monotonic()
@@ -95,7 +105,7 @@ class Log:
                     synced = time.monotonic()
             os.fsync(self._file)
         except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
-            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or repr(error)}"
+            self._fail(getattr(error, "strerror", None) or repr(error))
 
 
 def now() -> str:

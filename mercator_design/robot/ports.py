@@ -4,7 +4,9 @@ import contextlib
 import errno
 import fcntl
 import getpass
+import grp
 import os
+import re
 import termios
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
 BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+_NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
 
@@ -69,6 +72,23 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
+def usb_port(device: str, name: str) -> ListPortInfo:
+    """The USB device at a port.
+
+    Raises:
+        RobotError: if there is none, or the port's name may be another device's tomorrow.
+    """
+    path = find_port(device, name)
+    ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
+    found = ports.get(Path(path).resolve())
+    if found is None:
+        raise RobotError(f"{device}: {path} is not connected; connected are {_listed(ports.values())}")
+    rivals = [port for port in ports.values() if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
+    if len(rivals) > 1:  # a name by the order in which they came
+        raise RobotError(f"{device}: which of {_listed(rivals)} is it? Name it so in robot.yaml")
+    return found
+
+
 class _Port(serial.Serial):
     """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
 
@@ -104,7 +124,7 @@ def _wrong(path: str, error: OSError) -> str:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM:
-            return f"no permission; `sudo usermod -aG {Path(path).group()} {getpass.getuser()}`, and log in again"
+            return f"no permission; {_permission(Path(path).group(), getpass.getuser())}"
         case errno.EBUSY | errno.EAGAIN:
             return _in_use(_users(path))
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
@@ -115,6 +135,13 @@ def _wrong(path: str, error: OSError) -> str:
 def _in_use(users: list[str]) -> str:
     by = f" ({'; '.join(users)})" if users else ""
     return f"in use by another program{by}; end it first"
+
+
+def _permission(group: str, user: str) -> str:
+    """What gives a user the rights of a group."""
+    if user in grp.getgrnam(group).gr_mem:
+        return f"{user} is in the group {group}, but was not when this shell began: log in again"
+    return f"`sudo usermod -aG {group} {user}`, and log in again"
 
 
 def _users(path: str) -> list[str]:

@@ -96,7 +96,7 @@ class Terminals:
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
         self._is_open: set[int] = set()
         self._under_way: dict[int, _Line] = {}
-        self._dropped = 0
+        self._latest, self._dropped = 0.0, 0
 
     @property
     def robots(self) -> list[Path]:
@@ -121,12 +121,11 @@ class Terminals:
 
     def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
         """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
-        start, at, began, latest = clock(), time_of_day(), time.process_time(), 0.0
+        start, at, began = clock(), time_of_day(), time.process_time()
         self._twin.note("clock", start=start, at=at)
         due = self._twin.next_tick
         while not is_over(now := clock() - start):
             if now >= due:
-                latest = max(latest, now - self._twin.next_tick)
                 self._keep_up(now)
                 self._look(now)
                 due = self._twin.next_tick
@@ -136,9 +135,10 @@ class Terminals:
                 now = clock() - start
                 self._keep_up(now)
                 self._receive(fd, now)
-        return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
+        return Timing(now, (time.process_time() - began) / max(now, 1e-9), self._latest, self._dropped)
 
     def _keep_up(self, now: float) -> None:
+        self._latest = max(self._latest, now - self._twin.next_tick)
         for number, device, said in self._twin.advance(now):
             self._send(self._fds.get((number, device)), said, now)
 
@@ -173,6 +173,8 @@ class Terminals:
         number, device = self._ports[fd]
         try:
             data = os.read(fd, _CHUNK)
+        except BlockingIOError:  # closed when it was looked at, and opened again since
+            return
         except OSError as error:
             if error.errno != errno.EIO:
                 raise

@@ -13,7 +13,8 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
-from mercator_design.robot.rvr_messages import LIGHTS
+from mercator_design.robot.rvr import Response
+from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
@@ -261,6 +262,17 @@ def test_a_lidar_that_sees_nothing_is_noted(devices):
         assert lidar_notes(robot) == ["lidar: sees nothing"]
         devices.robots = [(0.0, 0.4)]
         assert lidar_notes(robot) == ["lidar: sees nothing", "lidar: sees something again"]
+
+
+def test_of_commands_that_are_refused_one_matters():
+    """A response with an error has no values."""
+    robot, stopped = Mercator(Settings(), (None, None, None), SENSES, {}), []
+    for name in COMMANDS:
+        try:
+            robot._take(Response(name, Processor.NORDIC, {}, 7), 0.0)
+        except Stopped:
+            stopped.append(name)
+    assert stopped == ["drive_tank_si_units"]
 
 
 def test_wheels_and_lamps(devices):

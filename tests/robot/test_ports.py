@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import grp
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
+from mercator_design.robot import ports
 from mercator_design.robot.ports import PortNames, find_port, open_ports
 
 
@@ -150,6 +152,12 @@ def test_what_the_system_refuses(terminals, monkeypatch, number, words):
     monkeypatch.setattr(serial.Serial, "open", refuse)
     with pytest.raises(RobotError, match=rf"^rvr: {names.rvr}: {words}$"), open_ports(names):
         pass
+
+
+def test_a_group_in_which_a_user_is_but_the_shell_is_not(monkeypatch):
+    monkeypatch.setattr(grp, "getgrnam", lambda _: grp.struct_group(("dialout", "x", 20, ["pi"])))
+    assert ports._permission("dialout", "pi").endswith("was not when this shell began: log in again")
+    assert ports._permission("dialout", "me") == "`sudo usermod -aG dialout me`, and log in again"
 
 
 class TestPortsByWhatTheyAre:

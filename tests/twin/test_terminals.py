@@ -162,6 +162,31 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
     assert opened == [True, False] * 2
 
 
+def test_a_port_that_is_opened_again_at_once(tmp_path):
+    """It had been closed when the twin looked, and has nothing to say now."""
+    with open_log(tmp_path) as log, Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals:
+        end = terminals._fds[0, "rvr"]
+        with serial.Serial(port_names(terminals.robots[0]).rvr, 115_200):
+            terminals._look(0.0)
+            terminals._receive(end, 0.0)
+        terminals._receive(end, 0.0)
+    assert [event["open"] for event in events(tmp_path, "port")] == [True, False]
+
+
+def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
+    """The clock jumps as a device is heard, which it is at once, and not when it is looked at."""
+    times = iter([0.0, 0.0, 0.0, 0.5])
+    with (
+        open_log(tmp_path) as log,
+        Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals,
+        serial.Serial(port_names(terminals.robots[0]).rvr, 115_200) as port,
+    ):
+        port.write(rvr.Host().send("get_sku"))
+        terminals._look(0.0)
+        timing = terminals.run(lambda now: now >= 0.5, lambda: next(times, 0.5))
+    assert timing.latest == pytest.approx(0.49)
+
+
 def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
     script = Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="proximity"),))
     with running(tmp_path, script) as terminals:

@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 from mercator_design.robot.findings import Finding, Look, of_devices
@@ -36,7 +35,7 @@ def check(settings: Settings) -> Iterator[Finding]:
     yield check_console(settings.ports.rvr, kernel)
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
-    yield from of_devices(settings, {device: partial(_look, look) for device, look in _DEVICES.items()})
+    yield from of_devices(settings, _DEVICES)
 
 
 def _text(path: Path) -> str:
@@ -106,13 +105,6 @@ def check_programs(port: str) -> Finding:
 
 def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
-
-
-def _look(look: Look, settings: Settings, line: Line) -> Iterator[Finding]:
-    if others := line.others():
-        words = f"open in another program too{others}, and each gets a part of the bytes; end it"
-        yield Finding(line.device, is_fine=False, words=words)
-    yield from look(settings, line)
 
 
 def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:

@@ -120,8 +120,12 @@ def plain(value: float) -> float | None:
     return round(value, 6)
 
 
-def read(path: Path, kind: Kind = "run") -> Iterator[Event]:
+def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
     """The events of a log; half a line at its end, which is being written or never will be, is passed over.
+
+    Args:
+        path: Of the log.
+        kind: It is expected to be of; None: of any.
 
     Raises:
         RobotError: if it cannot be read, is no log, is one of another kind, or is damaged before its end.
@@ -133,7 +137,7 @@ def read(path: Path, kind: Kind = "run") -> Iterator[Event]:
                     event = from_line(line)
                     if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
                         raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
-                    if number == 1 and event.get("kind") != kind:
+                    if number == 1 and kind not in (None, event.get("kind")):
                         raise ValueError(f"expected the log of a {kind}, found that of a {event.get('kind')}")  # noqa: TRY301
                 except ValueError as error:
                     if number > 1 and next(file, None) is None:

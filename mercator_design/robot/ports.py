@@ -133,11 +133,8 @@ def _wrong(path: str, error: OSError) -> str:
 
 
 def _in_use(users: list[str]) -> str:
-    return f"in use by another program{_bracketed(users)}; end it first"
-
-
-def _bracketed(users: list[str]) -> str:
-    return f" ({'; '.join(users)})" if users else ""
+    by = f" ({'; '.join(users)})" if users else ""
+    return f"in use by another program{by}; end it first"
 
 
 def _permission(group: str, user: str) -> str:
@@ -193,10 +190,6 @@ class Line:
         """Send bytes; errors are those of `read`."""
         with self._naming():
             self._port.write(data)
-
-    def others(self) -> str:
-        """Other programs that have the port open nevertheless, in brackets; empty if there are none."""
-        return _bracketed(_users(str(self._port.name)))
 
     def set_dtr(self, *, high: bool) -> None:
         """Set the line that turns a lidar's motor on and off, where there is one."""

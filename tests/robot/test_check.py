@@ -185,5 +185,5 @@ class TestOtherPrograms:
             other.stdout.readline()
             _, _, wrong, _ = found()
             other.stdin.close()
-        assert wrong["lidar"].startswith("open in another program too (")
-        assert wrong["lidar"].endswith(f"process {other.pid}), and each gets a part of the bytes; end it")
+        assert "in use by another program (" in wrong["lidar"]
+        assert wrong["lidar"].endswith(f", process {other.pid}); end it first")

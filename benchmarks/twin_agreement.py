@@ -63,8 +63,8 @@ FSMS = (
 MISSION, SEED = "aggregation", 1
 POSES = 0.01
 """[s] between the poses in the twin's log: its ticks, so whatever is measured is measured at one of them."""
-DELAY = 0.04
-"""[s] before a sample arrives within which it was measured, as the twin may be late."""
+LATE, EARLY = 0.04, 0.01
+"""[s] before and after a sample came within which it was measured: the twin may be late, a clock some ms early."""
 _HALF_A_TURN = 0.07  # [s] of the lidar: how old its ranges are, on the whole
 _TITLES = (
     *("robot", "cycles", "changes of state", "states equal", "wheels equal"),
@@ -150,14 +150,14 @@ def perception(folder: Path, robot: int) -> Perception:
         if event["event"] != "cycle":
             continue
         now, found, sensed = began + event["time"], Readings(*event["readings"]), event["sensed"]
-        perceived = [camera(poses, robot) for poses in track.before(now - sensed["ground"][0])]
+        perceived = [camera(poses, robot) for poses in track.around(now - sensed["ground"][0])]
         colours = [COLOURS[nearest(labels, (at.ground_red, at.ground_green, at.ground_blue))] for at in perceived]
         ground += (found.ground_red, found.ground_green, found.ground_blue) in colours
-        *_, then = track.before(now - _HALF_A_TURN)
+        *_, then = track.around(now - _HALF_A_TURN - EARLY)
         for k, senses in enumerate((lidar, camera)):
             counted[k] += senses(then, robot).neighbours == found.neighbours
         age, *distances = sensed["proximity"]
-        perceived = [camera(poses, robot) for poses in track.before(now - age)]
+        perceived = [camera(poses, robot) for poses in track.around(now - age)]
         off = min(
             math.hypot(at.proximity_x - found.proximity_x, at.proximity_y - found.proximity_y) for at in perceived
         )
@@ -190,9 +190,9 @@ class Track:
         self._times = np.array([event["time"] for event in poses])
         self._poses = np.array([event["poses"] for event in poses])
 
-    def before(self, time: float) -> Floats:
+    def around(self, time: float) -> Floats:
         """Poses (times, robots, 3) where a sample may have been measured that came at a time since the start [s]."""
-        first, last = np.searchsorted(self._times, [time - DELAY, time])
+        first, last = np.searchsorted(self._times, [time - LATE, time + EARLY])
         poses: Floats = self._poses[first:last]
         return poses
 

@@ -209,17 +209,21 @@ def _messages(run: _Run, event: Event, time: float) -> Iterator[Message]:
             yield "/state", {name: event[name] for name in _CYCLE}
             yield "/readings", Readings(*event["readings"])._asdict()
             yield "/draws", {"draws": event["draws"]}
-            yield "/wheels", Wheels(*event["wheels"])._asdict()
+            yield "/wheels", _told(Wheels(*event["wheels"])._asdict())
             places = [{"distance": distance, "bearing": bearing} for distance, bearing in event["neighbours"]]
             yield "/neighbours", {"places": places}
             for name, values in event["sensed"].items():
-                yield f"/sensors/{name}", {key: value for key, value in values.items() if value is not None}
+                yield f"/sensors/{name}", _told(values)
             if {"position", "attitude"} <= event["sensed"].keys():
                 yield "/odometry", _odometry(event["sensed"], time)
         case "note":
             yield "/notes", _note(run, time, event["text"])
         case "end":
             yield "/notes", _note(run, time, f"The run has ended: {event['why']}")
+
+
+def _told(values: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _odometry(sensed: Mapping[str, Mapping[str, float]], time: float) -> dict[str, Any]:

@@ -30,7 +30,7 @@ SIMULATIONS = 199
 
 _TOLERANCE = 1e-7  # of the standard deviation
 _MOST_STEPS = 2000
-_GRID = 64
+_GRID, _TIE = 64, 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,10 +76,14 @@ def levels_of(channel: NDArray[np.int64], value: Floats, step: float) -> Levels:
 
 
 class Fit(NamedTuple):
-    """A family with the parameter and the centres (channels,) that make what was measured most likely."""
+    """A family with the parameter and the centres (channels,) that make what was measured most likely.
+
+    slack: By which centres may be off: those of a likelihood with corners lie where it has them.
+    """
 
     parameter: float
     centres: Floats
+    slack: float
     log_likelihood: float
 
 
@@ -115,7 +119,7 @@ def fit_gaussian(levels: Levels) -> Fit:
         if abs(sd - before) < _TOLERANCE * sd:
             break
     a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
-    return Fit(sd, centres, float(levels.totals(np.log(_normal(a, b))).sum()))
+    return Fit(sd, centres, 0.0, float(levels.totals(np.log(_normal(a, b))).sum()))
 
 
 def _normal(a: Floats, b: Floats) -> Floats:
@@ -151,14 +155,15 @@ def fit_uniform(levels: Levels) -> Fit:
     longest = float(reach.max())
     least, most = 0.5 * max(longest - step, 1e-3 * step), 0.5 * (longest + step)
     grid = np.linspace(least, most, _GRID)[1:]
-    best = int(np.argmax([log_likelihood(half_width) for half_width in grid]))
+    likelihoods = np.array([log_likelihood(half_width) for half_width in grid])
+    best = int(np.flatnonzero(likelihoods >= likelihoods.max() - _TIE)[-1])  # two levels tell no more than a bound
     bounds = (grid[best - 1] if best else least + 1e-6 * step, grid[min(best + 1, len(grid) - 1)])
     found = optimize.minimize_scalar(
         lambda half_width: -log_likelihood(half_width), bounds=bounds, method="bounded", options={"xatol": 1e-6 * step}
     )
     half_width = float(found.x)
     centres = np.where(one, bottom, bottom + 0.5 * step - parts(half_width)[0] + half_width)
-    return Fit(half_width, centres, log_likelihood(half_width))
+    return Fit(half_width, centres, 0.5 * step, log_likelihood(half_width))
 
 
 FAMILIES = (
@@ -213,8 +218,9 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
 
 def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Generator) -> Levels:
     channel = np.repeat(np.arange(len(fit.centres)), levels.counts)
+    centres = fit.centres + random.uniform(-fit.slack, fit.slack, len(fit.centres))
     noise = family.distribution(fit.parameter).rvs(len(channel), random_state=random)
-    return levels_of(channel, fit.centres[channel] + noise, levels.step)
+    return levels_of(channel, centres[channel] + noise, levels.step)
 
 
 def _distance(levels: Levels, family: Family, fit: Fit) -> float:

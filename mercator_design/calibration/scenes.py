@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.log import read
+from mercator_design.robot.log import read, understanding
 from mercator_design.robot.ydlidar import correction
 
 Floats = NDArray[np.float64]
@@ -76,19 +76,21 @@ def read_recording(path: Path) -> Recording:
     Raises:
         RobotError: if it cannot be read, or is none.
     """
-    told: dict[str, list[tuple[float, list[Any]]]] = defaultdict(list)
+    told: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
     start: Mapping[str, Any] = {}
-    try:
+    with understanding(path):
         for event in read(path, "recording"):
-            if event["event"] == "start":
-                start = event
-            elif event["event"] == "sample":
-                told[event["sensor"]].append((event["time"], event["values"]))
-            elif event["event"] == "turn":
-                told["lidar"].append((event["time"], event["readings"]))
+            match event["event"]:
+                case "start":
+                    start = event
+                case "sample":
+                    told[event["sensor"]].append((event["time"], np.array(event["values"], dtype=float)))
+                case "turn":
+                    readings = np.array(event["readings"], dtype=float).reshape(-1, 2)
+                    told["lidar"].append((event["time"], readings))
+                case "wheels":
+                    told["wheels"].append((event["time"], np.array([event["left"], event["right"]])))
         series = {name: _series(name, rows, start) for name, rows in told.items()}
-    except (KeyError, TypeError, ValueError) as error:
-        raise RobotError(f"{path}: expected what this version records, found other events: {error!r}") from None
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
     duration = max(float(each.times[-1]) for each in series.values())
@@ -104,11 +106,11 @@ def read_recording(path: Path) -> Recording:
     return Recording(path, start, duration, moves, scenes)
 
 
-def _series(name: str, rows: list[tuple[float, list[Any]]], start: Mapping[str, Any]) -> Series:
+def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any]) -> Series:
     times = np.array([time for time, _ in rows], dtype=float)
     if name == "lidar":
-        return _beams(times, [np.array(readings, dtype=float).reshape(-1, 2) for _, readings in rows], start)
-    values = np.array([values for _, values in rows], dtype=float)
+        return _beams(times, [readings for _, readings in rows], start)
+    values = np.stack([values for _, values in rows])
     if name == "proximity":
         values[values == 0.0] = np.nan  # too near to tell
     return Series(times, values)
@@ -133,6 +135,9 @@ def _moves(series: Mapping[str, Series]) -> Iterator[tuple[float, float]]:
     moved = np.zeros(max(map(len, blocks), default=0), dtype=bool)
     for block in blocks:
         moved[: len(block)] |= block
+    if "wheels" in series:
+        driven = (series["wheels"].times[series["wheels"].values.any(axis=1)] / _BLOCK).astype(int)
+        moved[np.intersect1d([driven - 1, driven], np.arange(len(moved)))] = True
     for first, last in _runs(moved):  # change k is from block k to the next
         yield first * _BLOCK, (last + 2) * _BLOCK
 

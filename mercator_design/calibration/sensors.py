@@ -183,26 +183,26 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     """What is measured by the channels that can be used (n, channels)."""
     values = scale * series.values
     number = values.shape[1]
+    use = np.arange(number)
 
     def keep(good: NDArray[np.bool_], why: str) -> None:
-        nonlocal values
-        if not good.all():
-            notes.append(f"{where}: {np.sum(~good)} of {number} channels left out: {why}")
-        values = values[:, good]
+        nonlocal use
+        if not good[use].all():
+            notes.append(f"{where}: {np.sum(~good[use])} of {number} channels left out: {why}")
+        use = use[good[use]]
 
-    if series.angles is not None:
-        flat = _is_flat(values)
-        values = _level(values, series.angles)
-        keep(flat, "what they see is slanting, or has an edge")
     seen = np.sum(~np.isnan(values), axis=0)
     keep(seen >= max(_PRESENT * len(values), 1), f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time")
-    keep(np.sum(~np.isnan(values), axis=0) >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples")
+    keep(seen >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples")
+    if series.angles is not None and len(use):
+        keep(_is_flat(values, use), "what they see is slanting, or has an edge")
+        values = _level(values, series.angles)
     low, high = limits
     centres, sd = _moments(values)
     inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
     keep(inside, f"too near to the ends of the range, {low:g} to {high:g}")
-    keep(*_steady(series.times, values))
-    return values
+    keep(*_steady(series.times, values, use))
+    return values[:, use]
 
 
 def _moments(values: Floats) -> tuple[Floats, Floats]:
@@ -213,11 +213,11 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
         return means, np.sqrt(np.nansum((values - means) ** 2, axis=0) / n)
 
 
-def _is_flat(values: Floats) -> NDArray[np.bool_]:
+def _is_flat(values: Floats, use: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Which beams see what those beside them see, so that it matters little where exactly they go."""
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
-    found: NDArray[np.bool_] = np.maximum(steps, np.roll(steps, -1)) <= _SLANT * np.nanmedian(sd)
+    found: NDArray[np.bool_] = np.maximum(steps, np.roll(steps, -1)) <= _SLANT * np.median(sd[use])
     return found
 
 
@@ -230,14 +230,15 @@ def _level(values: Floats, angles: Floats) -> Floats:
     return found
 
 
-def _steady(times: Floats, values: Floats) -> tuple[NDArray[np.bool_], str]:
-    """Which channels do not drift by more than their noise while the recording lasts; how much the worst one does."""
+def _steady(times: Floats, values: Floats, use: NDArray[np.intp]) -> tuple[NDArray[np.bool_], str]:
+    """Which of the channels in use do not drift by more than their noise in a scene; how much the worst one does."""
     steady, worst = np.ones(values.shape[1], dtype=bool), 0.0
-    for k, channel in enumerate(values.T):
-        there = ~np.isnan(channel)
-        line = stats.linregress(times[there], channel[there])
+    for k in use:
+        there = ~np.isnan(values[:, k])
+        time, channel = times[there], values[there, k]
+        line = stats.linregress(time, channel)
         drift = abs(line.slope) * (times[-1] - times[0])
-        if line.pvalue < _DRIFT and drift > np.std(channel[there] - line.slope * times[there]):
+        if line.pvalue < _DRIFT and drift > np.std(channel - line.slope * time):
             steady[k], worst = False, max(worst, drift)
     return steady, f"they drift, by up to {worst:.2g} in {times[-1] - times[0]:.0f} s" if worst else ""
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from mercator_design.calibration.noise import CONFIDENCE, SIMULATIONS, Noise
 from mercator_design.calibration.sensors import Calibration, Measured
@@ -49,7 +50,7 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
         robot, when = recording.start.get("robot", "?"), recording.start.get("time", "?")
         lines.append(f"#   {recording.path.name}: {robot}, {when}, {recording.duration:.0f} s")
     lines += [
-        f"# In brackets: the interval at {CONFIDENCE:.0%}. p: of a fit as bad if the noise is this; {SIMULATIONS} simulations.",
+        f"# In brackets: the interval at {CONFIDENCE:.0%}; p, by {SIMULATIONS} simulations, of a fit as bad by chance.",
         "# All that is not said here is as in the base.",
     ]
     text = "".join(f"{printable(line)}\n" for line in lines) + "schema: 1\n"
@@ -96,6 +97,7 @@ def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
     density = (cumulative(x + 0.5 * levels.step) - cumulative(x - 0.5 * levels.step)) / levels.step
     axes.plot(x, density, color=_DENSITY, linewidth=1.0)
     axes.set_yticks([])
+    axes.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
     axes.set_xlabel(f"noise [{one.sensor.unit}]" if one.sensor.unit else "noise", labelpad=1.0)
     axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_words(noise)}, p={noise.p_value:.2g}", fontsize=7.5)

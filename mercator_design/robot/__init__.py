@@ -6,6 +6,7 @@
     multiflex   the Teraranger Hub Multiflex
     ports       the serial ports: finding and opening them
     settings    what is particular to one robot: robot.yaml
+    settings_file  changes to it, at their place
     talk        what the devices are told and asked, and what is heard meanwhile
     start       what each device is told before it is of use
     samples     measurements of the RVR and the hub, with axes and units converted
@@ -15,8 +16,15 @@
     swarm       what is told to all robots
     log         what happened in a run, and the same decisions again
     recording   what sensors measure, as it comes
+    control     a robot that somebody has control of
     runner      a run
     ros         a node of ROS 1; ros_messages: what its topics carry
+    keyboard    keys and status at a terminal
+    teleop      a person drives
+    person      who does what the robot cannot
+    ground_calibration     labels
+    proximity_calibration  which sensor looks where, and offsets
+    check       what may be wrong
     cli         the command mercator-robot
 
 The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one

@@ -104,9 +104,8 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     if not found:
         return
     last = found[-1]
-    for i, (angle, distance) in enumerate(
-        zip(settings.proximity_angles, settings.corrected(last.metres()), strict=True)
-    ):
+    distances = settings.corrected(last.metres())
+    for i, (angle, distance) in enumerate(zip(settings.proximity_angles, distances, strict=True)):
         is_fine = bool(last.mask >> i & 1)
         seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
         words = f"{seen}; a hand before it shows whether it is this one" if is_fine else "off; plug it in"

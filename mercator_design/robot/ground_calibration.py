@@ -10,10 +10,9 @@ from statistics import NormalDist, fmean, pstdev
 from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot.ports import Line, PortNames, open_port
-from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.samples import samples
-from mercator_design.robot.start import wake_rvr
+from mercator_design.robot.start import rest_rvr, wake_rvr
 from mercator_design.robot.talk import Event, Talk
 
 _PERIOD = 50  # [ms] of streaming
@@ -40,6 +39,7 @@ class GroundSensor:
             self._told = now
             self._talk.tell("get_battery_percentage")
         self._talk.attend(now)
+        self._found.clear()
 
     def measure(self, seconds: float) -> list[RGB]:
         """What it reads from now on.
@@ -48,7 +48,6 @@ class GroundSensor:
             RobotError: if that is nothing, or next to nothing, or the port is lost.
         """
         self.attend()
-        self._found.clear()
         self._talk.attend(time.monotonic() + seconds)
         if len(self._found) < _FEWEST:
             raise RobotError(f"ground: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('rvr')}")
@@ -57,7 +56,7 @@ class GroundSensor:
 
 @contextlib.contextmanager
 def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
-    """The ground sensor of a robot; its lamp goes out in the end.
+    """The ground sensor of a robot, which is at rest in the end.
 
     Raises:
         RobotError: if the RVR cannot be used.
@@ -81,9 +80,7 @@ def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
         finally:
             talk.is_ending = True
             with contextlib.suppress(RobotError):
-                for processor in Processor:
-                    talk.tell("clear_streaming_service", processor)
-                talk.tell("enable_color_detection", is_enabled=False)
+                rest_rvr(talk)
 
 
 def calibrate(

@@ -8,7 +8,7 @@ import termios
 from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
-from mercator_design.errors import Stopped, printable
+from mercator_design.errors import RobotError, Stopped, printable
 
 Key: TypeAlias = Literal["forward", "back", "left", "right", "quit", "stop"]
 
@@ -67,19 +67,31 @@ class Keyboard:
 
 @contextlib.contextmanager
 def keyboard() -> Iterator[Keyboard]:
-    """The terminal of this program's input, with its settings changed meanwhile."""
-    # Opened anew, as the shell would not like its own not to wait.
-    terminal = os.open(os.ttyname(sys.stdin.fileno()), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    """The terminal of this program's input, with its settings changed meanwhile.
+
+    Raises:
+        RobotError: if it cannot be opened.
+    """
+    terminal = _open()
     usual, changed = termios.tcgetattr(terminal), termios.tcgetattr(terminal)
     changed[0] &= ~termios.IXON  # Ctrl-S would hold up the status
     changed[3] &= ~(termios.ICANON | termios.ECHO)
     changed[6][termios.VMIN], changed[6][termios.VTIME] = 1, 0
     try:
-        termios.tcsetattr(terminal, termios.TCSAFLUSH, changed)
+        termios.tcsetattr(terminal, termios.TCSANOW, changed)
+        termios.tcflush(terminal, termios.TCIFLUSH)  # what was pressed before is not meant
         yield Keyboard(terminal)
     finally:
         with contextlib.suppress(termios.error, OSError):  # a terminal that is gone
-            termios.tcflush(terminal, termios.TCIFLUSH)  # keys are no commands to the shell
+            termios.tcflush(terminal, termios.TCIFLUSH)  # nor by the shell, what comes now
             termios.tcsetattr(terminal, termios.TCSANOW, usual)
             os.write(terminal, b"\n")
         os.close(terminal)
+
+
+def _open() -> int:
+    """The terminal, opened anew: that of the shell must go on to wait for keys."""
+    for name in (os.ttyname(sys.stdin.fileno()), "/dev/tty"):  # the first may be another user's, after `su`
+        with contextlib.suppress(OSError):
+            return os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    raise RobotError("the terminal cannot be opened")

@@ -4,10 +4,10 @@ An event a line (checked_lines.py), only ever appended. Of a recording: recordin
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
-            wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
-            each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
-            and 0 where something is too near to tell
-    note    what a device told
+            wheels (null if no finite number), what the control loop took of a processor since the cycle before [s],
+            the neighbours' distances [m] and bearings [rad], and of each sensor the age [s] and the values of its
+            latest sample: a distance is null where nothing is in sight, and 0 where something is too near to tell
+    note    what a device told, before the cycle of that number
     end     why the run ended
 
 Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
@@ -41,6 +41,8 @@ SYNC_EVERY = 1.0
 class Log:
     """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
 
+    The file is there from the beginning, and remains if a `begin` follows.
+
     began: When `begin` was called [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
     """
@@ -62,6 +64,7 @@ class Log:
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except OSError as error:
             raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self._sync_folder()
         self._thread.start()
         return self
 
@@ -69,10 +72,14 @@ class Log:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         why = "The duration is over" if error is None else str(error) or type(error).__name__
-        self.note("end", why=why, time=now())
+        has_begun = math.isfinite(self.began)
+        if has_begun:
+            self.note("end", why=why, time=now())
         self._events.put(None)
         self._thread.join()
         os.close(self._file)
+        if not has_begun:
+            self.path.unlink(missing_ok=True)
 
     def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append the start, the first event: which robot it is, and values."""
@@ -82,6 +89,14 @@ class Log:
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
         self._events.put({"event": event, **values})
+
+    def _sync_folder(self) -> None:
+        """Force to the disk that there is a new file."""
+        folder = os.open(self.path.parent, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
     def _write_all(self) -> None:
         synced = time.monotonic()
@@ -201,7 +216,8 @@ def condition_met(controller: Controller, event: Event) -> str:
 
 
 def _decide(controller: Controller, event: Event) -> Decision:
-    readings, wheels = Readings(*event["readings"]), Wheels(*event["wheels"])
+    readings = Readings(*event["readings"])
+    wheels = Wheels(*(math.nan if speed is None else speed for speed in event["wheels"]))
     state = controller.state
     decided = controller.step(readings, event["draws"])
     found, logged = (state, controller.state, decided), (event["state"], event["next_state"], wheels)

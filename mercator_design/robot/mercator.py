@@ -128,14 +128,12 @@ class Mercator:
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
-        n, ground = 0, COLOURS["white"]
+        ground = COLOURS["white"]
         if self.age("proximity", now) <= limits.proximity:
             proximity = self.samples["proximity"].values
-        if self.age("lidar", now) <= limits.lidar:
-            n = lidar_neighbours(model, self._sweep.ranges(), 0.0, STEP, distances, bearings_x, bearings_y)
+        n = self._find_neighbours(now)
         if self.age("ground", now) <= limits.rvr:
             ground = COLOURS[self.label()]
-        self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
             model,
@@ -150,6 +148,14 @@ class Mercator:
             ground,
             (0.0, 0.0),
         )
+
+    def _find_neighbours(self, now: float) -> int:
+        """Find `neighbours` in the lidar's last turn; how many there are."""
+        distances, x, y = self._found
+        is_fresh = self.age("lidar", now) <= self._settings.limits.lidar
+        n = lidar_neighbours(self._model, self._sweep.ranges(), 0.0, STEP, *self._found) if is_fresh else 0
+        self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
+        return n
 
     def check_ages(self) -> None:
         """See whether all that is needed is told.
@@ -181,23 +187,25 @@ class Mercator:
                 return f"{name}: {found}; {self._talk.remedy(device)}"
         return ""
 
-    def drive(self, wheels: Wheels) -> None:
-        """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
+    def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
+        """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
 
         Raises:
-            Stopped: if something has stopped the wheels, or a fraction is out of range or not a number.
-            RobotError: if the port is lost.
+            Stopped: if something has stopped the wheels, a fraction is out of range or not a number, or the port is lost.
         """
         speed = self._settings.limits.speed
-        self.drive_at(speed * wheels.left, speed * wheels.right)
-
-    def drive_at(self, left: float, right: float) -> None:
-        """The same, at speeds [m/s]."""
+        left, right = speed * wheels.left, speed * wheels.right
+        if is_dry:
+            self.brake.check(left, right)
+            left = right = 0.0
         self.brake.drive(left, right)
-        self.poll()
 
     def poll(self) -> None:
-        """Ask after the battery now and then, which also keeps the RVR awake; errors are those of `drive`."""
+        """Ask after the battery now and then, which also keeps the RVR awake.
+
+        Raises:
+            Stopped: if the port is lost.
+        """
         if time.monotonic() - self._polled > _POLL:
             self._polled = time.monotonic()
             self._talk.tell("get_battery_voltage_state")

@@ -60,7 +60,7 @@ class Hub:
             )
         by_sensor = [list(metres) for metres in zip(*(each.metres() for each in self._found), strict=True)]
         if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
-            raise RobotError(f"proximity: {_sensors(off)} off; plug in what is not")
+            raise RobotError(f"proximity: not plugged in, says the hub: {_sensors(off)}")
         return by_sensor
 
 
@@ -106,15 +106,16 @@ def calibrate(
     """
 
     def asked(what: str, judge: Callable[[list[list[float]]], T]) -> T:
-        wrong = ""
-        for _ in range(_TRIES):
+        tries = 0
+        while True:
             ask(what)
+            tries += 1
             try:
                 return judge(hub.measure(seconds))
             except _Unclear as unclear:
-                wrong = str(unclear)
-                tell(f"Once more: {wrong}")
-        raise RobotError(f"proximity: after {_TRIES} times still: {wrong}")
+                if tries == _TRIES:
+                    raise RobotError(f"proximity: after {_TRIES} times still: {unclear}") from None
+                tell(f"Once more: {unclear}")
 
     clear = asked("Leave nothing within 1 m around the robot", _clear)
     far = "about 0.3 m" if distance is None else f"{distance:g} m"
@@ -138,8 +139,8 @@ def calibrate(
 
 def direction(angle: float) -> str:
     """An angle [rad] from the robot's front in words."""
-    degrees = math.degrees(math.remainder(angle, math.tau))
-    return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+.0f} degrees)"
+    degrees = 180 - round(180.0 - math.degrees(angle)) % 360
+    return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+d} degrees)"
 
 
 def _clear(metres: list[list[float]]) -> list[float]:

@@ -3,10 +3,11 @@
 Written and read as the log of a run (log.py):
 
     start   the robot, what its devices say of themselves, the settings of its sensors
-    sample  of a sensor by its name in samples.py: time, values; a distance is null where nothing is in sight, and 0
-            where something is too near to tell
+    sample  of a sensor by its name in samples.py: time, values; a distance, from which no offset is taken yet, is null
+            where nothing is in sight, and 0 where something is too near to tell
     turn    of the lidar: the time at which it ended, and its readings, angle [rad, from the robot's front] and range
             [m] of each; 0 where nothing came back
+    wheels  of a drive: the speeds to which the treads were told to go, left and right [m/s]
     note    what a device told, or that a sensor has fallen silent
     end     why the recording ended
 """
@@ -44,6 +45,7 @@ class Recorder:
             settings.name,
             facts=dict(robot.facts),
             proximity_angles=settings.proximity_angles,
+            proximity_offsets=settings.proximity_offsets,
             lidar_angle=settings.lidar_angle,
         )
         robot.listen = self._hear

@@ -228,7 +228,8 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
             robot.attend(due)
             robot.check_ages()
             now = time.monotonic()
-            robot.drive_at(*orders.speeds(now))
+            robot.brake.drive(*orders.speeds(now))
+            robot.poll()
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mercator_design.errors import RobotError
-from mercator_design.fsm import Wheels
 from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.keyboard import Key, Keyboard, keyboard
 from mercator_design.robot.log import Log
@@ -89,7 +88,7 @@ def teleop(
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         with keyboard() as keys:
             try:
-                _drive(robot, keys, settings, speed / settings.limits.speed, guard, record)
+                _drive(robot, keys, settings, speed, guard, record)
             finally:
                 robot.brake.stop("the drive has ended")  # before anything waits for the terminal
 
@@ -98,7 +97,7 @@ def _drive(
     robot: Mercator,
     keys: Keyboard,
     settings: Settings,
-    fraction: float,
+    speed: float,
     guard: float | None,
     record: Callable[..., None],
 ) -> None:
@@ -118,9 +117,9 @@ def _drive(
             distance = nearest_ahead(left, robot.samples["proximity"].values, settings.proximity_angles)
             if distance < guard:
                 doing, left, right = "BLOCKED", 0.0, 0.0
-        wheels = Wheels(fraction * left, fraction * right)
-        robot.drive(wheels)
-        record("wheels", now, left=settings.limits.speed * wheels.left, right=settings.limits.speed * wheels.right)
+        left, right = speed * left, speed * right
+        robot.drive_at(left, right)
+        record("wheels", now, left=left, right=right)
         for text in robot.notes:
             record("note", now, text=text)
         robot.notes.clear()

@@ -30,7 +30,7 @@ _MM = 4000.0  # units of ranges in a metre
 _REBOOTS = 0.5  # [s]
 _LONGEST = 0xFFFF
 _LEAST, _MOST = math.radians(-5.0), math.radians(8.0)  # corrections, of ranges from 0.1 m on
-_AT, _SPREAD = 0.6, 1.2  # beams from its place, within which one is there, and within which it counts if none is
+_AT, _SPREAD = 0.5, 1.2  # beams from its place, within which one is there, and within which it counts if none is
 _BEHIND = 1e6  # farther than any range [m]
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
 

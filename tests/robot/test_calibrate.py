@@ -1,6 +1,7 @@
 """mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
 
 import contextlib
+import math
 import os
 import random
 import subprocess
@@ -71,6 +72,11 @@ def answer(process, act):
 FLOOR = {"black": (7, 8, 6), "gray": (93, 99, 90), "white": (214, 220, 205)}
 
 
+def lamp(devices):
+    """When it was switched on and off."""
+    return [values["is_enabled"] for _, name, values in devices.commands if name == "enable_color_detection"]
+
+
 class TestColor:
     def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
         def put_on(line):
@@ -94,9 +100,8 @@ class TestColor:
         text = (tmp_path / "robot.yaml").read_text()
         assert text.startswith("# mine\n")
         assert text.endswith("white: [214, 220, 205]}  # by hand\n")
-        assert not devices.wheels
-        lamp = [values["is_enabled"] for _, name, values in devices.commands if name == "enable_color_detection"]
-        assert lamp == [True, False]
+        assert not devices.drives()
+        assert lamp(devices) == [True, False]
 
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color") as process:
@@ -105,7 +110,7 @@ class TestColor:
         assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
         time.sleep(0.1)
-        assert [name for _, name, _ in devices.commands][-1] == "enable_color_detection"
+        assert lamp(devices) == [True, False]
 
     def test_a_signal_puts_out_the_lamp(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color") as process:
@@ -113,7 +118,7 @@ class TestColor:
             process.terminate()
             assert process.wait(10) == 143
         time.sleep(0.1)
-        assert devices.commands[-1][1:] == ("enable_color_detection", {"is_enabled": False})
+        assert lamp(devices) == [True, False]
 
     def test_a_sensor_that_is_silent(self, devices):
         devices.silent.add("color_detection")
@@ -216,7 +221,7 @@ class TestProximity:
         settings = read_settings(tmp_path / "robot.yaml")
         assert settings.proximity_angles == pytest.approx([RING[place] for place in WIRED], abs=1e-4)
         assert settings.proximity_offsets == pytest.approx([0.002 * k - 0.003 for k in range(8)])
-        assert not devices.wheels
+        assert not devices.drives()
 
     def test_without_a_distance_there_are_no_offsets(self, devices):
         hand = Hand(devices, 0.07)
@@ -270,7 +275,7 @@ class TestProximity:
 
     def test_a_sensor_that_is_unplugged(self, devices):
         devices.mask = 0xF6
-        with pytest.raises(RobotError, match=r"proximity: sensors 0, 3 off; plug in what is not"):
+        with pytest.raises(RobotError, match="proximity: not plugged in, says the hub: sensors 0, 3"):
             find(devices, Hand(devices))
 
     def test_a_hub_that_falls_silent(self, devices):
@@ -286,6 +291,18 @@ class TestProximity:
             robot.attend(time.monotonic() + 0.3)
             values = robot.samples["proximity"].values
         assert values == pytest.approx((0.3, 0.0, -float("inf"), *[float("inf")] * 5))
+
+
+def test_directions():
+    degrees = {
+        0: "in front (+0",
+        45: "front left (+45",
+        180.02: "behind (+180",
+        -180: "behind (+180",
+        -100: "right (-100",
+    }
+    for angle, words in degrees.items():
+        assert direction(math.radians(angle)) == f"{words} degrees)"
 
 
 @pytest.mark.parametrize(

@@ -307,7 +307,7 @@ def test_the_rvr_lost(tmp_path):
             robot.drives()
             began = time.monotonic()
             robot.devices.unplug("rvr")
-            check(robot, 1, "rvr: /dev/pts/", zeros=False)
+            check(robot, 4, "rvr: /dev/pts/", zeros=False)
             time.sleep(COMMANDS_END)
             return robot.devices.rests_since() - began - COMMANDS_END
 
@@ -326,7 +326,8 @@ def test_the_end_of_the_duration(tmp_path):
             "enable_color_detection",
             "release_led_requests",
         ]
-        assert names[stopped - 4 : stopped] == ["drive_tank_si_units", "drive_stop"] * 2
+        assert names[stopped - 1] == "disable_notifications_and_active_commands"
+        assert names[stopped - 5 : stopped - 1] == ["drive_tank_si_units", "drive_stop"] * 2
         assert set(names[stopped + 4 : -1]) == {"drive_stop"}
         assert names[-1] == "restore_default_control_system_timeout"
         assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]

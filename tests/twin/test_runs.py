@@ -16,6 +16,7 @@ import pytest
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.robot.log import replay
+from mercator_design.robot.settings import read_settings
 from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.terminals import LOG
 from tests.twin.arenas import QUIET
@@ -25,6 +26,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20\n"
 GATHER = "--nstates 1 --s0 2 --att0 5\n"
 APART = "{shape: poses, poses: [[0.36, 0, 0], [-0.18, 0.32, 2], [-0.18, -0.32, 4]]}"
+PIPES = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
 COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
 
 
@@ -85,6 +87,17 @@ def test_a_run_from_start_to_end(tmp_path):
     decisions = [decision for _, decision in replay(tmp_path / "run0.jsonl")]
     assert len(decisions) == 30
     assert not any(decision.differs for decision in decisions)
+
+
+def test_a_colour_is_measured(tmp_path):
+    with twin(tmp_path, 1):
+        file = tmp_path / "0" / "robot.yaml"
+        with start("calibrate", "color", "gray", "--robot", file, **PIPES) as process:
+            labels, said = process.communicate("\n", timeout=60)
+        assert read_settings(file).labels == {"gray": (127, 127, 127)}, said
+    assert (process.returncode, labels) == (0, "labels:\n  gray: [127, 127, 127]\n"), said
+    assert "gray: 127.0 127.0 127.0, spread 0.0, of 6" in said
+    assert len(events(tmp_path, "wheels")) == 1
 
 
 @pytest.mark.slow

@@ -28,17 +28,21 @@ def record(settings: Settings, duration: float | None, path: Path | None) -> Non
     path = path or Path(time.strftime("recording-%Y%m%d-%H%M%S.jsonl"))
     existed = path.exists()
     try:
-        write(settings, path, duration, tell, _show)
+        write(settings, path, duration, _tell, _show)
     except Signalled as signalled:
         is_recorded = path.exists() and not existed
         if not is_recorded or duration is not None or signalled.exit_code != 128 + signal.SIGINT:
             raise
-    finally:
-        if sys.stderr.isatty():
-            click.echo(err=True)
-    tell(f"The recording is {path}")
+    _tell(f"The recording is {path}")
 
 
 def _show(seconds: float, count: int) -> None:
     if sys.stderr.isatty():
         click.echo(f"\r{seconds:.0f} s, {count} samples and turns ", nl=False, err=True)
+
+
+def _tell(message: str) -> None:
+    """Say something in the place of what `_show` has written."""
+    if sys.stderr.isatty():
+        click.echo(f"\r{'':50}\r", nl=False, err=True)
+    tell(message)

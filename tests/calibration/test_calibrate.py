@@ -1,0 +1,254 @@
+"""`mdesign calibrate`, on recordings whose noise is known. Seeds are fixed; bounds have chances below 1e-6."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mercator_design.calibration.scenes import read_recording
+from mercator_design.checked_lines import to_line
+from mercator_design.robot.log import FORMAT
+from mercator_design.sim.robot_model import Gaussian, Uniform, load_robot_model
+from tests.calibration import recordings
+from tests.calibration.recordings import CENTRES, NOISE, measured, write
+
+MODEL = {
+    "proximity": Gaussian(sd=0.03),
+    "ground": Gaussian(sd=5.0),
+    "lidar": Uniform(half_width=0.005),
+    "ambient_light": Gaussian(sd=3.0),
+    "velocity": Uniform(half_width=0.01),
+    "accelerometer": Gaussian(sd=0.02),
+    "gyroscope": Gaussian(sd=0.004),
+    "imu": Uniform(half_width=0.002),
+    "locator": Gaussian(sd=0.001),
+    "quaternion": Gaussian(sd=0.003),
+}
+"""The noise of `recordings.NOISE` as robot models have it."""
+
+
+@pytest.fixture
+def calibrate(mdesign, tmp_path):
+    """Run the command; gives its JSON, by sensor, its notes, and what it said."""
+
+    def run(*arguments):
+        code, out, err = mdesign("calibrate", *arguments, "--json", "-o", tmp_path / "model.yaml")
+        assert code == 0, err
+        found = json.loads(out)
+        return {one["sensor"]: one for one in found["sensors"]}, "\n".join(found["notes"]), err
+
+    return run
+
+
+def only(sensor):
+    return {sensor: CENTRES[sensor]}
+
+
+def test_every_sensor(calibrate, mdesign, tmp_path):
+    scenes = [write(tmp_path / f"{seed}.jsonl", measured(seed=seed)) for seed in (1, 2)]
+    sensors, notes, err = calibrate(*scenes, "--plot", tmp_path / "noise.png", "--name", "ours")
+    assert [*sensors] == [*MODEL]
+    assert "left out" not in notes
+    assert [line.removeprefix("Note: ") for line in err.splitlines()] == notes.splitlines()
+    model = load_robot_model(str(tmp_path / "model.yaml"))
+    assert model.name == "ours"
+    assert model.body == load_robot_model("mercator").body
+    for key, noise in MODEL.items():
+        found, one = getattr(model, key).noise, sensors[key]
+        assert type(found) is type(noise), key
+        assert one["scenes"] == 2
+        name = one["distribution"]
+        parameter = {"gaussian": "sd", "uniform": "half_width"}[name]
+        assert getattr(found, parameter) == pytest.approx(one["parameter"], rel=1e-3)
+        # Six standard errors of a standard deviation, which are more than a half width is ever off.
+        error = 1.0 / np.sqrt(2.0 * (one["samples"] - one["channels"]))
+        assert one["parameter"] == pytest.approx(getattr(noise, parameter), rel=6.0 * error + 0.01), key
+        low, high = one["interval"]
+        assert low < one["parameter"] < high
+        assert one["aic_difference"] > 10.0
+    assert (tmp_path / "noise.png").read_bytes().startswith(b"\x89PNG")
+    options = ("--fsm-config", "--nstates 1 --s0 0 --rwm0 20", "--mission", "aggregation", "-n", 2, "-j", 1)
+    code, out, err = mdesign("evaluate", *options, "--robot-model", tmp_path / "model.yaml")
+    assert (code, "ours" in out) == (0, True), err
+
+
+def test_the_page_and_the_model_tell_what_was_found(mdesign, tmp_path):
+    noise = NOISE | {"velocity": recordings.gaussian(0.0), "ground": recordings.gaussian(0.0)}
+    sensors = ("proximity", "ground", "velocity")
+    file = write(tmp_path / "still.jsonl", measured(noise=noise, centres={name: CENTRES[name] for name in sensors}))
+    code, out, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
+    assert (code, err) == (0, "")
+    title, *rows = out.splitlines()
+    assert title.split()[:4] == ["sensor", "samples", "scenes", "noise"]
+    assert rows[0].split()[:4] == ["proximity", "1440", "1", "gaussian,"]
+    assert "none: all samples of a channel are equal" in rows[1]
+    text = (tmp_path / "model.yaml").read_text()
+    assert "still.jsonl: tester, today, 30 s" in text
+    assert "noise: {distribution: gaussian, sd: 0.0" in text
+    assert "noise: null  # all samples of a channel are equal; 1800 samples" in text
+    assert "velocity" not in text  # has none in the base either
+    model = load_robot_model(str(tmp_path / "model.yaml"))
+    assert (model.name, model.ground.noise) == ("model", None)
+
+
+def test_a_robot_that_is_moved_between_is_seen_in_two_places(calibrate, tmp_path):
+    """As one that is put from one colour on another."""
+    parts = [measured(20.0, seed) for seed in (1, 2, 3)]
+    found = {}
+    for sensor in CENTRES:
+        times = np.concatenate([20.0 * k + part[sensor][0] for k, part in enumerate(parts)])
+        values = [part[sensor][1] for part in parts]
+        if sensor == "attitude":
+            values[1] = values[1] + [0.3, 0.1, 1.0] * np.linspace(0.0, 1.0, len(values[1]))[:, np.newaxis]
+            values[2] = values[2] + [0.3, 0.1, 1.0]
+        if sensor == "ground":
+            values[2] = values[2] + [60.0, -40.0, 0.0]
+        found[sensor] = times, np.concatenate(values)
+    file = write(tmp_path / "moved.jsonl", found)
+    recording = read_recording(file)
+    ((begin, end),) = recording.moves
+    assert (begin, end) == (pytest.approx(20.0, abs=2.0), pytest.approx(40.0, abs=2.0))
+    sensors, notes, _ = calibrate(file)
+    assert "the robot was moved from" in notes
+    assert sensors["ground"]["scenes"] == 2
+    assert sensors["ground"]["parameter"] == pytest.approx(5.0, rel=0.1)
+    assert sensors["imu"]["parameter"] == pytest.approx(0.002, rel=0.05)
+
+
+def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
+    """However slowly it goes."""
+    found = measured(40.0)
+    times = np.arange(0.0, 40.0, 0.05)
+    found["wheels"] = times, np.where((times > 15.0) & (times < 22.0), 1e-3, 0.0)[:, np.newaxis] * [1.0, 1.0]
+    recording = read_recording(write(tmp_path / "drive.jsonl", found))
+    assert recording.moves == [(14.0, 23.0)]
+    assert [scene.name for scene in recording.scenes] == ["drive.jsonl, 0 to 14 s", "drive.jsonl, 23 to 40 s"]
+
+
+def test_what_is_left_out(calibrate, tmp_path):
+    """What is cut off, drifts, or sees nothing; beams beside an edge and on a slanting wall."""
+    centres = {name: [*CENTRES[name]] for name in ("ground", "proximity", "lidar")}
+    centres["ground"][0] = 250.0
+    centres["lidar"][40:60] = [3.0] * 20
+    centres["lidar"][80:110] = list(1.5 + 0.01 * np.arange(30))
+    found = measured(60.0, centres=centres)
+    found["ground"][1].clip(0.0, 255.0, out=found["ground"][1])
+    times, distances = found["proximity"]
+    distances[:, 2] += 0.003 * times
+    distances[:, 4] = np.inf
+    distances[:, 5] = -np.inf
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "ground, still.jsonl: 1 of 3 channels left out: too near to the ends of the range, 0 to 255" in notes
+    assert "proximity, still.jsonl: 2 of 8 channels left out: they measure nothing" in notes
+    assert "proximity, still.jsonl: 1 of 8 channels left out: they drift, by up to 0.18 in 60 s" in notes
+    assert "lidar, still.jsonl: " in notes
+    assert (sensors["ground"]["channels"], sensors["proximity"]["channels"]) == (2, 5)
+    assert sensors["lidar"]["channels"] == recordings.BEAMS - 4 - 31
+    assert sensors["proximity"]["parameter"] == pytest.approx(0.03, rel=0.15)
+    assert sensors["lidar"]["parameter"] == pytest.approx(0.005, rel=0.03)
+
+
+def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monkeypatch):
+    """Where walls slant a little, ranges change with angles, here as much as by noise; that is no noise."""
+    jitter, usual = np.random.default_rng(4), recordings.turn
+
+    def turn(ranges):
+        off = jitter.uniform(-0.02, 0.02)
+        return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges)]
+
+    monkeypatch.setattr(recordings, "turn", turn)
+    noise = {"lidar": recordings.gaussian(0.0005)}
+    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=only("lidar"))))
+    assert sensors["lidar"]["distribution"] == "gaussian"
+    assert sensors["lidar"]["parameter"] == pytest.approx(0.0005, rel=0.03)
+
+
+def test_a_lidar_that_sees_nothing(calibrate, tmp_path):
+    """As one whose beams go above the walls."""
+    noise = NOISE | {"lidar": recordings.gaussian(0.0)}
+    file = write(tmp_path / "still.jsonl", measured(noise=noise, centres=only("ground") | {"lidar": [0.0] * 120}))
+    sensors, notes, _ = calibrate(file)
+    assert [*sensors] == ["ground"]
+    assert "lidar, still.jsonl: 120 of 120 channels left out: they measure nothing" in notes
+
+
+def test_samples_that_follow_each_other(calibrate, tmp_path):
+    found = measured(60.0, centres=only("turning"))
+    times, values = found["turning"]
+    values[1:] = 0.5 * (values[1:] + values[:-1])
+    _, notes, _ = calibrate(write(tmp_path / "still.jsonl", {"turning": (times, values)}))
+    assert "gyroscope: samples resemble those before them (correlation 0." in notes
+
+
+def test_noise_that_the_step_hides(calibrate, tmp_path):
+    centres = {"ground": [100.0, 120.5, 140.0]}
+    noise = {"ground": recordings.gaussian(0.05)}
+    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(noise=noise, centres=centres)))
+    assert sensors["ground"]["distribution"] is None
+    assert sensors["ground"]["step"] == 1.0
+    assert "null  # less than the step of its values, 1; 1800 samples" in (tmp_path / "model.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (5.8, "ambient_light: expected at least 100 samples more than channels, found 29 samples of 1 channels"),
+        (1.0, "expected a robot at rest for 5 s, found 0.8 s in all"),
+    ],
+)
+def test_too_little(mdesign, tmp_path, seconds, words):
+    times, values = measured(seconds, centres=only("ambient_light"))["ambient_light"]
+    file = write(tmp_path / "short.jsonl", {"ambient_light": (times[::4], values[::4])})
+    code, out, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
+    assert (code, out) == (1, "")
+    assert words in err
+    assert not (tmp_path / "model.yaml").exists()
+
+
+def test_what_is_no_recording(mdesign, tmp_path):
+    run = tmp_path / "run.jsonl"
+    run.write_text(to_line({"event": "start", "kind": "run", "format": FORMAT}))
+    other = tmp_path / "other.jsonl"
+    start = {"event": "start", "kind": "recording", "format": FORMAT}
+    other.write_text("".join(map(to_line, [start, {"event": "sample", "sensor": "ground"}])))
+    empty = tmp_path / "empty.jsonl"
+    empty.write_text(to_line(start))
+    for file, words in (
+        (run, "line 1: expected the log of a recording, found that of a run"),
+        (other, "expected what this version writes, found other events: KeyError('time')"),
+        (empty, "expected a recording of sensors, found no sample"),
+        (tmp_path / "none.jsonl", "cannot be read: No such file or directory"),
+    ):
+        code, _, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
+        assert (code, words in err) == (1, True), err
+
+
+def test_an_existing_file_is_kept(mdesign, tmp_path):
+    model = tmp_path / "robot.yaml"
+    model.write_text("name: mine\n")
+    code, _, err = mdesign("calibrate", tmp_path / "any.jsonl", "-o", model)
+    assert (code, err) == (1, f"Error: {model} is there already; give another name, or remove it\n")
+    assert model.read_text() == "name: mine\n"
+
+
+def test_a_base_of_one_s_own(calibrate, tmp_path):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "blind.yaml").write_text("schema: 1\nbase: mercator\nlidar: null\nbody: {mass: 3.0}\n")
+    file = write(tmp_path / "still.jsonl", measured())
+    sensors, notes, _ = calibrate(file, "--base", folder / "blind.yaml")
+    assert "lidar" not in sensors
+    assert "lidar: recorded, but blind has no such sensor" in notes
+    assert load_robot_model(str(tmp_path / "model.yaml")).body.mass == 3.0
+
+
+def test_the_seed_decides(mdesign, tmp_path):
+    file = write(tmp_path / "still.jsonl", measured(centres=only("turning")))
+
+    def run(seed, name):
+        code, out, err = mdesign("calibrate", file, "--seed", seed, "-o", tmp_path / name)
+        assert code == 0, err
+        return out, (tmp_path / name).read_text()
+
+    assert run(1, "a.yaml") == run(1, "b.yaml")
+    assert run(1, "c.yaml") != run(2, "d.yaml")

@@ -1,0 +1,183 @@
+"""A recording has all that the devices measured, ends as a run does, and is no run."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mercator_design.robot.log import read
+from mercator_design.robot.samples import STANDARD_GRAVITY
+from tests.robot.devices import Devices
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
+RATES = {
+    "ground": 20.0,
+    "acceleration": 20.0,
+    "turning": 20.0,
+    "attitude": 20.0,
+    "orientation": 20.0,
+    "position": 20.0,
+    "velocity": 20.0,
+    "ambient_light": 20.0,
+    "proximity": 10.0,
+}
+"""What `Devices` tell in a second."""
+
+
+@contextmanager
+def recording(folder, *options):
+    """Devices, and `mercator-robot record` on them."""
+    with Devices() as devices:
+        names = devices.names
+        (folder / "robot.yaml").write_text(
+            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
+            "name: tester\nlidar_angle: 0.5\nswarm: {port: null}\n"
+        )
+        process = subprocess.Popen(
+            [*COMMAND, "record", "--robot", "robot.yaml", "-o", "recording.jsonl", *map(str, options)],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            yield devices, process
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def events(folder, kind=None):
+    found = read(folder / "recording.jsonl", "recording")
+    return [event for event in found if kind in (None, event["event"])]
+
+
+def until_it_records(devices, folder):
+    path = folder / "recording.jsonl"
+    devices.when(lambda: path.exists() and path.stat().st_size > 2000)
+
+
+def test_every_sample_of_every_sensor(tmp_path):
+    with recording(tmp_path, "--duration", 3) as (devices, process):
+        devices.sensed["color_detection"].update(r=200, g=100, b=50)
+        devices.sensed["accelerometer"].update(x=0.0, y=1.0, z=1.0)
+        devices.millimetres[:3] = [20, 500, 1999]
+        _, messages = process.communicate(timeout=30)
+        assert process.returncode == 0, messages
+        assert "The recording is recording.jsonl" in messages
+        assert not devices.drives()
+        assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
+    start, *rest, end = events(tmp_path)
+    assert (start["kind"], start["robot"], start["lidar_angle"]) == ("recording", "tester", 0.5)
+    assert len(start["proximity_angles"]) == 8
+    assert end["why"] == "The duration is over"
+    samples = {name: [each for each in rest if each.get("sensor") == name] for name in RATES}
+    for name, rate in RATES.items():
+        times = [each["time"] for each in samples[name]]
+        assert 0.5 * 3 * rate <= len(times) <= 1.2 * 3 * rate, name
+        assert times == sorted(times)
+        assert 0.0 <= times[0] <= times[-1] <= 3.2
+    assert samples["ground"][-1]["values"] == [200, 100, 50]
+    ahead, aside, up = samples["acceleration"][-1]["values"]
+    assert (ahead, up) == pytest.approx((STANDARD_GRAVITY, STANDARD_GRAVITY), abs=1e-4)
+    assert aside == pytest.approx(0.0, abs=1e-4)
+    assert samples["proximity"][-1]["values"] == [0.0, 0.5, 1.999, *[None] * 5]
+    turns = [each for each in rest if each["event"] == "turn"]
+    assert 10 <= len(turns) <= 25
+    assert {len(turn["readings"]) for turn in turns} == {721}
+
+
+def test_turns_have_angles_from_the_robot_s_front(tmp_path):
+    with recording(tmp_path, "--duration", 1) as (devices, process):
+        devices.robots.append((1.0, 0.8))
+        process.communicate(timeout=30)
+    *_, turn = events(tmp_path, "turn")
+    seen = [angle for angle, reach in turn["readings"] if reach == 0.8]
+    assert sum(seen) / len(seen) == pytest.approx(1.0 + 0.5, abs=math.radians(0.5))
+
+
+@pytest.mark.parametrize(
+    ("number", "options", "code"),
+    [
+        (signal.SIGINT, (), 0),
+        (signal.SIGINT, ("--duration", 60), 130),
+        (signal.SIGTERM, (), 143),
+        (signal.SIGHUP, (), 129),
+    ],
+)
+def test_signals_end_it_and_leave_it_whole(tmp_path, number, options, code):
+    with recording(tmp_path, *options) as (devices, process):
+        until_it_records(devices, tmp_path)
+        process.send_signal(number)
+        _, messages = process.communicate(timeout=10)
+        assert process.returncode == code, messages
+        assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
+        assert devices.lidar_commands[-2:] == ["force_stop", "stop"]
+    assert events(tmp_path)[-1]["why"] == f"Stopped by {number.name}."
+
+
+def test_ctrl_c_before_it_records_is_an_interruption(tmp_path):
+    with recording(tmp_path) as (devices, process):
+        devices.silent.add("rvr")
+        devices.when(lambda: devices.commands)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+        assert process.returncode == 130
+    assert not (tmp_path / "recording.jsonl").exists()
+
+
+def test_it_is_whole_to_its_last_line_when_the_process_is_killed(tmp_path):
+    with recording(tmp_path) as (devices, process):
+        until_it_records(devices, tmp_path)
+        process.kill()
+        process.wait()
+    assert len(events(tmp_path, "sample")) > 5
+    assert not events(tmp_path, "end")
+
+
+def test_a_sensor_that_falls_silent_is_told_and_the_others_go_on(tmp_path):
+    with recording(tmp_path) as (devices, process):
+        until_it_records(devices, tmp_path)
+        devices.silent.add("proximity")
+        time.sleep(2.0)
+        before = len(events(tmp_path, "sample"))
+        time.sleep(1.0)
+        assert len(events(tmp_path, "sample")) > before
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=10)
+    assert messages.count("Warning: proximity: nothing for") == 1
+    assert any(note["text"].startswith("proximity: nothing for") for note in events(tmp_path, "note"))
+
+
+def test_a_device_that_is_not_well_ends_it(tmp_path):
+    with recording(tmp_path) as (devices, process):
+        until_it_records(devices, tmp_path)
+        devices.tell("did_sleep")
+        _, messages = process.communicate(timeout=10)
+        assert (process.returncode, "rvr: it fell asleep" in messages) == (4, True), messages
+    assert events(tmp_path)[-1]["why"] == "rvr: it fell asleep"
+
+
+def test_an_existing_file_is_kept(tmp_path):
+    (tmp_path / "recording.jsonl").write_text("mine")
+    with recording(tmp_path) as (_, process):
+        _, messages = process.communicate(timeout=20)
+        assert (process.returncode, "recording.jsonl: cannot be written: File exists" in messages) == (1, True), (
+            messages
+        )
+    assert (tmp_path / "recording.jsonl").read_text() == "mine"
+
+
+def test_a_recording_is_no_run(tmp_path, robot_command):
+    with recording(tmp_path, "--duration", 0.5) as (_, process):
+        process.communicate(timeout=20)
+    code, _, err = robot_command("replay", tmp_path / "recording.jsonl")
+    assert code == 1
+    assert "recording.jsonl, line 1: expected the log of a run, found that of a recording" in err

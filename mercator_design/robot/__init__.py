@@ -18,13 +18,13 @@
     recording   what sensors measure, as it comes
     control     a robot that somebody has control of
     runner      a run
-    ros         a node of ROS 1; ros_messages: what its topics carry
     keyboard    keys and status at a terminal
     teleop      a person drives
     person      who does what the robot cannot
     ground_calibration     labels
     proximity_calibration  which sensor looks where, and offsets
     check       what may be wrong
+    ros         a node of ROS 1; ros_messages: what its topics carry
     cli         the command mercator-robot
 
 The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one

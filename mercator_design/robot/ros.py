@@ -219,7 +219,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         Signalled: if a signal came.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
-        tell(robot.introduction)
+        robot.introduce(tell)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
         node.obey(robot.brake, orders)
         arm(settings, robot, watchdog)
@@ -228,8 +228,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
             robot.attend(due)
             robot.check_ages()
             now = time.monotonic()
-            robot.brake.drive(*orders.speeds(now))
-            robot.poll()
+            robot.drive_at(*orders.speeds(now))
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)

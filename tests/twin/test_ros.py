@@ -53,7 +53,12 @@ class Ros:
             self.port = probe.getsockname()[1]
         self.uri = f"http://127.0.0.1:{self.port}/"
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS", "VIRTUAL"))}
-        self._environment = kept | {"ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder)}
+        self._environment = kept | {
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder),
+            "TMPDIR": str(folder),
+        }
         self.core = self.start("roscore", "-p", str(self.port), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def start(self, *command, **streams):

@@ -13,7 +13,7 @@ from mercator_design.loading import FieldError, Length, Name, Range, read
 from mercator_design.robot.ports import PortNames
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
-Age = Annotated[float, Range(0.05, 10.0)]
+Age = Annotated[float, Range(0.3, 10.0)]
 Offset = Annotated[float, Range(-0.2, 0.2)]
 
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
@@ -28,7 +28,7 @@ class Limits:
     """Beyond these the robot stops."""
 
     speed: Annotated[float, Range(0.01, 1.55)] = 0.3  # [m/s] of a tread that a behaviour drives at full speed
-    rvr: Age = 0.25  # [s] since the RVR last told something
+    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
     proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
 
@@ -55,7 +55,7 @@ class Settings:
     limits: Limits = Limits()
     labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
     missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
-        None  # colours of each one's floor, if not those in fsm.txt
+        None  # colours of each one's floor, instead of those in fsm.txt
     )
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
     proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much
@@ -73,6 +73,8 @@ class Settings:
 
         Raises:
             FsmError: if the floor in the header is not of colours.
+            SettingsError: if only some of the floor's colours were measured: what a sensor reads on one, and should on
+                another, cannot be compared.
         """
         measured = self.labels or {}
         told = header["floor"].split(", ") if "floor" in header else []
@@ -80,7 +82,14 @@ class Settings:
             raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
         floor = tuple(name for name in COLOURS if name in told)
         names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or _USUAL
-        return {name: COLOURS[name] if name not in measured else _floats(measured[name]) for name in names}
+        if not measured:
+            return {name: COLOURS[name] for name in names}
+        if lacking := [name for name in names if name not in measured]:
+            raise SettingsError(
+                f"labels: expected all colours of the floor ({', '.join(names)}), found none of {', '.join(lacking)}; "
+                f"measure with `mercator-robot calibrate color {' '.join(lacking)}`"
+            )
+        return {name: _floats(measured[name]) for name in names}
 
     def corrected(self, distances: Sequence[float]) -> tuple[float, ...]:
         """The hub's distances [m] without what each sensor reads too much, at least 0; what is no number of m stays."""

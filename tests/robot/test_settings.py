@@ -39,6 +39,10 @@ def test_ports_that_are_left_out_are_the_usual_ones():
     [
         ("limits: {spede: 0.3}", "limits.spede: unknown key; did you mean 'speed'"),
         ("limits: {speed: 1.6}", 'limits.speed: expected a number >= 0.01 and <= 1.55, found "1.6"'),
+        ("limits: {rvr: 0.09}", "limits.rvr: expected a number >= 0.1"),
+        ("limits: {proximity: 0.2}", "limits.proximity: expected a number >= 0.3"),
+        ("limits: {lidar: 0.2}", "limits.lidar: expected a number >= 0.3"),
+        ("swarm: {heartbeat: 0.06}", "swarm.heartbeat: expected a number >= 0.3"),
         ("labels: {blak: [0, 0, 0]}", "labels.blak: expected one of black.*; did you mean 'black'?"),
         ("labels: {black: [0, 0, 256]}", "labels.black\\[2\\]"),
         ("missions: {aggregation: []}", "missions.aggregation: expected a list of at least 1"),
@@ -76,17 +80,25 @@ class TestLabels:
         assert list(labels) == ["black", "gray", "white"]
 
     def test_of_a_mission(self):
-        text = "labels: {red: [90, 10, 10]}\nmissions: {two spots: [black, red]}"
+        text = "labels: {black: [5, 5, 5], red: [90, 10, 10]}\nmissions: {two spots: [black, red]}"
         labels = settings(text).labels_of({"mission": "two spots", "floor": "gray, white"})
-        assert labels == {"black": (0.0, 0.0, 0.0), "red": (90.0, 10.0, 10.0)}
+        assert labels == {"black": (5.0, 5.0, 5.0), "red": (90.0, 10.0, 10.0)}
         assert nearest(labels, (200.0, 200.0, 200.0)) == "red"
-        assert list(settings(text).labels_of({"mission": "another"})) == ["red"]
+        assert list(settings(text).labels_of({"mission": "another"})) == ["black", "red"]
 
     def test_of_the_floor_in_the_header_of_an_fsm(self):
-        labels = settings("labels: {red: [90, 10, 10], black: [5, 5, 5]}").labels_of({"floor": "gray, black"})
-        assert labels == {"black": (5.0, 5.0, 5.0), "gray": (127.0, 127.0, 127.0)}
+        labels = settings("labels: {red: [90, 10, 10], black: [5, 5, 5]}").labels_of({"floor": "red, black"})
+        assert labels == {"black": (5.0, 5.0, 5.0), "red": (90.0, 10.0, 10.0)}
+        assert Settings().labels_of({"floor": "gray, black"}) == {"black": (0.0,) * 3, "gray": (127.0,) * 3}
         with pytest.raises(FsmError, match=r"floor in the header: expected black, .*, found 'grey'"):
             Settings().labels_of({"floor": "grey, black"})
+
+    def test_of_a_floor_that_was_measured_in_part(self):
+        """What a dark sensor reads on white may be nearer to its black than to what others read."""
+        measured = settings("labels: {black: [7, 8, 6], red: [90, 10, 10]}")
+        words = r"\(black, white, gray\), found none of white, gray; .* `mercator-robot calibrate color white gray`"
+        with pytest.raises(SettingsError, match=words):
+            measured.labels_of({"floor": "black, gray, white"})
 
     def test_of_two_that_are_as_near_the_first(self):
         assert nearest({"white": (2.0, 0.0, 0.0), "black": (0.0, 0.0, 0.0)}, (1.0, 0.0, 0.0)) == "white"

@@ -126,12 +126,14 @@ class Response:
     """The robot answers a command; if not with success, without values.
 
     error: One of `Error`, or a number that is in none of the maker's documents.
+    seq: Of the command.
     """
 
     name: str
     processor: Processor
     values: Values
     error: int
+    seq: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +157,15 @@ class Unknown:
 
 
 class Host:
-    """The computer's end of the line."""
+    """The computer's end of the line.
+
+    seq: Of the latest command.
+    """
 
     def __init__(self, seq: int = 1) -> None:
         """Begin with command number `seq`."""
         self._decoder = frame_decoder()
-        self._seq = seq
+        self.seq = (seq - 1) % 256
         self._awaited: dict[int, tuple[Message, Processor]] = {}
         self._slots = Slots()
 
@@ -191,15 +196,15 @@ class Host:
         reply = Flags.ANSWER if message.returns else reply or Flags(0)
         if not self._slots.follow(name, processor, values):
             raise ProtocolError(f"{name}: expected services of {processor.name} in a slot, found {values}")
-        while self._seq in self._awaited:
-            self._seq = (self._seq + 1) % 256
-        seq, self._seq = self._seq, (self._seq + 1) % 256
+        self.seq = (self.seq + 1) % 256
+        while self.seq in self._awaited:
+            self.seq = (self.seq + 1) % 256
         if reply:
             if len(self._awaited) == _AWAITED:
                 del self._awaited[next(iter(self._awaited))]
-            self._awaited[seq] = message, processor
+            self._awaited[self.seq] = message, processor
         flags = Flags.ACTIVITY | reply
-        return Frame(did=message.did, cid=message.cid, seq=seq, data=data, flags=flags, target=processor).encode()
+        return Frame(did=message.did, cid=message.cid, seq=self.seq, data=data, flags=flags, target=processor).encode()
 
     def receive(self, data: bytes) -> list[Response | Notification | StreamData | Unknown]:
         """What these bytes complete of what the robot says."""
@@ -227,7 +232,7 @@ class Host:
         values = message.returns.unpack(frame.data) if message.returns and error == Error.SUCCESS else {}
         if values is None:
             return Unknown(frame, Error.BAD_DATA_LENGTH)
-        return Response(message.name, processor, values, error)
+        return Response(message.name, processor, values, error, frame.seq)
 
 
 class Device:

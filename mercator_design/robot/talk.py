@@ -77,14 +77,14 @@ class Talk:
             RobotError: if it does not, or refuses.
             Stopped: if a port is lost.
         """
+        asked: set[int] = set()
 
         def command() -> bytes:
-            return self._host.send(name, target=target, reply=Flags.ANSWER, **values)
+            sent = self._host.send(name, target=target, reply=Flags.ANSWER, **values)
+            asked.add(self._host.seq)
+            return sent
 
-        def answers(response: Response) -> bool:
-            return response.name == name and response.processor == (target or response.processor)
-
-        response = self.exchange("rvr", command, Response, answers)
+        response = self.exchange("rvr", command, Response, lambda response: response.seq in asked)
         if response.error:
             raise RobotError(f"rvr: {name} was refused: {words(response.error)}")
         return response.values

@@ -269,7 +269,7 @@ def test_of_commands_that_are_refused_one_matters():
     robot, stopped = Mercator(Settings(), (None, None, None), SENSES, {}), []
     for name in COMMANDS:
         try:
-            robot._take(Response(name, Processor.NORDIC, {}, 7), 0.0)
+            robot._take(Response(name, Processor.NORDIC, {}, 7, 1), 0.0)
         except Stopped:
             stopped.append(name)
     assert stopped == ["drive_tank_si_units"]

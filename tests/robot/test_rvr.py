@@ -71,7 +71,8 @@ def test_commands_and_responses_arrive_as_they_were_sent(data):
     (command,) = device.receive(host.send(name, target=target, reply=Flags.ANSWER, **values))
     assert (command.name, command.processor, command.values) == (name, target, values)
     returned = data.draw(values_of(message.returns)) if message.returns else {}
-    assert host.receive(device.answer(command.frame, **returned)) == [Response(name, target, returned, Error.SUCCESS)]
+    answer = Response(name, target, returned, Error.SUCCESS, command.frame.seq)
+    assert host.receive(device.answer(command.frame, **returned)) == [answer]
 
 
 @FIXED
@@ -180,7 +181,7 @@ class TestAnswers:
         sent = host.send(name, reply=reply)
         assert sent[1] == flags
         (command,) = device.receive(sent)
-        expected = [Response(name, command.processor, {}, error)] if is_answered else []
+        expected = [Response(name, command.processor, {}, error, command.frame.seq)] if is_answered else []
         assert host.receive(device.answer(command.frame, error)) == expected
 
     def test_each_command_is_answered_once(self):

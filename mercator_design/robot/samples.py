@@ -9,7 +9,7 @@ from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.talk import Event
 
 STANDARD_GRAVITY = 9.80665
-"""[m/s2]"""
+"""[m/s2] One g of what the RVR tells."""
 
 
 class Sample(NamedTuple):

@@ -63,7 +63,7 @@ LARGEST = 2048
 """MiB of a recording: beyond, it could fill the memory."""
 
 _GRAVITY = 9.81
-"""[m/s2]"""
+"""[m/s2] The paper's, with which it tells accelerations in g."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -233,9 +233,9 @@ class Mercator:
         talk = self._talk
         talk.is_ending = True
         with contextlib.suppress(RobotError):
-            stop_lidar(talk, self._lidar)
-        with contextlib.suppress(RobotError):
             rest_rvr(talk)
+        with contextlib.suppress(RobotError):
+            stop_lidar(talk, self._lidar)
 
     def _start(self) -> None:
         talk = self._talk

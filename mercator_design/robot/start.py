@@ -20,7 +20,8 @@ def wake_rvr(talk: Talk) -> dict[str, Any]:
     Raises:
         RobotError: if it does not answer.
     """
-    _quieten(talk)
+    talk.tell("disable_notifications_and_active_commands")
+    _end_streaming(talk)
     talk.tell("wake")
     talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
     facts = {}
@@ -42,11 +43,12 @@ def rest_rvr(talk: Talk) -> None:
     Raises:
         RobotError: if it does not answer, or refuses to stop.
     """
-    _quieten(talk)
+    _end_streaming(talk)
     talk.tell("enable_color_detection", is_enabled=False)
     talk.tell("release_led_requests")
     talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
     talk.tell("restore_default_control_system_timeout")
+    talk.tell("disable_notifications_and_active_commands")
 
 
 def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
@@ -84,8 +86,7 @@ def start_hub(talk: Talk) -> None:
             raise RobotError(f"proximity: command {command.code:#x} was refused")
 
 
-def _quieten(talk: Talk) -> None:
-    talk.tell("disable_notifications_and_active_commands")
+def _end_streaming(talk: Talk) -> None:
     for processor in Processor:
         talk.tell("clear_streaming_service", processor)
 

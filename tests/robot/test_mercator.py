@@ -227,6 +227,22 @@ class TestStart:
             Mercator(Settings(ports=PortNames()), (None, None, None), {"light", "proximity"}, {})
 
 
+def test_the_end(devices, monkeypatch):
+    """What does not work keeps nothing else from being ended."""
+    ended = []
+
+    def end(name):
+        ended.append(name)
+        raise RobotError(name)
+
+    monkeypatch.setattr(mercator, "rest_rvr", lambda _talk: end("rvr"))
+    monkeypatch.setattr(mercator, "stop_lidar", lambda _talk, _line: end("lidar"))
+    with robot_on(devices, ()) as robot:
+        robot.drive(Wheels(0.5, 0.5))
+    assert ended == ["rvr", "lidar"]
+    devices.when(lambda: devices.drives() and not any(devices.wheels[-1][1:]))
+
+
 def test_damaged_bytes(devices):
     """One byte of a thousand is wrong: one frame of thirty, of which five in a row make the robot stop (2e-8).
 

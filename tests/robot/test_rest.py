@@ -12,7 +12,7 @@ from mercator_design.robot.ports import open_port
 from mercator_design.robot.rvr import Host
 from mercator_design.robot.ydlidar import encode_command
 from tests.robot.devices import Devices
-from tests.robot.test_ways_out import free_port, running
+from tests.robot.test_ways_out import LAST, free_port, running
 
 
 @pytest.fixture
@@ -55,17 +55,17 @@ def test_after_a_program_that_was_killed(stop, devices):
         "",
     )
     assert devices.rests_since() - began < 1.0
-    devices.when(lambda: devices.commands[-1][1] == "restore_default_control_system_timeout")
+    devices.when(lambda: devices.commands[-1][1] == LAST)
     names = [name for _, name, _ in devices.commands]
     names = names[names.index("drive_stop") - 1 :]
     assert names[:4] == ["drive_tank_si_units", "drive_stop"] * 2
     assert names[-7:] == [
-        "disable_notifications_and_active_commands",
         *["clear_streaming_service"] * 2,
         "enable_color_detection",
         "release_led_requests",
         "drive_stop",
         "restore_default_control_system_timeout",
+        LAST,
     ]
     assert next(v for _, name, v in devices.commands if name == "enable_color_detection") == {"is_enabled": False}
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])

@@ -132,6 +132,16 @@ def test_a_stop_in_the_middle_of_a_frame_is_heard(is_finished):
         assert heard[0].values == {"left_velocity": 0.0, "right_velocity": 0.0}
 
 
+def test_behind_the_end_a_signal_interrupts_nothing(wire, brake):
+    signals = Signals()
+    with signals.caught():
+        signals.brake = brake
+        with signals.until_stopped():
+            assert wire.sent == []
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert wire.sent == [b"zero"] * 2
+
+
 def test_only_the_first_signal_interrupts(wire, brake):
     """A second one must not keep the robot from being shut down."""
     signals = Signals()

@@ -1,5 +1,6 @@
 """The log of a run: whole to its last line, and the same decisions when it is replayed, here and compiled."""
 
+import math
 import os
 import random
 import stat
@@ -201,12 +202,17 @@ def test_every_verb_has_help(robot_command):
         assert (code, out.startswith(f"Usage: mercator-robot {verb}")) == (0, True)
 
 
-def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        (object(), "TypeError('Object of type object is not JSON serializable')"),
+        (math.nan, "ValueError('Out of range float values are not JSON compliant"),
+    ],
+)
+def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path, what, words):
     with Log(tmp_path / "log.jsonl") as log:
-        log.note("start", what=object())
-    assert log.failure.endswith(
-        "log.jsonl: cannot be written: TypeError('Object of type object is not JSON serializable')"
-    )
+        log.note("start", what=what)
+    assert f"log.jsonl: cannot be written: {words}" in log.failure
 
 
 @pytest.mark.parametrize("events", [1, 1000, 1002])

@@ -10,14 +10,17 @@ import pytest
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
-from mercator_design.robot import mercator, start, talk
+from mercator_design.robot import mercator, ports, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
+from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
+from mercator_design.robot.rvr_streaming import StreamData
+from mercator_design.robot.samples import samples
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
-from tests.robot.devices import Devices
+from tests.robot.devices import QUIET, Devices
 
 SENSES = ("proximity", "neighbours", "ground")
 PREPARATIONS = (
@@ -34,7 +37,7 @@ NEAR = ReferenceModel().neighbour_range
 @contextmanager
 def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
-    with open_ports(settings.ports) as ports, Mercator(settings, ports, reads, settings.labels_of({})) as robot:
+    with open_ports(settings.ports) as opened, Mercator(settings, opened, reads, settings.labels_of({})) as robot:
         yield robot
 
 
@@ -111,6 +114,28 @@ class TestReadings:
         x = sum(weight * math.cos(angle) for weight, angle in pulls)
         y = sum(weight * math.sin(angle) for weight, angle in pulls)
         assert (readings.neighbours_x, readings.neighbours_y) == pytest.approx((x, y), abs=0.01)
+
+    def test_where_its_sensors_look(self, devices):
+        """As the settings say, which are turned here: the hub's sensors to the right, the lidar to the left."""
+        right, left = -math.pi / 2.0, math.pi / 2.0
+        angles = tuple(angle + right for angle in Settings().proximity_angles)
+        with robot_on(devices, proximity_angles=angles, lidar_angle=left) as robot:
+            devices.millimetres[1] = 200
+            devices.robots = [(0.0, 0.4)]
+            readings = told(robot, 0.5)
+        weight = proximity_weight(ReferenceModel(), 0.2)
+        assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, -weight))
+        assert robot.neighbours == [pytest.approx((0.4, left), abs=0.01)]
+
+    def test_what_is_not_valid_is_not_heard(self):
+        streamed = {"color_detection": QUIET["color_detection"]}
+        for is_valid in (False, True):
+            found = [*samples(StreamData(Processor.ST, 1, is_valid=is_valid, values=streamed), 0.0)]
+            assert bool(found) == is_valid
+
+    def test_a_hub_with_a_sensor_that_is_off_tells_nothing(self):
+        for mask in (0xFF, 0xFE):
+            assert bool([*samples(Distances((500,) * 8, mask), 0.0)]) == (mask == 0xFF)
 
     def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
         assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles
@@ -289,6 +314,33 @@ def test_of_commands_that_are_refused_one_matters():
         except Stopped:
             stopped.append(name)
     assert stopped == ["drive_tank_si_units"]
+
+
+def test_lamps_are_set_again(devices, monkeypatch):
+    """As a frame may have been lost; but not in each cycle."""
+
+    def shown():
+        return [name for _, name, _ in devices.commands].count("set_all_leds")
+
+    with robot_on(devices, ()) as robot:
+        colours = dict.fromkeys(LIGHTS, (0, 158, 115))
+        for _ in range(3):
+            robot.show(colours)
+        devices.when(shown)
+        time.sleep(0.1)
+        assert shown() == 1
+        monkeypatch.setattr(mercator, "_SHOW", 0.05)
+        robot.show(colours)
+        devices.when(lambda: shown() == 2)
+
+
+def test_the_lidar_s_motor(devices, monkeypatch):
+    """Turns as long as the line DTR is high, which pseudo-terminals have not."""
+    heights = []
+    monkeypatch.setattr(ports._Port, "dtr", property(lambda _: None, lambda _, high: heights.append(high)))
+    with robot_on(devices, ()):
+        assert heights[-2:] == [False, True]
+    assert heights[-1] is False
 
 
 def test_wheels_and_lamps(devices):

@@ -14,9 +14,10 @@ import pytest
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from tests.robot.devices import Devices
+from tests.robot.ways import OFTEN, asked
 
 ROOT = Path(__file__).parents[2]
-COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
+MAIN = "from mercator_design.robot.cli import main; main()"
 RATES = {
     "ground": 20.0,
     "acceleration": 20.0,
@@ -32,7 +33,7 @@ RATES = {
 
 
 @contextmanager
-def recording(folder, *options):
+def recording(folder, *options, lead=""):
     """Devices, and `mercator-robot record` on them."""
     with Devices() as devices:
         names = devices.names
@@ -41,7 +42,17 @@ def recording(folder, *options):
             "name: tester\nlidar_angle: 0.5\nswarm: {port: null}\n"
         )
         process = subprocess.Popen(
-            [*COMMAND, "record", "--robot", "robot.yaml", "-o", "recording.jsonl", *map(str, options)],
+            [
+                sys.executable,
+                "-c",
+                lead + MAIN,
+                "record",
+                "--robot",
+                "robot.yaml",
+                "-o",
+                "recording.jsonl",
+                *map(str, options),
+            ],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stderr=subprocess.PIPE,
@@ -119,7 +130,7 @@ def test_signals_end_it_and_leave_it_whole(tmp_path, number, options, code):
         _, messages = process.communicate(timeout=10)
         assert process.returncode == code, messages
         assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
-        assert devices.lidar_commands[-2:] == ["force_stop", "stop"]
+        devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
     assert events(tmp_path)[-1]["why"] == f"Stopped by {number.name}."
 
 
@@ -154,6 +165,11 @@ def test_a_sensor_that_falls_silent_is_told_and_the_others_go_on(tmp_path):
         _, messages = process.communicate(timeout=10)
     assert messages.count("Warning: proximity: nothing for") == 1
     assert any(note["text"].startswith("proximity: nothing for") for note in events(tmp_path, "note"))
+
+
+def test_the_battery_is_asked_after(tmp_path):
+    with recording(tmp_path, lead=OFTEN) as (devices, _):
+        devices.when(lambda: asked(devices) > 2)
 
 
 def test_a_device_that_is_not_well_ends_it(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.robot import control, ros, ros_messages, safety
+from mercator_design.robot import control, mercator, ros, ros_messages, safety
 from mercator_design.robot.ros import Node, Orders, serve
 from mercator_design.robot.ros_messages import PUBLISHED
 from mercator_design.robot.rvr_messages import Processor
@@ -20,6 +20,7 @@ from mercator_design.robot.samples import STREAMED, Sample, samples
 from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.sweep import BINS
 from tests.robot.devices import QUIET, Devices
+from tests.robot.ways import asked
 
 LATEST = 0.25
 """[s] from what is found to wheels at rest."""
@@ -244,8 +245,9 @@ def go(orders, left, right, seconds):
 
 
 class TestServe:
-    def test_from_start_to_end(self, devices):
+    def test_from_start_to_end(self, devices, monkeypatch):
         """One node through all that goes on, as it takes seconds to start."""
+        monkeypatch.setattr(mercator, "_POLL", 0.5)
         silent, white = [], {"r": 250, "g": 251, "b": 252}
         devices.sensed["color_detection"] |= white
         devices.robots = [(math.pi / 2, 0.5)]
@@ -262,6 +264,7 @@ class TestServe:
         self.wheels(devices, silent[0])
         self.lamps(devices)
         self.what_is_published(node)
+        assert asked(devices) > 2
         assert said[0].startswith("mercator: ")
 
     def wheels(self, devices, silent):

@@ -1,6 +1,7 @@
 """Questions and their answers, which may come late."""
 
 import socket
+import threading
 
 import pytest
 
@@ -8,6 +9,7 @@ from mercator_design.errors import RobotError
 from mercator_design.robot import talk as talk_module
 from mercator_design.robot.rvr import Device
 from mercator_design.robot.rvr_messages import Error
+from mercator_design.robot.start import wake_rvr
 from mercator_design.robot.talk import Talk
 
 
@@ -18,6 +20,7 @@ class Line:
 
     def __init__(self):
         self._here, self._there = socket.socketpair()
+        self.say = self._there.send
         self.robot, self.commands = Device(), []
         self.answer = lambda _commands: b""
 
@@ -29,7 +32,7 @@ class Line:
 
     def write(self, data):
         self.commands += self.robot.receive(data)
-        self._there.send(self.answer(self.commands))
+        self.say(self.answer(self.commands))
 
     def close(self):
         self._here.close()
@@ -47,6 +50,34 @@ def line(monkeypatch):
 @pytest.fixture
 def talk(line):
     return Talk([line], lambda _event, _now: None)
+
+
+def test_an_rvr_that_takes_time_to_wake_up(talk, line):
+    """Asleep it refuses what it is asked."""
+    facts = {
+        "get_main_application_version": {"major": 9, "minor": 1, "revision": 462},
+        "get_battery_voltage_state": {"state": 1},
+        "get_battery_percentage": {"percentage": 87},
+    }
+    awake = threading.Event()
+
+    def wake():
+        awake.set()
+        line.say(line.robot.notify("did_wake"))
+
+    waking = threading.Timer(0.2, wake)
+
+    def answer(commands):
+        asked = commands[-1]
+        if asked.name == "wake":
+            waking.start()
+        if not awake.is_set():
+            return line.robot.answer(asked.frame, Error.RESTRICTED)
+        return line.robot.answer(asked.frame, **facts.get(asked.name, {}))
+
+    line.answer = answer
+    assert wake_rvr(talk) == {"firmware_nordic": "9.1.462", "firmware_st": "9.1.462", "battery": "87 %"}
+    waking.join()
 
 
 def test_an_answer_to_an_earlier_try_is_one(talk, line):

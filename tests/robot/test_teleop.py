@@ -24,7 +24,7 @@ from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, free_port, soonest
+from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
 
 ROOT = Path(__file__).parents[2]
 RING = Settings().proximity_angles
@@ -236,6 +236,10 @@ class TestDriving:
             shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
         assert len(shown) < 80
+
+    def test_the_battery_is_asked_after(self, tmp_path):
+        with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
+            drive.devices.when(lambda: asked(drive.devices) > 5)
 
     def test_a_terminal_of_another_user(self, tmp_path):
         """As after `su`: it can be opened by its general name only."""

@@ -19,7 +19,7 @@ from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, free_port, soonest
+from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 0 --rwm0 20"
@@ -382,6 +382,13 @@ def test_a_log_that_exists_keeps_the_robot_from_starting(tmp_path):
         assert (returned, "log.jsonl: cannot be written: File exists" in error) == (1, True), error
         assert (robot.devices.commands, robot.devices.lidar_commands) == ([], [])
     assert (tmp_path / "log.jsonl").read_text() == "of another run"
+
+
+def test_the_battery_is_asked_after(tmp_path):
+    with running(tmp_path, fault=OFTEN) as robot:
+        robot.drives()
+        robot.fault()
+        robot.devices.when(lambda: asked(robot.devices) > 5)
 
 
 def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):

@@ -9,6 +9,8 @@ import socket
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""
 ATTEMPTS = 3
+OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.0\n"
+"""Lets a program ask after the battery whenever it thinks of it."""
 
 
 def soonest(attempt):
@@ -17,6 +19,11 @@ def soonest(attempt):
     while len(times) < ATTEMPTS and (not times or min(times) > LATEST):
         times.append(attempt(len(times)))
     return min(times)
+
+
+def asked(devices):
+    """How often the robot was asked after its battery."""
+    return [name for _, name, _ in devices.commands].count("get_battery_percentage")
 
 
 def free_port():

@@ -15,6 +15,7 @@ from mercator_design import __version__
 from mercator_design.fleet import bundle as bundling
 from mercator_design.fleet.bundle import bundle
 from tests.robot.devices import Devices
+from tests.robot.ways import in_time
 
 ROOT = Path(__file__).parents[2]
 NEEDED = {"click", "serial", "yaml"}
@@ -62,17 +63,22 @@ def test_the_command_line(application, python):
 
 
 def test_a_run_and_its_replay(application, python, tmp_path):
-    (tmp_path / "fsm.txt").write_text("# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n")
+    in_time(lambda number: a_run_and_its_replay(application, python, tmp_path / str(number)))
+
+
+def a_run_and_its_replay(application, python, folder):
+    folder.mkdir()
+    (folder / "fsm.txt").write_text("# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n")
     with Devices() as devices:
         ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
-        (tmp_path / "robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n")
+        (folder / "robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n")
         options = ("--robot", "robot.yaml", "--duration", "0.5", "-o", "log.jsonl")
-        done = run(python, application, "run", "fsm.txt", *options, folder=tmp_path)
+        done = run(python, application, "run", "fsm.txt", *options, folder=folder)
         assert done.returncode == 0, done.stderr
         assert devices.drives()
-        checked = run(python, application, "check", "--robot", "robot.yaml", folder=tmp_path)
+        checked = run(python, application, "check", "--robot", "robot.yaml", folder=folder)
         assert "ok     clock" in checked.stdout, checked.stderr
-    replayed = run(python, application, "replay", "log.jsonl", folder=tmp_path)
+    replayed = run(python, application, "replay", "log.jsonl", folder=folder)
     assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
 
 

@@ -19,7 +19,7 @@ from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
+from tests.robot.ways import LATEST, OFTEN, asked, free_port, in_time, soonest
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 0 --rwm0 20"
@@ -318,7 +318,11 @@ def test_the_rvr_lost(tmp_path):
 
 
 def test_the_end_of_the_duration(tmp_path):
-    with running(tmp_path, GO, "", "", "--duration", "1") as robot:
+    in_time(lambda number: the_end_of_the_duration(tmp_path / str(number)))
+
+
+def the_end_of_the_duration(folder):
+    with running(folder, GO, "", "", "--duration", "1") as robot:
         check(robot, 0, "The duration is over")
         driven = [when for when, left, _ in robot.devices.wheels if left]
         assert 0.8 < robot.devices.rests_since() - driven[0] < 1.3
@@ -336,11 +340,14 @@ def test_the_end_of_the_duration(tmp_path):
 
 
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
-    with running(tmp_path, GO, "", "", "--duration", "1", "--dry-run") as robot:
-        check(robot, 0, "The duration is over")
-        assert not robot.devices.drives()
-        cycles = [event for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle"]
-        assert cycles[0]["wheels"] == [1.0, 1.0]
+    def attempt(number):
+        with running(tmp_path / str(number), GO, "", "", "--duration", "1", "--dry-run") as robot:
+            check(robot, 0, "The duration is over")
+            assert not robot.devices.drives()
+            cycles = [event for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
+            assert cycles[0]["wheels"] == [1.0, 1.0]
+
+    in_time(attempt)
 
 
 def test_a_dry_run_is_stopped_by_what_would_stop_another(tmp_path):

@@ -19,6 +19,7 @@ from mercator_design.robot.log import replay
 from mercator_design.robot.settings import read_settings
 from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.terminals import LOG
+from tests.robot.ways import in_time
 from tests.twin.arenas import QUIET
 
 ROOT = Path(__file__).parents[2]
@@ -77,14 +78,19 @@ def until_it_drives(folder):
 
 
 def test_a_run_from_start_to_end(tmp_path):
-    with twin(tmp_path, 1), run(tmp_path, 0, EXPLORE, 3) as process:
+    in_time(lambda number: a_run_from_start_to_end(tmp_path / str(number)))
+
+
+def a_run_from_start_to_end(folder):
+    folder.mkdir()
+    with twin(folder, 1), run(folder, 0, EXPLORE, 3) as process:
         _, messages = process.communicate(timeout=60)
         assert process.returncode == 0, messages
         assert "commands end seen after 0.3 s" in messages
-    told = events(tmp_path, "wheels")
+    told = events(folder, "wheels")
     assert {event["left"] for event in told} >= {0.0, 0.3}
     assert (told[-1]["left"], told[-1]["right"], told[-1]["by"]) == (0.0, 0.0, "drive_stop")
-    decisions = [decision for _, decision in replay(tmp_path / "run0.jsonl")]
+    decisions = [decision for _, decision in replay(folder / "run0.jsonl")]
     assert len(decisions) == 30
     assert not any(decision.differs for decision in decisions)
 

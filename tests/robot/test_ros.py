@@ -372,6 +372,7 @@ class FakeRos:
 def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "_module", fake.module)
+    monkeypatch.setattr(ros, "go_first", lambda _: None)
     with contextlib.closing(fake.master):
         yield fake
 
@@ -447,6 +448,7 @@ def test_without_ros(robot_command, monkeypatch):
         raise ModuleNotFoundError(f"No module named '{name}'")
 
     monkeypatch.setattr(ros, "_module", absent)
+    monkeypatch.setattr(ros, "go_first", lambda _: None)
     code, out, err = robot_command("ros")
     assert (code, out) == (1, "")
     assert err.startswith("Error: ros: No module named 'rospy'; on Debian and Ubuntu: apt install python3-rospy ")

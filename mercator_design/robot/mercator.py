@@ -281,6 +281,8 @@ class Mercator:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
+        if self._talk.is_ending:
+            return
         self.listen(event, now)
         for name, sample in samples(event, now):
             values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
@@ -290,13 +292,13 @@ class Mercator:
                 if self._sweep.add(event):
                     self.samples["lidar"] = Sample(now, ())
                     self._note_sight()
-            case Response() if not self._talk.is_ending:
+            case Response():
                 if event.error:
                     self._note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
-            case Notification() if not self._talk.is_ending:
+            case Notification():
                 self._note(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
                 self._heed(event.name, event.values)
 

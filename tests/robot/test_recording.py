@@ -178,7 +178,9 @@ def test_a_device_that_is_not_well_ends_it(tmp_path):
         devices.tell("did_sleep")
         _, messages = process.communicate(timeout=10)
         assert (process.returncode, "rvr: it fell asleep" in messages) == (4, True), messages
-    assert events(tmp_path)[-1]["why"] == "rvr: it fell asleep"
+    *_, told, end = events(tmp_path)
+    assert (told["event"], told["text"]) == ("note", "did_sleep")
+    assert end["why"] == "rvr: it fell asleep"
 
 
 def test_an_existing_file_is_kept(tmp_path):

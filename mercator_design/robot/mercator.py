@@ -20,12 +20,12 @@ from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
-from mercator_design.robot.samples import STREAMED, Sample, samples
+from mercator_design.robot.samples import STREAMED, Sample, heading, samples
 from mercator_design.robot.settings import Settings, nearest
 from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
-from mercator_design.robot.ydlidar import Packet
+from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
 COMMANDS_END = 0.3
 """[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
@@ -78,7 +78,8 @@ class Mercator:
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model
         self._labels = labels
-        self._sweep = Sweep(settings.lidar_angle)
+        self._sweep = Sweep(settings.lidar_angle)  # in the robot's frame ...
+        self._around = Sweep(settings.lidar_angle)  # ... and in one that does not turn
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
@@ -153,7 +154,8 @@ class Mercator:
         """Find `neighbours` in the lidar's last turn; how many there are."""
         distances, x, y = self._found
         is_fresh = self.age("lidar", now) <= self._settings.limits.lidar
-        n = lidar_neighbours(self._model, self._sweep.ranges(), 0.0, STEP, *self._found) if is_fresh else 0
+        front = -heading(self.samples, now)
+        n = lidar_neighbours(self._model, self._around.ranges(), front, STEP, *self._found) if is_fresh else 0
         self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
         return n
 
@@ -172,7 +174,7 @@ class Mercator:
         return nearest(self._labels, (red, green, blue))
 
     def turn(self) -> list[float]:
-        """The lidar's last turn: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; 0 for nothing."""
+        """The lidar's last turn, as it saw it: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; or 0."""
         return self._sweep.ranges()
 
     def age(self, name: str, now: float) -> float:
@@ -271,6 +273,8 @@ class Mercator:
         match event:
             case Packet():
                 self._sweep.add(event)
+                began = now - (len(event.samples) - 1) / SAMPLE_RATE
+                self._around.add(event, heading(self.samples, began), heading(self.samples, now))
                 if event.is_ring_start and self._sweep.is_whole:
                     self.samples["lidar"] = Sample(now, ())
             case Response() if not self._talk.is_ending:

@@ -49,6 +49,7 @@ class TestReadings:
             self.ground(devices, robot)
             self.obstacles(devices, robot)
             self.robots(devices, robot)
+            self.robots_after_a_turn(devices, robot)
 
     def nothing_in_sight(self, robot):
         assert told(robot) == Readings(ground_red=0.0, ground_green=0.0, ground_blue=0.0)
@@ -101,6 +102,15 @@ class TestReadings:
         x = sum(weight * math.cos(angle) for weight, angle in pulls)
         y = sum(weight * math.sin(angle) for weight, angle in pulls)
         assert (readings.neighbours_x, readings.neighbours_y) == pytest.approx((x, y), abs=0.01)
+
+    def robots_after_a_turn(self, devices, robot):
+        """What was seen before the robot turned is still where it was."""
+        devices.robots = [(0.0, 0.4)]
+        told(robot, 1.0)
+        devices.silent = {"lidar"}
+        devices.sensed["imu"]["yaw"] += 30.0
+        told(robot)
+        assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
 
     def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
         assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles

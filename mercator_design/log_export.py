@@ -1,4 +1,4 @@
-"""The log of a robot's run for other programs: a table as CSV, or MCAP, which Foxglove reads.
+"""Logs of robots for other programs, of runs and recordings: a table as CSV, or MCAP, which Foxglove reads.
 
 Event by event, so that a log may be longer than memory. What each column and channel is: docs/robot.md.
 """
@@ -7,20 +7,22 @@ import codecs
 import csv
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from mercator_design import __version__
 from mercator_design.checked_lines import Event
-from mercator_design.errors import RobotError
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.log import condition_met, controller_of, read, understanding
+from mercator_design.robot.sweep import BINS, STEP
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
 """A topic, and what is said there."""
+Row: TypeAlias = dict[str, object]
+"""Cells by their columns; those that are left out are empty."""
 
 _SENSED: Mapping[str, tuple[str, ...]] = {
     "acceleration": ("x", "y", "z"),
@@ -41,16 +43,6 @@ _INFO = 2
 _CYCLE = ("cycle", "state", "next_state", "behaviour", "condition", "cpu")
 """What is told of each cycle under the same names."""
 
-_COLUMNS = (
-    *("robot", "clock", "time", *_CYCLE),
-    *Readings._fields,
-    *(f"draw_{k}" for k in range(DRAWS)),
-    *Wheels._fields,
-    "neighbour_places",
-    *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
-)
-
-
 _NUMBER, _INTEGER, _STRING = ({"type": kind} for kind in ("number", "integer", "string"))
 
 
@@ -67,6 +59,7 @@ def _numbers(names: Iterable[str]) -> dict[str, Any]:
 
 
 _TIME = _object(sec=_INTEGER, nsec=_INTEGER) | {"title": "time"}
+_POSE = _object(position=_numbers("xyz"), orientation=_numbers("xyzw"))
 _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "/state": (
         "mercator.State",
@@ -78,10 +71,18 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "/neighbours": ("mercator.Neighbours", _object(places=_array(_numbers(("distance", "bearing"))))),
     "/odometry": (
         "foxglove.PoseInFrame",
+        _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE),
+    ),
+    "/lidar": (
+        "foxglove.LaserScan",
         _object(
             timestamp=_TIME,
             frame_id=_STRING,
-            pose=_object(position=_numbers("xyz"), orientation=_numbers("xyzw")),
+            pose=_POSE,
+            start_angle=_NUMBER,
+            end_angle=_NUMBER,
+            ranges=_array(_NUMBER),
+            intensities=_array(_NUMBER),
         ),
     ),
     "/notes": (
@@ -93,153 +94,225 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         for name, values in _SENSED.items()
     },
 }
-"""Of each topic, the name of its schema and the schema (JSON Schema, of which Foxglove knows no alternatives)."""
+"""Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
 
 
-class Exported(NamedTuple):
-    """How much there was of a log.
+class _Log:
+    """A log event by event, with what follows from its start.
 
-    why: The run ended; None if the log does not say, as it is still being written or the program was killed.
+    columns: Of its table.
+    unit: What is counted of it.
+    time: Of the latest event [s since 1970].
     """
 
-    cycles: int
-    why: str | None
+    columns: Sequence[str]
+    unit: str
 
-
-class _Run:
-    """What a log says, with what follows from its start."""
-
-    def __init__(self, path: Path) -> None:
-        self._events = read(path)
-        self.start = next(self._events)
-        if self.start.get("kind", "run") != "run":
-            raise RobotError(f"{path}: expected the log of a run, found a {self.start['kind']}")
-        self.robot: str = self.start["robot"]
-        self.began = datetime.fromisoformat(self.start["time"]).timestamp()  # [s since 1970]
-        self._pfsm, self._controller = controller_of(self.start)
-        self.cycles, self.why = 0, None
+    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+        self.start, self._events = start, events
+        self.robot: str = start["robot"]
+        self.time = self._began = datetime.fromisoformat(start["time"]).timestamp()
+        self._count, self._why = 0, "the log has no end: it is still being written, or the program was killed"
 
     def events(self) -> Iterator[Event]:
-        """Those after the start; cycles with `behaviour` and `condition`, and `sensed` by names."""
+        """Those after the start."""
         for event in self._events:
+            if event["event"] == "end":
+                self._why = event["why"]
+            elif event["event"] != "note":
+                self._count += 1
+                self.time = self._began + event["time"]
+            yield event
+
+    def rows(self, event: Event) -> Iterator[Row]:
+        """What the table has of an event."""
+        raise NotImplementedError
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        """What is said of an event."""
+        if event["event"] in ("note", "end"):
+            text = event["text"] if event["event"] == "note" else f"The end: {event['why']}"
+            stamp = _stamp(self.time)
+            note = {"timestamp": stamp, "level": _INFO, "message": text, "name": self.robot, "file": "", "line": 0}
+            yield "/notes", note
+
+    def summary(self) -> str:
+        """How much there was, and why it ended."""
+        return f"{self._count} {self.unit}; {self._why}"
+
+
+class _Run(_Log):
+    columns = (
+        *("robot", "clock", "time", *_CYCLE),
+        *Readings._fields,
+        *(f"draw_{k}" for k in range(DRAWS)),
+        *Wheels._fields,
+        "neighbour_places",
+        *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
+    )
+    unit = "cycles"
+
+    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+        super().__init__(start, events)
+        self._pfsm, self._controller = controller_of(start)
+
+    def events(self) -> Iterator[Event]:
+        """Those after the start; cycles have `behaviour` and `condition`, and what is `sensed` has names."""
+        for event in super().events():
             if event["event"] == "cycle":
-                self.cycles += 1
                 event["behaviour"] = self._pfsm.states[event["state"]].behaviour
                 event["condition"] = condition_met(self._controller, event)
                 event["sensed"] = {
-                    name: dict(zip(("age", *_SENSED[name]), values, strict=True))
-                    for name, values in event["sensed"].items()
+                    name: {"age": age, **_named(name, values)} for name, (age, *values) in event["sensed"].items()
                 }
-            elif event["event"] == "end":
-                self.why = event["why"]
             yield event
 
-    def exported(self) -> Exported:
-        return Exported(self.cycles, self.why)
+    def rows(self, event: Event) -> Iterator[Row]:
+        if event["event"] == "cycle":
+            yield {
+                "robot": self.robot,
+                "clock": round(self.time, 6),
+                "time": event["time"],
+                **{name: event[name] for name in _CYCLE},
+                **Readings(*event["readings"])._asdict(),
+                **{f"draw_{k}": draw for k, draw in enumerate(event["draws"])},
+                **Wheels(*event["wheels"])._asdict(),
+                "neighbour_places": json.dumps(event["neighbours"], separators=(",", ":")),
+                **{
+                    f"sensed_{name}_{key}": _cell(value)
+                    for name, values in event["sensed"].items()
+                    for key, value in values.items()
+                },
+            }
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        yield from super().messages(event)
+        if event["event"] == "cycle":
+            yield "/state", {name: event[name] for name in _CYCLE}
+            yield "/readings", Readings(*event["readings"])._asdict()
+            yield "/draws", {"draws": event["draws"]}
+            yield "/wheels", _present(Wheels(*event["wheels"])._asdict())
+            places = [{"distance": distance, "bearing": bearing} for distance, bearing in event["neighbours"]]
+            yield "/neighbours", {"places": places}
+            for name, values in event["sensed"].items():
+                yield f"/sensors/{name}", _present(values)
+            if {"position", "attitude"} <= event["sensed"].keys():
+                position, yaw = event["sensed"]["position"], event["sensed"]["attitude"]["yaw"]
+                stamp, pose = _stamp(self.time - position["age"]), _pose(position["x"], position["y"], yaw)
+                yield "/odometry", {"timestamp": stamp, "frame_id": "start", "pose": pose}
 
 
-def write_csv(path: Path, file: BinaryIO) -> Exported:
-    """Write a log as CSV: a row for each control cycle.
+class _Recording(_Log):
+    columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
+    unit = "samples and turns"
+
+    def rows(self, event: Event) -> Iterator[Row]:
+        if event["event"] in ("sample", "turn"):
+            cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event["time"]}
+            cells["sensor"] = event.get("sensor", "lidar")
+            for values in event.get("readings", [event.get("values")]):
+                yield cells | {f"value_{k}": _cell(value) for k, value in enumerate(values)}
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        yield from super().messages(event)
+        if event["event"] == "sample":
+            yield f"/sensors/{event['sensor']}", _present(_named(event["sensor"], event["values"]))
+        elif event["event"] == "turn":
+            yield (
+                "/lidar",
+                {
+                    "timestamp": _stamp(self.time),
+                    "frame_id": "robot",
+                    "pose": _pose(0.0, 0.0, 0.0),
+                    "start_angle": 0.0,
+                    "end_angle": (BINS - 1) * STEP,
+                    "ranges": _even(event["readings"]),
+                    "intensities": [],
+                },
+            )
+
+
+_KINDS: Mapping[str, type[_Log]] = {"run": _Run, "recording": _Recording}
+
+
+def write_csv(path: Path, file: BinaryIO) -> str:
+    """Write a log as CSV: a row for each control cycle, or each sample; what there was, in words.
 
     Raises:
-        RobotError: if it is no log of a run, or is damaged before its end.
+        RobotError: if it is no log of these kinds, or is damaged before its end.
     """
-    table = csv.DictWriter(codecs.getwriter("utf-8")(file), _COLUMNS, lineterminator="\n")
     with understanding(path):
-        run = _Run(path)
+        log = _open(path)
+        table = csv.DictWriter(codecs.getwriter("utf-8")(file), log.columns, lineterminator="\n")
         table.writeheader()
-        table.writerows(_row(run, event) for event in run.events() if event["event"] == "cycle")
-    return run.exported()
+        for event in log.events():
+            table.writerows(log.rows(event))
+    return log.summary()
 
 
-def _row(run: _Run, event: Event) -> dict[str, object]:
-    """The cells of a cycle; those of sensors that have told nothing yet are left out."""
-    return {
-        "robot": run.robot,
-        "clock": round(run.began + event["time"], 6),
-        "time": event["time"],
-        **{name: event[name] for name in _CYCLE},
-        **Readings(*event["readings"])._asdict(),
-        **{f"draw_{k}": draw for k, draw in enumerate(event["draws"])},
-        **Wheels(*event["wheels"])._asdict(),
-        "neighbour_places": json.dumps(event["neighbours"], separators=(",", ":")),
-        **{
-            f"sensed_{name}_{key}": math.inf if value is None else value
-            for name, values in event["sensed"].items()
-            for key, value in values.items()
-        },
-    }
-
-
-def write_mcap(path: Path, file: BinaryIO) -> Exported:
-    """Write a log as MCAP: what a control cycle has, at the time of the cycle.
+def write_mcap(path: Path, file: BinaryIO) -> str:
+    """Write a log as MCAP, with messages at the times of cycles or samples; what there was, in words.
 
     Raises:
-        RobotError: if it is no log of a run, or is damaged before its end.
+        RobotError: if it is no log of these kinds, or is damaged before its end.
     """
     from mcap.writer import Writer
 
     writer = Writer(file, enable_data_crcs=True)
     channels: dict[str, int] = {}
     with understanding(path):
-        run = _Run(path)
+        log = _open(path)
         writer.start(library=f"mercator-design {__version__}")
-        start = {name: value for name, value in run.start.items() if name != "event"}
+        start = {name: value for name, value in log.start.items() if name != "event"}
         writer.add_metadata(
             "start", {name: value if isinstance(value, str) else json.dumps(value) for name, value in start.items()}
         )
-        time = run.began
-        for event in run.events():
-            time = run.began + event["time"] if event["event"] == "cycle" else time
-            for topic, message in _messages(run, event, time):
+        for event in log.events():
+            for topic, message in log.messages(event):
                 if topic not in channels:
                     name, schema = _SCHEMAS[topic]
                     number = writer.register_schema(name, "jsonschema", json.dumps({"title": name, **schema}).encode())
                     channels[topic] = writer.register_channel(topic, "json", number)
-                data, at = json.dumps(message, allow_nan=False).encode(), _nanoseconds(time)
-                writer.add_message(channels[topic], log_time=at, data=data, publish_time=at, sequence=run.cycles)
+                data, at = json.dumps(message, allow_nan=False).encode(), _nanoseconds(log.time)
+                writer.add_message(channels[topic], log_time=at, data=data, publish_time=at)
     writer.finish()  # type: ignore[no-untyped-call]
-    return run.exported()
+    return log.summary()
 
 
-def _messages(run: _Run, event: Event, time: float) -> Iterator[Message]:
-    """What is said of an event at a time [s since 1970]."""
-    match event["event"]:
-        case "cycle":
-            yield "/state", {name: event[name] for name in _CYCLE}
-            yield "/readings", Readings(*event["readings"])._asdict()
-            yield "/draws", {"draws": event["draws"]}
-            yield "/wheels", _told(Wheels(*event["wheels"])._asdict())
-            places = [{"distance": distance, "bearing": bearing} for distance, bearing in event["neighbours"]]
-            yield "/neighbours", {"places": places}
-            for name, values in event["sensed"].items():
-                yield f"/sensors/{name}", _told(values)
-            if {"position", "attitude"} <= event["sensed"].keys():
-                yield "/odometry", _odometry(event["sensed"], time)
-        case "note":
-            yield "/notes", _note(run, time, event["text"])
-        case "end":
-            yield "/notes", _note(run, time, f"The run has ended: {event['why']}")
+def _open(path: Path) -> _Log:
+    events = read(path, None)
+    start = next(events)
+    return _KINDS[start["kind"]](start, events)
 
 
-def _told(values: Mapping[str, float | None]) -> dict[str, float]:
+def _named(sensor: str, values: Sequence[float | None]) -> dict[str, float | None]:
+    return dict(zip(_SENSED[sensor], values, strict=True))
+
+
+def _cell(value: float | None) -> float:
+    """A value as a table has it: infinite where nothing is in sight."""
+    return math.inf if value is None else value
+
+
+def _present(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Values as a message has them: without those of nothing."""
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _odometry(sensed: Mapping[str, Mapping[str, float]], time: float) -> dict[str, Any]:
-    position, yaw = sensed["position"], sensed["attitude"]["yaw"]
-    return {
-        "timestamp": _stamp(time - position["age"]),
-        "frame_id": "start",
-        "pose": {
-            "position": {"x": position["x"], "y": position["y"], "z": 0.0},
-            "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * yaw), "w": math.cos(0.5 * yaw)},
-        },
-    }
+def _pose(x: float, y: float, heading: float) -> dict[str, Any]:
+    """A foxglove.Pose on the floor."""
+    orientation = {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * heading), "w": math.cos(0.5 * heading)}
+    return {"position": {"x": x, "y": y, "z": 0.0}, "orientation": orientation}
 
 
-def _note(run: _Run, time: float, text: str) -> dict[str, Any]:
-    return {"timestamp": _stamp(time), "level": _INFO, "message": text, "name": run.robot, "file": "", "line": 0}
+def _even(readings: Iterable[tuple[float, float]]) -> list[float]:
+    """Ranges of a turn at the even angles of a foxglove.LaserScan: the nearest of several, 0 where there is none."""
+    ranges = [0.0] * BINS
+    for angle, distance in readings:
+        k = round(angle / STEP) % BINS
+        if distance > 0.0 and not 0.0 < ranges[k] < distance:
+            ranges[k] = distance
+    return ranges
 
 
 def _stamp(time: float) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""mdesign export csv and mcap: all that a robot's log has, exactly, as other programs read it."""
+"""mdesign export csv and mcap: all that logs and recordings of robots have, exactly, as other programs read it."""
 
 import io
 import itertools
@@ -19,7 +19,7 @@ from mercator_design.checked_lines import to_line
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.log_export import write_csv, write_mcap
-from mercator_design.robot.log import controller_of, read
+from mercator_design.robot.log import Log, controller_of, read
 from tests.twin.recorded import ROBOTS, unpack
 
 SENSORS = {
@@ -83,14 +83,19 @@ class TestCsv:
             told = [[math.inf if x is None else x for x in event["sensed"][sensor]] for event in cycles]
             assert table[names].to_numpy().tolist() == told
 
-    def test_nothing_in_sight_is_inf_and_a_silent_sensor_empty(self, tmp_path, events):
+    def test_nothing_in_sight_is_inf_and_what_is_not_there_empty(self, tmp_path, events):
         start, first = events[0], next(event for event in events if event["event"] == "cycle")
-        first = first | {"sensed": {"proximity": [0.1, None, 0.0, 1, 1, 1, 1, 1, 1]}}
+        first = first | {"sensed": {"proximity": [0.1, None, 0.0, 1, 1, 1, 1, 1, 1]}, "wheels": [None, 0.5]}
         file = io.BytesIO()
         write_csv(written(tmp_path / "log.jsonl", [start, first]), file)
         (row,) = pd.read_csv(io.BytesIO(file.getvalue())).to_dict("records")
         assert (row["sensed_proximity_distance_0"], row["sensed_proximity_distance_1"]) == (math.inf, 0.0)
         assert math.isnan(row["sensed_position_x"])
+        assert (math.isnan(row["left"]), row["right"]) == (True, 0.5)
+        file = io.BytesIO()
+        write_mcap(tmp_path / "log.jsonl", file)
+        ((*_, wheels),) = make_reader(io.BytesIO(file.getvalue())).iter_messages(topics=["/wheels"])
+        assert json.loads(wheels.data) == {"right": 0.5}
 
     def test_behaviours_and_conditions(self, logs):
         seen = set()
@@ -184,7 +189,7 @@ class TestMcap:
             assert age == pytest.approx(1e9 * event["sensed"]["position"][0], abs=2e3)
         *notes, end = [note["message"] for _, note in said["/notes"]]
         assert notes == [event["text"] for event in events if event["event"] == "note"]
-        assert end == "The run has ended: The duration is over"
+        assert end == "The end: The duration is over"
 
     def test_the_start_is_metadata(self, reader, events):
         (metadata,) = reader.iter_metadata()
@@ -192,6 +197,75 @@ class TestMcap:
         assert (told["fsm"], told["robot"], told["seed"]) == (events[0]["fsm"], "twin-0", "0")
         assert json.loads(told["facts"]) == events[0]["facts"]
         assert metadata.name == "start"
+
+
+SAMPLES = {
+    "attitude": [0.01, -0.02, 3.1],
+    "ground": [120, 121, 119],
+    "proximity": [0.4, None, 0.0, 1.5, 1.6, 1.7, 1.8, 1.9],
+}
+TURN = [(0.0, 0.31), (0.001, 0.3), (0.01, 0.0), (0.5 * math.pi, 2.5), (6.28, 0.4)]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "recording.jsonl"
+    with Log(path) as log:
+        log.begin("recording", "mercator-3", facts={}, proximity_angles=[0.0] * 8, lidar_angle=0.0)
+        for k in range(3):
+            for sensor, values in SAMPLES.items():
+                log.note("sample", time=0.05 * k, sensor=sensor, values=values)
+            log.note("turn", time=0.05 * k + 0.01, readings=TURN)
+        log.note("note", time=0.2, text="lidar: nothing for 0.70 s")
+    return path
+
+
+class TestRecordings:
+    def test_a_table_has_a_row_for_each_sample_and_reading(self, recording, mdesign, tmp_path):
+        code, out, err = mdesign("export", "csv", recording, "-o", tmp_path / "table.csv")
+        assert (code, out) == (0, "")
+        assert err.endswith("table.csv: 12 samples and turns; The duration is over\n")
+        table = pd.read_csv(tmp_path / "table.csv")
+        assert table.robot.unique().tolist() == ["mercator-3"]
+        for sensor, values in SAMPLES.items():
+            rows = table[table.sensor == sensor]
+            assert rows.time.tolist() == [0.0, 0.05, 0.1]
+            told = [math.inf if value is None else value for value in values]
+            for row in rows[[f"value_{k}" for k in range(8)]].to_numpy().tolist():
+                assert row[: len(told)] == told
+                assert all(map(math.isnan, row[len(told) :]))
+        turns = table[table.sensor == "lidar"]
+        assert turns[["value_0", "value_1"]].to_numpy().tolist() == [[*reading] for reading in 3 * TURN]
+        start = datetime.fromisoformat(next(read(recording, "recording"))["time"]).timestamp()
+        assert (table.clock - table.time).to_numpy() == pytest.approx(start, rel=0.0, abs=2e-6)
+
+    def test_messages(self, recording):
+        file = io.BytesIO()
+        write_mcap(recording, file)
+        said = {}
+        for schema, channel, message in make_reader(io.BytesIO(file.getvalue()), validate_crcs=True).iter_messages():
+            told = json.loads(message.data)
+            Draft202012Validator(closed(json.loads(schema.data))).validate(told)
+            said.setdefault((channel.topic, schema.name), []).append(told)
+        assert {key: len(messages) for key, messages in said.items()} == {
+            ("/sensors/attitude", "mercator.Attitude"): 3,
+            ("/sensors/ground", "mercator.Ground"): 3,
+            ("/sensors/proximity", "mercator.Proximity"): 3,
+            ("/lidar", "foxglove.LaserScan"): 3,
+            ("/notes", "foxglove.Log"): 2,
+        }
+        assert said["/sensors/attitude", "mercator.Attitude"][0] == {"roll": 0.01, "pitch": -0.02, "yaw": 3.1}
+        assert "distance_1" not in said["/sensors/proximity", "mercator.Proximity"][0]
+        assert said["/notes", "foxglove.Log"][0]["message"] == "lidar: nothing for 0.70 s"
+
+    def test_ranges_lie_at_their_angles(self, recording):
+        file = io.BytesIO()
+        write_mcap(recording, file)
+        ((*_, message), *_) = make_reader(io.BytesIO(file.getvalue())).iter_messages(topics=["/lidar"])
+        scan = json.loads(message.data)
+        step = (scan["end_angle"] - scan["start_angle"]) / (len(scan["ranges"]) - 1)
+        seen = {round(scan["start_angle"] + k * step, 3): at for k, at in enumerate(scan["ranges"]) if at > 0.0}
+        assert seen == {0.0: 0.3, round(0.5 * math.pi, 3): 2.5, round(1439 * math.tau / 1440, 3): 0.4}
 
 
 def closed(schema):
@@ -208,7 +282,7 @@ def test_a_log_that_was_cut_is_exported_as_far_as_it_goes(write, log, tmp_path):
     lines = log.read_bytes().splitlines(keepends=True)
     cut.write_bytes(b"".join(lines[:50])[:-7])
     whole, part = io.BytesIO(), io.BytesIO()
-    assert write(cut, part).why is None
+    assert write(cut, part).endswith("; the log has no end: it is still being written, or the program was killed")
     cut.write_bytes(b"".join(lines[:49]))
     write(cut, whole)
     assert part.getvalue() == whole.getvalue()
@@ -227,6 +301,11 @@ def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
             peaks.append(tracemalloc.get_traced_memory()[1])
             tracemalloc.stop()
     assert peaks[1] < 1.3 * peaks[0]
+
+
+def test_mcap_needs_a_file(mdesign, log):
+    code, _, err = mdesign("export", "mcap", log, "-o", "-")
+    assert (code, "expected a file" in err) == (2, True)
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap"])

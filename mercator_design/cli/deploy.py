@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller
 from mercator_design.errors import RobotError, printable
 
 if TYPE_CHECKING:
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 @click.option("--start", is_flag=True, help="Run FSM on all robots, if it has been copied to all.")
 @click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
 @click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
+@FLAVOUR
+@LENIENT
 @click.option("--stop", is_flag=True, help="Instead, stop what runs on the robots.")
 @click.option(
     "--collect",
@@ -39,6 +41,8 @@ def deploy(
     start: bool,
     duration: float | None,
     dry_run: bool,
+    flavour: str | None,
+    lenient: bool,
     stop: bool,
     collect: Path | None,
     timeout: float,
@@ -51,16 +55,20 @@ def deploy(
         raise click.UsageError("expected FSM, or --stop or --collect")
     if (start and fsm is None) or ((duration is not None or dry_run) and not start):
         raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
+    if fsm is None and (flavour is not None or lenient):
+        raise click.UsageError("--flavour and --lenient are of FSM")
 
     from mercator_design.fleet import deploy as do
 
     fleet = do.read_fleet(robots)
     results = []
     if fsm is not None:
-        read_controller(fsm, None, lenient=False)
+        read_controller(fsm, flavour, lenient=lenient)
         results += _shown(do.copy(fleet, fsm, timeout))
     if start and all(each.is_done for each in results):
-        options = [f"--duration={duration}"] * (duration is not None) + ["--dry-run"] * dry_run
+        given = {"duration": duration, "flavour": flavour}
+        options = [f"--{name}={value}" for name, value in given.items() if value is not None]
+        options += ["--dry-run"] * dry_run + ["--lenient"] * lenient
         results += _shown(do.start(fleet, options, timeout))
     if stop:
         results += _shown(do.stop(fleet, timeout))

@@ -15,9 +15,7 @@ from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from mercator_design.log_export import Exported
+    from collections.abc import Callable, Iterator
 
 LOG = click.argument("log", type=FILE)
 
@@ -76,7 +74,7 @@ def irace(
 @LOG
 @click.option("-o", "--output", type=FILE, required=True, help="File to write; - for stdout.")
 def csv(log: Path, output: Path) -> None:
-    """Write LOG, of a robot's run, as a table: a row for each control cycle, as pandas, R and spreadsheets read it.
+    """Write LOG, of a run or a recording of mercator-robot, as a table for pandas, R and spreadsheets.
 
     docs/robot.md tells what each column is. A log that is still being written is exported as far as it goes.
     """
@@ -89,20 +87,26 @@ def csv(log: Path, output: Path) -> None:
 @LOG
 @click.option("-o", "--output", type=FILE, required=True, help="File to write.")
 def mcap(log: Path, output: Path) -> None:
-    """Write LOG, of a robot's run, as MCAP, which Foxglove shows and plots.
+    """Write LOG, of a run or a recording of mercator-robot, as MCAP, which Foxglove shows and plots.
 
     docs/robot.md tells what each channel is. A log that is still being written is exported as far as it goes.
     """
     from mercator_design.log_export import write_mcap
 
+    if output == Path("-"):
+        raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")
     _write(log, output, write_mcap)
 
 
-def _write(
-    log: Path, output: Path, write: "Callable[[Path, BinaryIO], Exported]", stdout: BinaryIO | None = None
-) -> None:
+def _write(log: Path, output: Path, write: "Callable[[Path, BinaryIO], str]", stdout: BinaryIO | None = None) -> None:
     if output.exists() and log.exists() and output.samefile(log):
         raise click.BadParameter("expected another file than the log", param_hint="-o")
-    with naming(output), contextlib.nullcontext(stdout) if stdout else replacing(output) as file:
-        cycles, why = write(log, file)
-    tell(f"{output}: {cycles} cycles; {why or 'the log has no end: the run goes on, or was killed'}")
+    with contextlib.nullcontext(stdout) if stdout else _new(output) as file:
+        summary = write(log, file)
+    tell(f"{output}: {summary}")
+
+
+@contextlib.contextmanager
+def _new(path: Path) -> "Iterator[BinaryIO]":
+    with naming(path), replacing(path) as file:
+        yield file

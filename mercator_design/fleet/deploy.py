@@ -66,7 +66,9 @@ class Robot:
     """Where a robot is reached."""
 
     name: Name
-    host: Annotated[str, Pattern(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", "a name or address, or one of ~/.ssh/config")]
+    host: Annotated[
+        str, Pattern(r"[A-Za-z0-9_:][A-Za-z0-9_.:-]*(%[A-Za-z0-9]+)?", "a name or address, or one of ~/.ssh/config")
+    ]
     user: Annotated[str, Pattern(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", "a user's name")] | None = None  # null: as ssh has it
     port: Annotated[int, Range(1, 65535)] | None = None  # of ssh; null: as ssh has it
     folder: Annotated[str, Pattern(r"/?[A-Za-z0-9_][A-Za-z0-9_./-]*", "a path in plain letters")] = "mercator"
@@ -125,7 +127,7 @@ def copy(fleet: Fleet, fsm: Path, timeout: float) -> list[Result]:
 
         def to(robot: Robot) -> str:
             _ssh(robot, f"mkdir -p {robot.folder}/new && cd {robot.folder}\n{_BE_IDLE}", timeout, folder=".")
-            _run("scp", robot, [*map(str, sent), f"{robot.host}:{robot.folder}/new/"], timeout)
+            _run("scp", robot, [*map(str, sent), _on(robot, "new/")], timeout)
             return _ssh(robot, _TAKE, timeout)
 
         return _on_all(fleet, to)
@@ -150,7 +152,7 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[Result]:
             return "no logs"
         to = folder / robot.name
         to.mkdir(parents=True, exist_ok=True)
-        _run("scp", robot, ["-p", f"{robot.host}:{robot.folder}/logs/*", str(to)], timeout)
+        _run("scp", robot, ["-p", _on(robot, "logs/*"), str(to)], timeout)
         return f"{count} files in {to}"
 
     return _on_all(fleet, of)
@@ -165,6 +167,11 @@ def _on_all(fleet: Fleet, do: Callable[[Robot], str]) -> list[Result]:
 
     with ThreadPoolExecutor(min(_MOST, len(fleet.robots))) as pool:
         return list(pool.map(one, fleet.robots))
+
+
+def _on(robot: Robot, path: str) -> str:
+    """A path in a robot's folder, for scp; the brackets keep an IPv6 address from ending at its first colon."""
+    return f"[{robot.host}]:{robot.folder}/{path}"
 
 
 def _ssh(robot: Robot, script: str, timeout: float, arguments: Iterable[str] = (), folder: str | None = None) -> str:

@@ -24,6 +24,7 @@
     ground_calibration     labels
     proximity_calibration  which sensor looks where, and offsets
     check       what may be wrong
+    ros         a node of ROS 1; ros_messages: what its topics carry
     cli         the command mercator-robot
 
 The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one

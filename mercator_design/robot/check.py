@@ -6,17 +6,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mercator_design.robot.findings import Finding, Look, of_devices
+from mercator_design.robot.install import RULES
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import Line
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk
 from mercator_design.robot.ydlidar import Packet, Turns
 
 _KERNEL = Path("/proc/cmdline")
+_PROCESSES = Path("/proc")
+_CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first of newer systems
+_HEADER = {"serial0", "ttyS0", "ttyAMA0"}
+"""Names of the UART on a Pi's header."""
+_RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
 _LISTEN = 2.0  # [s] to a lidar or hub
 _LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
-_LEAST_READINGS = 2  # in a turn of a lidar that sees
 _LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _LOW = 20  # [%] of the battery
 _OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the control system's manual
@@ -25,8 +31,19 @@ _OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the
 def check(settings: Settings) -> Iterator[Finding]:
     """Look at all that a run needs, of which nothing moves but the lidar."""
     yield check_clock(time.time())
-    yield check_console(settings.ports.rvr, _KERNEL.read_text() if _KERNEL.exists() else "")
+    kernel = _text(_KERNEL)
+    yield check_console(settings.ports.rvr, kernel)
+    yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
+    yield check_programs(settings.ports.rvr)
     yield from of_devices(settings, _DEVICES)
+
+
+def _text(path: Path) -> str:
+    """Of a file; empty if it cannot be read."""
+    try:
+        return path.read_text(errors="replace").replace("\0", " ")
+    except OSError:
+        return ""
 
 
 def check_clock(now: float) -> Finding:
@@ -41,12 +58,53 @@ def check_clock(now: float) -> Finding:
 
 def check_console(port: str, kernel: str) -> Finding:
     """Whether the system has its console on the RVR's port, by the kernel's command line."""
-    names = {Path(port).name, Path(port).resolve().name}
     consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
-    if names.isdisjoint(consoles):
+    if _names(port).isdisjoint(consoles):
         return Finding("console", is_fine=True, words=f"not on {port}")
-    what_to_do = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
-    return Finding("console", is_fine=False, words=f"the system's console is on {port}: {what_to_do}")
+    return Finding("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
+
+
+def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
+    """Whether the UART of a Pi's header is on and keeps its rate, by the kernel's command line and the Pi's config.txt.
+
+    Nothing, if that is not the RVR's port, or there is no such file.
+    """
+    if not config or _names(port).isdisjoint(_HEADER):
+        return
+    lines = ["".join(line.partition("#")[0].split()) for line in config.splitlines()]
+    told = [line for line in lines if line.startswith("enable_uart=")]
+    without_bluetooth = any(
+        line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
+    )
+    if "8250.nr_uarts=0" in kernel.split() and "ttyS0" in _names(port):
+        yield Finding(
+            "uart", is_fine=False, words="8250.nr_uarts=0 hides it; remove that from the kernel's command line"
+        )
+    elif told[-1:] == ["enable_uart=1"] or (not told and without_bluetooth):
+        yield Finding("uart", is_fine=True, words="on")
+    else:
+        words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
+        yield Finding("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
+
+
+def check_programs(port: str) -> Finding:
+    """Whether programs run that take serial ports for theirs, as modems, Braille displays or terminals."""
+    found = set()
+    for process in _PROCESSES.glob("[0-9]*"):
+        match _text(process / "comm").strip():
+            case "ModemManager" if not RULES.exists():
+                found.add(
+                    "ModemManager talks to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
+                )
+            case "brltty":
+                found.add("brltty takes adapters such as the lidar's: sudo apt remove brltty")
+            case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
+                found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
+    return Finding("other programs", not found, "; ".join(sorted(found)) or "none that takes ports")
+
+
+def _names(port: str) -> set[str]:
+    return {Path(port).name, Path(port).resolve().name}
 
 
 def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
@@ -81,7 +139,7 @@ def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
     if found:
         seen = found[len(found) // 2]
-        is_fine = seen >= _LEAST_READINGS
+        is_fine = seen >= LEAST_READINGS
         advice = "" if is_fine else "; is there anything at its height, and its window clean?"
         yield Finding("lidar's sight", is_fine, f"{seen} readings in a turn" + advice)
 

@@ -21,13 +21,13 @@ def in_control(
 ) -> Iterator[tuple[Mercator, Watchdog]]:
     """Take control of a robot: the robot, and the watchdog, which is not armed yet.
 
-    On the way out the wheels stop first; then the robot is shut down, and the log ends.
+    On the way out the wheels stop first; then the log ends, and the robot is shut down.
 
     Args:
         settings: The robot.
         reads: The senses that are needed, of modules.SENSES.
         labels: What the ground sensor reads on each colour of the floor.
-        log: Of what is done, to be begun once the robot is started up.
+        log: Of what is done, begun once the robot is started up.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
@@ -36,11 +36,11 @@ def in_control(
     """
     go_first(1)
     signals = Signals()
-    with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports) as ports:
+    with signals.caught(), open_ports(settings.ports) as ports:
         robot = Mercator(settings, ports, reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
-        with watchdog, robot, signals.until_stopped():
+        with watchdog, robot, log or contextlib.nullcontext(), signals.until_stopped():
             yield robot, watchdog
     if log is not None and log.failure:
         raise RobotError(log.failure)

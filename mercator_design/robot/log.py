@@ -4,10 +4,10 @@ An event a line (checked_lines.py), only ever appended. Of a recording: recordin
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
-            wheels (null if no finite number), what the control loop took of a processor since the cycle before [s],
-            the neighbours' distances [m] and bearings [rad], and of each sensor the age [s] and the values of its
-            latest sample: a distance is null where nothing is in sight, and 0 where something is too near to tell
-    note    what a device told, before the cycle of that number
+            wheels, what the cycle took of a processor [s], the neighbours' distances [m] and bearings [rad], and of
+            each sensor the age [s] and the values of its latest sample: a distance is null where nothing is in sight,
+            and 0 where something is too near to tell
+    note    what a device told
     end     why the run ended
 
 Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
@@ -36,12 +36,12 @@ Kind: TypeAlias = Literal["run", "recording"]
 FORMAT = 1
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+_WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
+_LAST = 10.0  # [s] that the end may take to be written
 
 
 class Log:
     """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
-
-    The file is there from the beginning, and remains if a `begin` follows.
 
     began: When `begin` was called [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
@@ -64,7 +64,6 @@ class Log:
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except OSError as error:
             raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
-        self._sync_folder()
         self._thread.start()
         return self
 
@@ -72,14 +71,13 @@ class Log:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         why = "The duration is over" if error is None else str(error) or type(error).__name__
-        has_begun = math.isfinite(self.began)
-        if has_begun:
-            self.note("end", why=why, time=now())
+        self.note("end", why=why, time=now())
         self._events.put(None)
-        self._thread.join()
+        self._thread.join(_LAST)
+        if self._thread.is_alive():
+            self._fail("the disk hangs")
+            return
         os.close(self._file)
-        if not has_begun:
-            self.path.unlink(missing_ok=True)
 
     def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append the start, the first event: which robot it is, and values."""
@@ -89,14 +87,11 @@ class Log:
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
         self._events.put({"event": event, **values})
+        if self._events.qsize() > _WAITING and not self.failure:
+            self._fail("the disk hangs")
 
-    def _sync_folder(self) -> None:
-        """Force to the disk that there is a new file."""
-        folder = os.open(self.path.parent, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    def _fail(self, why: str) -> None:
+        self.failure = f"{self.path}: cannot be written: {why}"
 
     def _write_all(self) -> None:
         synced = time.monotonic()
@@ -110,7 +105,7 @@ class Log:
                     synced = time.monotonic()
             os.fsync(self._file)
         except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
-            self.failure = f"{self.path}: cannot be written: {getattr(error, 'strerror', None) or repr(error)}"
+            self._fail(getattr(error, "strerror", None) or repr(error))
 
 
 def now() -> str:
@@ -125,8 +120,12 @@ def plain(value: float) -> float | None:
     return round(value, 6)
 
 
-def read(path: Path, kind: Kind = "run") -> Iterator[Event]:
+def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
     """The events of a log; half a line at its end, which is being written or never will be, is passed over.
+
+    Args:
+        path: Of the log.
+        kind: It is expected to be of; None: of any.
 
     Raises:
         RobotError: if it cannot be read, is no log, is one of another kind, or is damaged before its end.
@@ -138,7 +137,7 @@ def read(path: Path, kind: Kind = "run") -> Iterator[Event]:
                     event = from_line(line)
                     if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
                         raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
-                    if number == 1 and event.get("kind") != kind:
+                    if number == 1 and kind not in (None, event.get("kind")):
                         raise ValueError(f"expected the log of a {kind}, found that of a {event.get('kind')}")  # noqa: TRY301
                 except ValueError as error:
                     if number > 1 and next(file, None) is None:
@@ -216,8 +215,7 @@ def condition_met(controller: Controller, event: Event) -> str:
 
 
 def _decide(controller: Controller, event: Event) -> Decision:
-    readings = Readings(*event["readings"])
-    wheels = Wheels(*(math.nan if speed is None else speed for speed in event["wheels"]))
+    readings, wheels = Readings(*event["readings"]), Wheels(*event["wheels"])
     state = controller.state
     decided = controller.step(readings, event["draws"])
     found, logged = (state, controller.state, decided), (event["state"], event["next_state"], wheels)

@@ -23,7 +23,7 @@ from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, heading, samples
 from mercator_design.robot.settings import Settings, nearest
 from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
-from mercator_design.robot.sweep import BINS, STEP, Sweep
+from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
@@ -83,6 +83,7 @@ class Mercator:
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
+        self._is_blind = self._do_commands_end = False
         self._polled = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
@@ -103,11 +104,12 @@ class Mercator:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def introduction(self) -> str:
-        """Its name and facts, for people."""
+    def introduce(self, tell: Callable[[str], None]) -> None:
+        """Tell people its name and facts, and a doubt."""
         facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
-        return f"{self._settings.name}: {facts}"
+        tell(f"{self._settings.name}: {facts}")
+        if not self._do_commands_end:
+            tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -129,12 +131,15 @@ class Mercator:
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
-        ground = COLOURS["white"]
+        n, ground = 0, COLOURS["white"]
         if self.age("proximity", now) <= limits.proximity:
             proximity = self.samples["proximity"].values
-        n = self._find_neighbours(now)
+        if self.age("lidar", now) <= limits.lidar:
+            front = -heading(self.samples, now)
+            n = lidar_neighbours(model, self._around.ranges(), front, STEP, distances, bearings_x, bearings_y)
         if self.age("ground", now) <= limits.rvr:
             ground = COLOURS[self.label()]
+        self.neighbours = [(distances[k], math.atan2(bearings_y[k], bearings_x[k])) for k in range(n)]
         weights = [proximity_weight(model, distance) for distance in proximity]
         return perceive(
             model,
@@ -149,15 +154,6 @@ class Mercator:
             ground,
             (0.0, 0.0),
         )
-
-    def _find_neighbours(self, now: float) -> int:
-        """Find `neighbours` in the lidar's last turn; how many there are."""
-        distances, x, y = self._found
-        is_fresh = self.age("lidar", now) <= self._settings.limits.lidar
-        front = -heading(self.samples, now)
-        n = lidar_neighbours(self._model, self._around.ranges(), front, STEP, *self._found) if is_fresh else 0
-        self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
-        return n
 
     def check_ages(self) -> None:
         """See whether all that is needed is told.
@@ -189,25 +185,23 @@ class Mercator:
                 return f"{name}: {found}; {self._talk.remedy(device)}"
         return ""
 
-    def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
-        """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
+    def drive(self, wheels: Wheels) -> None:
+        """Turn the treads, at fractions of the limit of their speed; ask after the battery now and then.
 
         Raises:
-            Stopped: if something has stopped the wheels, a fraction is out of range or not a number, or the port is lost.
+            Stopped: if something has stopped the wheels, or a fraction is out of range or not a number.
+            RobotError: if the port is lost.
         """
         speed = self._settings.limits.speed
-        left, right = speed * wheels.left, speed * wheels.right
-        if is_dry:
-            self.brake.check(left, right)
-            left = right = 0.0
+        self.drive_at(speed * wheels.left, speed * wheels.right)
+
+    def drive_at(self, left: float, right: float) -> None:
+        """The same, at speeds [m/s]."""
         self.brake.drive(left, right)
+        self.poll()
 
     def poll(self) -> None:
-        """Ask after the battery now and then, which also keeps the RVR awake.
-
-        Raises:
-            Stopped: if the port is lost.
-        """
+        """Ask after the battery now and then, which also keeps the RVR awake; errors are those of `drive`."""
         if time.monotonic() - self._polled > _POLL:
             self._polled = time.monotonic()
             self._talk.tell("get_battery_voltage_state")
@@ -236,11 +230,11 @@ class Mercator:
         self._polled = time.monotonic()
         talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
-        talk.tell("enable_battery_voltage_state_change_notify", is_enabled=True)
-        talk.tell("enable_motor_fault_notify", is_enabled=True)
-        talk.tell("reset_yaw")
-        talk.tell("reset_locator_x_and_y")
-        talk.tell("enable_color_detection", is_enabled=True)
+        talk.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
+        talk.ask("enable_motor_fault_notify", is_enabled=True)
+        talk.ask("reset_yaw")
+        talk.ask("reset_locator_x_and_y")
+        talk.ask("enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             talk.ask(name, processor, **values)
         self.facts |= start_lidar(talk, self._lidar)
@@ -255,12 +249,20 @@ class Mercator:
         The maker's documents do not say what a robot that was stopped so answers, so this is not held against it.
         """
         self.brake.drive(0.0, 0.0)
-        first = self._talk.ask("get_active_control_system_id")["controller_id"]
+        first = self._controller()
         self.attend(time.monotonic() + COMMANDS_END + 0.1)
-        then = self._talk.ask("get_active_control_system_id")["controller_id"]
-        self.facts["commands_end"] = (
-            f"seen after {COMMANDS_END:g} s" if (first, then) == (_TANK, _BRAKING) else "not seen"
-        )
+        has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._talk.said)
+        self._do_commands_end = has_stopped or (first, self._controller()) == (_TANK, _BRAKING)
+        self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
+
+    def _controller(self) -> int | None:
+        """Which of the RVR's drives; None if it does not tell."""
+        try:
+            return int(self._talk.ask("get_active_control_system_id")["controller_id"])
+        except Stopped:
+            raise
+        except RobotError:
+            return None
 
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
@@ -272,12 +274,14 @@ class Mercator:
             self.samples[name] = Sample(now, values)
         match event:
             case Packet():
-                self._sweep.add(event)
                 began = now - (len(event.samples) - 1) / SAMPLE_RATE
                 self._around.add(event, heading(self.samples, began), heading(self.samples, now))
-                if event.is_ring_start and self._sweep.is_whole:
+                if self._sweep.add(event):
                     self.samples["lidar"] = Sample(now, ())
+                    self._note_sight()
             case Response() if not self._talk.is_ending:
+                if event.error:
+                    self.notes.append(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
@@ -285,10 +289,16 @@ class Mercator:
                 self.notes.append(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
                 self._heed(event.name, event.values)
 
+    def _note_sight(self) -> None:
+        """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
+        was_blind, self._is_blind = self._is_blind, sum(map(bool, self._sweep.ranges())) < LEAST_READINGS
+        if was_blind != self._is_blind:
+            self.notes.append("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
+
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Stop if the RVR says that it must not drive."""
         match name:
-            case "get_battery_percentage":
+            case "get_battery_percentage" if values:
                 self.facts["battery"] = "{percentage} %".format_map(values)
                 self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:

@@ -2,8 +2,11 @@
 
 import contextlib
 import errno
+import fcntl
 import getpass
+import grp
 import os
+import re
 import termios
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -19,6 +22,7 @@ from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
 BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+_NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
 
@@ -68,32 +72,79 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
+def usb_port(device: str, name: str) -> ListPortInfo:
+    """The USB device at a port.
+
+    Raises:
+        RobotError: if there is none, or the port's name may be another device's tomorrow.
+    """
+    path = find_port(device, name)
+    ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
+    found = ports.get(Path(path).resolve())
+    if found is None:
+        raise RobotError(f"{device}: {path} is not connected; connected are {_listed(ports.values())}")
+    rivals = [port for port in ports.values() if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
+    if len(rivals) > 1:  # a name by the order in which they came
+        raise RobotError(f"{device}: which of {_listed(rivals)} is it? Name it so in robot.yaml")
+    return found
+
+
+class _Port(serial.Serial):
+    """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
+
+    def open(self) -> None:
+        super().open()
+        fcntl.ioctl(self.fileno(), termios.TIOCEXCL)
+
+    def close(self) -> None:
+        if self.is_open:
+            with contextlib.suppress(OSError):  # a port that is lost
+                fcntl.ioctl(self.fileno(), termios.TIOCNXCL)
+        super().close()
+
+
 def open_port(device: str, name: str) -> serial.Serial:
     """One of the three ports, for this program alone; errors are those of `open_ports`."""
     path = find_port(device, name)
     try:
-        return serial.Serial(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
-    except serial.SerialException as error:
+        port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
+    except OSError as error:
         raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
     except termios.error as error:
         raise RobotError(f"{device}: {path} is lost: {error.args[-1]}") from None
+    if users := _users(path):
+        port.close()
+        raise RobotError(f"{device}: {path}: {_in_use(users)}")
+    return port
 
 
-def _wrong(path: str, error: serial.SerialException) -> str:
+def _wrong(path: str, error: OSError) -> str:
     """What is wrong with a port that cannot be opened, and what to do."""
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM:
-            return f"no permission; `sudo usermod -aG {Path(path).group()} {getpass.getuser()}`, and log in again"
+            return f"no permission; {_permission(Path(path).group(), getpass.getuser())}"
         case errno.EBUSY | errno.EAGAIN:
-            return f"in use by another program{_users(path)}; end it first"
+            return _in_use(_users(path))
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
             return "not a serial port"
     return str(error)
 
 
-def _users(path: str) -> str:
+def _in_use(users: list[str]) -> str:
+    by = f" ({'; '.join(users)})" if users else ""
+    return f"in use by another program{by}; end it first"
+
+
+def _permission(group: str, user: str) -> str:
+    """What gives a user the rights of a group."""
+    if user in grp.getgrnam(group).gr_mem:
+        return f"{user} is in the group {group}, but was not when this shell began: log in again"
+    return f"`sudo usermod -aG {group} {user}`, and log in again"
+
+
+def _users(path: str) -> list[str]:
     """Other programs that have a port open, of those that this user may look at."""
     port, users = Path(path).resolve(), []
     for process in Path("/proc").glob("[0-9]*"):
@@ -101,7 +152,7 @@ def _users(path: str) -> str:
             is_other = process.name != str(os.getpid())
             if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
                 users.append(f"{(process / 'comm').read_text().strip()}, process {process.name}")
-    return f" ({'; '.join(users)})" if users else ""
+    return users
 
 
 def _listed(ports: Iterable[ListPortInfo]) -> str:

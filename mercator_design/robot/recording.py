@@ -90,7 +90,7 @@ def record(
     log = Log(path)
     with in_control(settings, _EVERYTHING, {}, log) as (robot, _):
         recorder = Recorder(log, robot, settings)
-        tell(robot.introduction)
+        robot.introduce(tell)
         begin = now = time.monotonic()
         end = math.inf if duration is None else begin + duration
         silent = ""

@@ -59,8 +59,6 @@ class Node:
             self._master = urlsplit(_module("rosgraph").get_master_uri())
             self._reach_master()
             self._rospy.init_node(NAME, disable_signals=True)
-        except OSError as error:
-            raise RobotError(f"ros: no master at {self._master.geturl()}: {error}; is roscore running?") from None
         except (self._rospy.ROSException, ValueError) as error:
             raise RobotError(f"ros: {error}") from None
         self.namespace = str(self._rospy.get_namespace()).strip("/").replace("/", "_")
@@ -76,7 +74,12 @@ class Node:
         self._publishers[topic].publish(message)
 
     def obey(self, brake: Brake, orders: "Orders") -> None:
-        """Take orders, in threads of their own, from now on; pull the brake if this is a node no more."""
+        """Take orders, in threads of their own, from now on; pull the brake if this is a node no more.
+
+        Raises:
+            RobotError: if the master has gone.
+        """
+        self._reach_master()  # else to subscribe would wait for it
         self._rospy.on_shutdown(lambda: brake.stop("ros: the node was told to shut down"))
         threading.Thread(target=self._watch_master, args=(brake,), daemon=True).start()
         for topic, take in ((WHEELS, orders.take_speeds), (LEDS, orders.take_colours)):
@@ -95,17 +98,21 @@ class Node:
         return getattr(_module(f"{package}.msg"), kind)
 
     def _reach_master(self) -> None:
-        if self._master.hostname is None:
-            raise ValueError(f"ROS_MASTER_URI: expected http://HOST:PORT/, found {self._master.geturl()}")
-        socket.create_connection((self._master.hostname, self._master.port or 80), _MASTER_ANSWER).close()
+        uri = self._master.geturl()
+        try:
+            if self._master.hostname is None:
+                raise RobotError(f"ros: ROS_MASTER_URI: expected http://HOST:PORT/, found {uri}")
+            socket.create_connection((self._master.hostname, self._master.port or 80), _MASTER_ANSWER).close()
+        except OSError as error:
+            raise RobotError(f"ros: no master at {uri}: {error}; does roscore run there?") from None
 
     def _watch_master(self, brake: Brake) -> None:
         """A node is not told that its master has gone."""
         while not brake.why:
             try:
                 self._reach_master()
-            except OSError as error:
-                brake.stop(f"ros: the master at {self._master.geturl()} is gone: {error}")
+            except RobotError as error:
+                brake.stop(str(error))
             time.sleep(_MASTER_LOOK)
 
 
@@ -212,7 +219,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         Signalled: if a signal came.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
-        tell(robot.introduction)
+        robot.introduce(tell)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
         node.obey(robot.brake, orders)
         arm(settings, robot, watchdog)
@@ -221,8 +228,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
             robot.attend(due)
             robot.check_ages()
             now = time.monotonic()
-            robot.brake.drive(*orders.speeds(now))
-            robot.poll()
+            robot.drive_at(*orders.speeds(now))
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)

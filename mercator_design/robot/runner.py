@@ -9,7 +9,7 @@ from random import Random
 
 from mercator_design.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
-from mercator_design.fsm import Controller, to_text
+from mercator_design.fsm import Controller, Wheels, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.control import arm, in_control
@@ -79,7 +79,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    tell(robot.introduction)
+    robot.introduce(tell)
 
 
 def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
@@ -87,16 +87,10 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
     random = Random(what.seed)
     start = due = time.monotonic()
     most = math.inf if what.duration is None else what.duration - 0.5 * CONTROL_PERIOD
-    worked = time.thread_time()
     cycle = 0
     while True:
-        try:
-            robot.attend(due)
-        finally:
-            for note in robot.notes:
-                log.note("note", cycle=cycle, text=note)
-            robot.notes.clear()
-        begin = time.monotonic()
+        robot.attend(due)
+        begin, worked = time.monotonic(), time.thread_time()
         if begin - start >= most:
             return
         if log.failure:
@@ -104,7 +98,9 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         state, readings = controller.state, robot.readings()
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
-        before, worked = worked, time.thread_time()
+        robot.drive(Wheels(0.0, 0.0) if what.is_dry else wheels)
+        notify(WATCHDOG=1)
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         log.note(
             "cycle",
             cycle=cycle,
@@ -113,17 +109,16 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
             next_state=controller.state,
             readings=readings,
             draws=draws,
-            wheels=[speed if math.isfinite(speed) else None for speed in wheels],
-            cpu=round(worked - before, 6),
+            wheels=wheels,
+            cpu=round(time.thread_time() - worked, 6),
             neighbours=robot.neighbours,
             sensed={
                 name: [round(begin - sample.time, 4), *map(plain, sample.values)]
                 for name, sample in robot.samples.items()
             },
         )
-        robot.drive(wheels, is_dry=what.is_dry)
-        notify(WATCHDOG=1)
-        robot.poll()
-        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
+        for note in robot.notes:
+            log.note("note", cycle=cycle, text=note)
+        robot.notes.clear()
         cycle += 1
         due = max(due + CONTROL_PERIOD, time.monotonic())

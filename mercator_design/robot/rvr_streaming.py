@@ -29,7 +29,7 @@ class Service:
     """What processors can stream.
 
     slot: Where the SDK puts it.
-    size: Bytes of each of its integers.
+    size: Bytes of each of its integers, as the SDK asks for them; it might ask for 1, 2 or 4.
     """
 
     id: int
@@ -42,11 +42,6 @@ class Service:
     def entry(self) -> bytes:
         """What asks for it in a configuration."""
         return _ENTRY.pack(self.id, self.size.bit_length() - 1)
-
-    @property
-    def n_bytes(self) -> int:
-        """Of all its integers."""
-        return self.size * len(self.attributes)
 
 
 _NORDIC, _ST, _BOTH = (Processor.NORDIC,), (Processor.ST,), (Processor.NORDIC, Processor.ST)
@@ -73,7 +68,8 @@ SERVICES = {
     "encoders": Service(0xB, _ST, 2, 4, {"left": _TICKS, "right": _TICKS}),
 }
 """By name. Axes: x to the right, y forwards, z up; yaw is 0 forwards and positive to the left."""
-_BY_ENTRY = {service.entry: name for name, service in SERVICES.items()}
+_BY_ID = {service.id: name for name, service in SERVICES.items()}
+_SIZES = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,36 +116,32 @@ class Slots:
     """What the slots of a robot hold, from the commands that go by."""
 
     def __init__(self) -> None:
-        self._services: dict[tuple[Processor, int], tuple[str, ...]] = {}
+        self._sizes: dict[tuple[Processor, int], dict[str, int]] = {}  # of each service in a slot
 
     def follow(self, command: str, processor: Processor, values: Mapping[str, Any]) -> bool:
         """Whether the command can be obeyed, which most need nothing for."""
         if command == "clear_streaming_service":
-            self._services = {slot: names for slot, names in self._services.items() if slot[0] != processor}
+            self._sizes = {slot: sizes for slot, sizes in self._sizes.items() if slot[0] != processor}
         elif command == "configure_streaming_service":
-            configuration = bytes(values["configuration"])
-            entries = [configuration[i : i + _ENTRY.size] for i in range(0, len(configuration), _ENTRY.size)]
-            names = tuple(_BY_ENTRY[entry] for entry in entries if entry in _BY_ENTRY)
-            slot = values["token"]
-            here = all(processor in SERVICES[name].processors for name in names)
-            if slot not in _SLOTS or len(names) < len(entries) or not 0 < len(names) <= SLOT_SIZE or not here:
+            sizes = _sizes(bytes(values["configuration"]))
+            here = all(processor in SERVICES[name].processors for name in sizes)
+            if values["token"] not in _SLOTS or not 0 < len(sizes) <= SLOT_SIZE or not here:
                 return False
-            self._services[processor, slot] = names
+            self._sizes[processor, values["token"]] = sizes
         return True
 
     def of(self, processor: Processor) -> dict[int, tuple[str, ...]]:
         """The services of each slot that is configured."""
-        return {slot: names for (of, slot), names in self._services.items() if of == processor}
+        return {slot: tuple(sizes) for (of, slot), sizes in self._sizes.items() if of == processor}
 
     def read(self, processor: Processor, token: int, data: bytes) -> StreamData | None:
         """What a slot measured; None if nobody knows what is in it, or it cannot be that for its length."""
         slot = token & ~_INVALID
-        names = self._services.get((processor, slot))
-        if names is None or len(data) != sum(SERVICES[name].n_bytes for name in names):
+        sizes = self._sizes.get((processor, slot))
+        if sizes is None or len(data) != sum(size * len(SERVICES[name].attributes) for name, size in sizes.items()):
             return None
         values: dict[str, dict[str, float]] = {}
-        for name in names:
-            size = SERVICES[name].size
+        for name, size in sizes.items():
             values[name] = {}
             for attribute, meaning in SERVICES[name].attributes.items():
                 values[name][attribute] = _value(int.from_bytes(data[:size], "big"), size, meaning)
@@ -162,25 +154,34 @@ class Slots:
         Raises:
             KeyError: if the slot is not configured, or a value of it is missing.
         """
-        names = self._services[data.processor, data.slot]
         integers = [
-            _integer(data.values[name][attribute], SERVICES[name].size, meaning).to_bytes(SERVICES[name].size, "big")
-            for name in names
+            _integer(data.values[name][attribute], size, meaning).to_bytes(size, "big")
+            for name, size in self._sizes[data.processor, data.slot].items()
             for attribute, meaning in SERVICES[name].attributes.items()
         ]
         return {"token": data.slot | (0 if data.is_valid else _INVALID), "sensor_data": b"".join(integers)}
 
 
+def _sizes(configuration: bytes) -> dict[str, int]:
+    """Bytes of the integers of each service in a configuration; nothing if there is anything else in it."""
+    entries = [configuration[i : i + _ENTRY.size] for i in range(0, len(configuration), _ENTRY.size)]
+    asked = [_ENTRY.unpack(entry) for entry in entries if len(entry) == _ENTRY.size]
+    sizes = {_BY_ID[service]: _SIZES[code] for service, code in asked if service in _BY_ID and code < len(_SIZES)}
+    return sizes if len(sizes) == len(entries) else {}
+
+
 def _value(integer: int, size: int, meaning: Attribute) -> float:
+    most = (1 << 8 * size) - 1
     if isinstance(meaning, range):
-        return integer if integer < meaning.stop else integer - (1 << 8 * size)
+        count = integer * (len(meaning) - 1) // most
+        return count if count < meaning.stop else count - len(meaning)
     low, high = meaning
-    return low + integer / ((1 << 8 * size) - 1) * (high - low)
+    return low + integer / most * (high - low)
 
 
 def _integer(value: float, size: int, meaning: Attribute) -> int:
     most = (1 << 8 * size) - 1
     if isinstance(meaning, range):
-        return int(value) & most
+        return -(-(int(value) % len(meaning)) * most // (len(meaning) - 1))  # the least that stands for it
     low, high = meaning
     return round((min(max(value, low), high) - low) / (high - low) * most)

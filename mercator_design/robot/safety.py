@@ -95,7 +95,7 @@ class Brake:
         """Stop the wheels if a speed [m/s] is out of range or not a number."""
         if not (abs(left) <= self._limit and abs(right) <= self._limit):
             self.stop(
-                f"wheels: expected speeds from -{self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
+                f"wheels: expected speeds from {-self._limit:g} to {self._limit:g} m/s, found {left:g}, {right:g}"
             )
 
     def stop(self, why: str) -> None:

@@ -9,10 +9,12 @@ BINS = 1440
 """Of the ring: more than an X4 has samples in a turn, so that none takes another's place."""
 STEP = math.tau / BINS
 """[rad] from one to the next; the first is at the front."""
+LEAST_READINGS = 2
+"""In a turn of a lidar that sees something."""
 
-_TURN = 360 * 64  # in the unit of angles in packets
-_BACKWARDS = 10 * 64
-_SAME_PASS = 90 * 64
+_TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
+_BACKWARDS = 10 * 64  # by which a packet may begin before the end of the one before, as turns are not all alike
+_SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
 
 
 class Sweep:
@@ -32,16 +34,18 @@ class Sweep:
         self._written = [-_TURN] * BINS  # how far the lidar had swept
         self._swept = 0
         self._last: int | None = None  # angle of the last packet's last sample
+        self._began: int | None = None  # how far the lidar had swept at the last ring start
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the lidar has gone round once."""
-        return self._swept >= _TURN
+    def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
+        """Take in a packet; whether it ends a turn. Ring starts of a lidar that does not get round end none.
 
-    def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> None:
-        """Take in a packet; the robot's headings [rad] were these at its first and its last sample."""
+        Args:
+            packet: Of the lidar.
+            began: The robot's heading [rad] at the packet's first sample ...
+            ended: ... and at its last.
+        """
         if packet.is_suspect:
-            return
+            return False
         packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
             ahead = (packet.first - self._last) % _TURN
@@ -54,8 +58,12 @@ class Sweep:
             if distance > 0.0 and not hidden:
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
+        ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= _TURN // 2
+        if packet.is_ring_start:
+            self._began = self._swept
         self._swept += span
         self._last = packet.last
+        return ends
 
     def ranges(self) -> list[float]:
         """Of each bin [m]; 0 where nothing was seen in the last turn."""

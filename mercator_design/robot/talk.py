@@ -21,8 +21,10 @@ _LOOK = 0.01  # [s]
 _REMEMBERED = 100
 _MUCH = 1000  # bytes without a meaning; a few are normal after a start
 _REMEDIES = {
-    "rvr": "is it switched on, its UART wired, and no login shell on it (raspi-config)?",
-    "lidar": "has it power (5 V, 1 A)?",
+    "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
+    "turns it on)? Are TX and RX crossed? Is a login shell on the port (raspi-config)? Do its lamps flash yellow (more "
+    "than 2.15 A; switch it off and on)?",
+    "lidar": "has it power (5 V, 1 A, and more while its motor starts)?",
     "proximity": "is this the hub's port, and are all sensors plugged in?",
 }
 

@@ -83,7 +83,7 @@ def teleop(
                 raise RobotError(log.failure)
             recorder.note(event, now, **values)
 
-        tell(robot.introduction)
+        robot.introduce(tell)
         arm(settings, robot, watchdog)
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         with keyboard() as keys:

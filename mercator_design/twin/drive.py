@@ -152,6 +152,7 @@ class Drive:
 
     def drive_rc_normalized(self, yaw_angular_velocity: int, linear_velocity: int, flags: int) -> None:
         self.drive_rc_si_units(FASTEST_TURN * yaw_angular_velocity / 127, TOP * linear_velocity / 127, flags)
+        self.by = "drive_rc_normalized"
 
     def drive_with_heading(self, speed: int, heading: int, flags: int) -> None:
         forwards = -1.0 if flags & 1 else 1.0
@@ -162,12 +163,13 @@ class Drive:
 
     def drive_with_yaw_normalized(self, yaw_angle: int, linear_velocity: int) -> None:
         self.drive_with_yaw_si(yaw_angle, TOP * linear_velocity / 127)
+        self.by = "drive_with_yaw_normalized"
 
     def drive_to_position_si(
         self, yaw_angle: float, x: float, y: float, linear_speed: float, flags: int
     ) -> Error | None:
         """Drive to a place, then turn to a yaw; flags: 1 backwards, 2 whichever is nearer, 4 relative."""
-        if flags & 3 == 3:
+        if flags & 3 == 3 or linear_speed < 0.0:
             return Error.BAD_DATA_VALUE
         at_yaw, at_x, at_y = self._place()
         if flags & 4:
@@ -185,7 +187,7 @@ class Drive:
                 error = wrapped(yaw_angle - yaw)
                 if abs(error) < 0.5 * _AIMED:
                     self._drove_to = True
-                    self._stop("drive_to_position_si")
+                    self._stop(self.by)
                     return _REST
                 return self._turning(0.0, _GAIN * error)
             towards = _direction(x - now_x, y - now_y) + (180.0 if backwards else 0.0)
@@ -200,7 +202,10 @@ class Drive:
     def drive_to_position_normalized(
         self, yaw_angle: int, x: float, y: float, linear_speed: int, flags: int
     ) -> Error | None:
-        return self.drive_to_position_si(yaw_angle, x, y, TOP * linear_speed / 127, flags)
+        error = self.drive_to_position_si(yaw_angle, x, y, TOP * linear_speed / 127, flags)
+        if error is None:
+            self.by = "drive_to_position_normalized"
+        return error
 
     def drive_stop(self) -> None:
         self._stop("drive_stop")

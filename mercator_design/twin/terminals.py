@@ -26,6 +26,9 @@ from mercator_design.twin.twin import DEVICES, Log, Twin
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 _CHUNK = 4096
+_RATES: dict[Device, float] = {"rvr": 11_520.0}
+"""[bytes/s] of lines that are slower than their devices, at 115200 baud."""
+_PIECE = 0.001  # [s] for which a line that is busy carries bytes until somebody can read them
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,22 @@ def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
     stream.flush()
 
 
+class _Line:
+    """Bytes on their way along a line of some rate [bytes/s], since some time [s]."""
+
+    def __init__(self, rate: float, since: float) -> None:
+        self.data = bytearray()
+        self._rate, self._since = rate, since
+
+    def carried(self, now: float) -> bytes:
+        """What has come through by now."""
+        count = int(self._rate * (now - self._since))
+        self._since += count / self._rate
+        data = bytes(self.data[:count])
+        del self.data[:count]
+        return data
+
+
 class Terminals:
     """The ports of all robots: in `folder`/N, for robot N, links to them, and robot.yaml, which names them."""
 
@@ -76,7 +95,8 @@ class Terminals:
         self._ports: dict[int, tuple[int, Device]] = {}
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
         self._is_open: set[int] = set()
-        self._dropped = 0
+        self._under_way: dict[int, _Line] = {}
+        self._latest, self._dropped = 0.0, 0
 
     @property
     def robots(self) -> list[Path]:
@@ -101,22 +121,26 @@ class Terminals:
 
     def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
         """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
-        start, at, began, latest = clock(), time_of_day(), time.process_time(), 0.0
+        start, at, began = clock(), time_of_day(), time.process_time()
         self._twin.note("clock", start=start, at=at)
+        due = self._twin.next_tick
         while not is_over(now := clock() - start):
-            latest = max(latest, now - self._twin.next_tick)
-            self._keep_up(now)
-            self._look(now)
-            wait = max(0.0, self._twin.next_tick - (clock() - start))
-            for fd, _ in self._open.poll(math.ceil(1000.0 * wait)):
+            if now >= due:
+                self._keep_up(now)
+                self._look(now)
+                due = self._twin.next_tick
+            self._carry(now)
+            wait = max(0.0, due - (clock() - start))
+            for fd, _ in self._open.poll(math.ceil(1000.0 * (min(wait, _PIECE) if self._under_way else wait))):
                 now = clock() - start
                 self._keep_up(now)
                 self._receive(fd, now)
-        return Timing(now, (time.process_time() - began) / max(now, 1e-9), latest, self._dropped)
+        return Timing(now, (time.process_time() - began) / max(now, 1e-9), self._latest, self._dropped)
 
     def _keep_up(self, now: float) -> None:
+        self._latest = max(self._latest, now - self._twin.next_tick)
         for number, device, said in self._twin.advance(now):
-            self._send(self._fds.get((number, device)), said)
+            self._send(self._fds.get((number, device)), said, now)
 
     def _settings(self, number: int) -> Settings:
         """What a program is to know of a robot."""
@@ -149,17 +173,40 @@ class Terminals:
         number, device = self._ports[fd]
         try:
             data = os.read(fd, _CHUNK)
+        except BlockingIOError:  # closed when it was looked at, and opened again since
+            return
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
             self._note(fd, now, is_open=False)
+            self._unplug(number, device)  # who was killed had it to itself, and a pseudo-terminal would stay so
+            self._plug_in(number, device)
         else:
-            self._send(fd, self._twin.robots[number].receive(device, data, now))
+            self._send(fd, self._twin.robots[number].receive(device, data, now), now)
 
-    def _send(self, fd: int | None, data: bytes) -> None:
-        """Send to whoever has the port open; what does not fit is lost, as on a wire."""
+    def _send(self, fd: int | None, data: bytes, now: float) -> None:
+        """Send to whoever has the port open, at the speed of the line."""
         if fd is None or fd not in self._is_open or not data:
             return
+        rate = _RATES.get(self._ports[fd][1])
+        if rate is None:
+            self._write(fd, data)
+            return
+        line = self._under_way.setdefault(fd, _Line(rate, now))
+        fits = data[: _CHUNK - len(line.data)]
+        self._dropped += len(data) - len(fits)
+        line.data += fits
+
+    def _carry(self, now: float) -> None:
+        """Bring bytes that are under way to where they can be read."""
+        for fd, line in list(self._under_way.items()):
+            if data := line.carried(now):
+                self._write(fd, data)
+            if not line.data:
+                del self._under_way[fd]
+
+    def _write(self, fd: int, data: bytes) -> None:
+        """Write to a port; what does not fit is lost, as on a wire."""
         try:
             sent = os.write(fd, data)
         except OSError as error:
@@ -176,6 +223,7 @@ class Terminals:
         before.unregister(fd)
         after.register(fd, select.POLLIN)
         self._is_open ^= {fd}
+        self._under_way.pop(fd, None)
         number, device = self._ports[fd]
         self._twin.robots[number].note_port(device, is_open=is_open, now=now)
 
@@ -196,6 +244,7 @@ class Terminals:
         del self._ports[fd]
         (self._open if fd in self._is_open else self._closed).unregister(fd)
         self._is_open.discard(fd)
+        self._under_way.pop(fd, None)
         os.close(fd)
         self._link(number, device).unlink(missing_ok=True)
 

@@ -76,6 +76,14 @@ def test_a_run_and_its_replay(application, python, tmp_path):
     assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
 
 
+def test_services_run_this_file(application, python, tmp_path):
+    done = run(python, application, "install", "--root", tmp_path, folder=tmp_path)
+    assert done.stdout.count(" written\n") == 4, done.stderr
+    for name, verb in (("idle", "stop"), ("robot", "run fsm.txt --log logs")):
+        unit = (tmp_path / f"etc/systemd/system/mercator-{name}.service").read_text()
+        assert f"\nExecStart={python} {application} {verb}\n" in unit
+
+
 def test_every_module_can_be_imported_and_none_is_from_elsewhere(application, sources, python):
     names = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in sources]
     ours = [name for name in names if name.startswith("mercator_design")]

@@ -26,7 +26,7 @@ while words[0].startswith("-"):
 with open("{log}", "a") as log:
     print(program, *options, file=log)
 assert "BatchMode=yes" in options and "ConnectTimeout=10" in options
-host = words[0] if program == "ssh" else next(word for word in words if ":" in word).partition(":")[0]
+host = words[0] if program == "ssh" else next(word for word in words if ":" in word).partition("]:")[0][1:]
 home = Path("{root}", host)
 if not home.is_dir():
     sys.exit(f"ssh: connect to host {{host}} port 22: No route to host")
@@ -35,7 +35,7 @@ if (home / "slow").exists():
 if program == "ssh":
     os.chdir(home)
     os.execvp("sh", ["sh", "-c", " ".join(words[1:])])
-*sources, target = [word.replace(host + ":", str(home) + "/") if ":" in word else word for word in words]
+*sources, target = [word.replace("[" + host + "]:", str(home) + "/") if ":" in word else word for word in words]
 for source in sources:
     for file in glob.glob(source):
         shutil.copy(file, target)
@@ -160,9 +160,28 @@ def test_no_ssh(deploy, field, monkeypatch):
     assert "ssh: no such program here; install OpenSSH" in deploy("--stop")[1]
 
 
+def test_an_fsm_of_another_flavour_that_is_run_as_it_was_checked(deploy, field):
+    (field / "fsm.txt").write_text("--nstates 1 --s0 5 --rep0 4 --rep0 5")
+    code, _, err = deploy("fsm.txt", "--flavour", "chocolate")
+    assert (code, "--rep0" in err) == (3, True)
+    for name in ("r1", "r2"):
+        (field / name / "mercator").mkdir()
+        (field / name / "mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
+    code, out, err = deploy("fsm.txt", "--flavour", "chocolate", "--lenient", "--start")
+    assert (code, err.startswith("Warning: fsm.txt: ")) == (1, True)
+    assert out.count("rvr: /dev/no_such_port: no such port") == 2  # so it was taken for what it is there too
+
+
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["fsm.txt", "--stop"], ["fsm.txt", "--collect", "x"], ["--stop", "--start"], ["fsm.txt", "--duration", "5"]],
+    [
+        [],
+        ["fsm.txt", "--stop"],
+        ["fsm.txt", "--collect", "x"],
+        ["--stop", "--start"],
+        ["--stop", "--lenient"],
+        ["fsm.txt", "--duration", "5"],
+    ],
 )
 def test_wrong_usage(deploy, field, arguments):
     assert deploy(*arguments)[0] == 2

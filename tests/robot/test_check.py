@@ -1,10 +1,13 @@
 """mercator-robot check: what is fine, and what is wrong with what to do."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from mercator_design.robot.check import check_clock, check_console
+from mercator_design.robot import check as checking
+from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
 from tests.robot.devices import Devices
 
 
@@ -17,7 +20,24 @@ def devices():
 
 
 @pytest.fixture
-def found(robot_command, devices, tmp_path):
+def processes(tmp_path, monkeypatch):
+    """Sets what else runs: names and arguments."""
+    folder = tmp_path / "proc"
+    folder.mkdir()
+    monkeypatch.setattr(checking, "_PROCESSES", folder)
+    monkeypatch.setattr(checking, "RULES", tmp_path / "99-mercator.rules")
+
+    def run(*lines):
+        for number, (name, *arguments) in enumerate(map(str.split, lines)):
+            (folder / str(number)).mkdir()
+            (folder / str(number) / "comm").write_text(f"{name}\n")
+            (folder / str(number) / "cmdline").write_text("\0".join([f"/usr/sbin/{name}", *arguments, ""]))
+
+    return run
+
+
+@pytest.fixture
+def found(robot_command, devices, tmp_path, processes):
     """Run it; gives exit code, what is fine, what is wrong, and messages."""
 
     def run(**ports):
@@ -64,7 +84,10 @@ def test_each_device_by_itself(found, devices):
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
-    assert wrong["rvr"].startswith("no answer; is it switched on")
+    causes = ("switched on", "Sphero Edu", "TX and RX", "login shell", "yellow")
+    places = [wrong["rvr"].index(cause) for cause in causes]
+    assert wrong["rvr"].startswith("no answer; is it")
+    assert places == sorted(places)
     assert wrong["lidar"].startswith("/dev/no_such_port: no such port")
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
 
@@ -101,3 +124,66 @@ def test_a_console_by_another_name_of_the_uart(tmp_path):
     (tmp_path / "ttyAMA0").touch()
     (tmp_path / "serial0").symlink_to(tmp_path / "ttyAMA0")
     assert not check_console(str(tmp_path / "serial0"), "console=ttyAMA0,115200").is_fine
+
+
+class TestUart:
+    @pytest.mark.parametrize(
+        "config",
+        [
+            "[all]\nenable_uart = 1  # pins the clock\n",
+            "enable_uart=0\nenable_uart=1\n",
+            "dtoverlay=disable-bt\n",
+            "dtoverlay=pi3-miniuart-bt\n",
+        ],
+    )
+    def test_on(self, config):
+        assert [f.is_fine for f in check_uart("/dev/serial0", "8250.nr_uarts=0 quiet", config)] == [True]
+
+    @pytest.mark.parametrize(
+        "config",
+        [
+            "# enable_uart=1\n",
+            "enable_uart=1\nenable_uart=0\n",
+            "dtoverlay=disable-bt\nenable_uart=0\n",
+            "arm_64bit=1\n",
+        ],
+    )
+    def test_off_or_at_a_rate_that_changes(self, config):
+        (finding,) = check_uart("/dev/ttyS0", "", config)
+        assert not finding.is_fine
+        assert finding.words.startswith("enable_uart=1 is not in config.txt: ")
+        assert "raspi-config" in finding.words
+
+    def test_hidden(self):
+        (finding,) = check_uart("/dev/ttyS0", "8250.nr_uarts=0 quiet", "enable_uart=1\n")
+        assert (finding.is_fine, finding.words.startswith("8250.nr_uarts=0 hides it")) == (False, True)
+
+    @pytest.mark.parametrize(("port", "config"), [("/dev/ttyUSB0", "arm_64bit=1"), ("/dev/serial0", "")])
+    def test_not_to_be_told(self, port, config):
+        assert list(check_uart(port, "", config)) == []
+
+
+class TestOtherPrograms:
+    def test_those_that_take_ports(self, processes):
+        processes("init", "ModemManager", "brltty --no-daemon", "agetty --keep-baud 115200 ttyS0 vt220")
+        finding = check_programs("/dev/ttyS0")
+        assert not finding.is_fine
+        modems, login, braille = (
+            finding.words.index(word) for word in ("ModemManager talks", "a login", "brltty takes")
+        )
+        assert modems < login < braille
+
+    def test_those_that_do_not(self, processes, tmp_path):
+        (tmp_path / "99-mercator.rules").touch()
+        processes("ModemManager", "agetty -o -p tty1 linux")
+        assert check_programs("/dev/ttyS0") == ("other programs", True, "none that takes ports")
+
+    def test_one_that_reads_a_port_too(self, found, devices):
+        code = f"import os, sys; os.open({devices.names.lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); "
+        code += "sys.stdin.read()"
+        with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+            other.stdout.readline()
+            _, _, wrong, _ = found()
+            other.stdin.close()
+        assert "in use by another program (" in wrong["lidar"]
+        assert wrong["lidar"].endswith(f", process {other.pid}); end it first")

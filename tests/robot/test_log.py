@@ -1,6 +1,8 @@
 """The log of a run: whole to its last line, and the same decisions when it is replayed, here and compiled."""
 
+import os
 import random
+import threading
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
 from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
+from mercator_design.robot import log as log_module
 from mercator_design.robot.cli import cli
 from mercator_design.robot.log import Log, controller_of, read, replay
 from tests.fsm.test_parity import program_arrays
@@ -176,3 +179,25 @@ def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path):
     assert log.failure.endswith(
         "log.jsonl: cannot be written: TypeError('Object of type object is not JSON serializable')"
     )
+
+
+@pytest.mark.parametrize("events", [1, 1000, 1002])
+def test_a_disk_that_hangs(events, tmp_path, monkeypatch):
+    """What waits for it does not grow for ever, nor does the end wait for ever."""
+    goes_on = threading.Event()
+
+    def write(file, data):
+        goes_on.wait()
+        return len(data)
+
+    monkeypatch.setattr(log_module, "_LAST", 0.1)
+    monkeypatch.setattr(os, "write", write)
+    try:
+        with Log(tmp_path / "log.jsonl") as log:
+            for _ in range(events):
+                log.note("cycle")
+            assert bool(log.failure) == (events > 1001)  # one is being written, 1000 wait
+        assert log.failure.endswith("log.jsonl: cannot be written: the disk hangs")
+    finally:
+        goes_on.set()
+        log._thread.join()

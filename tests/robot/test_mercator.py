@@ -1,6 +1,7 @@
 """What the robot makes of what its devices tell, and how it is started up and shut down, on pseudo-terminals."""
 
 import math
+import threading
 import time
 from contextlib import contextmanager
 
@@ -12,12 +13,21 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.ports import PortNames, open_ports
-from mercator_design.robot.rvr_messages import LIGHTS
+from mercator_design.robot.rvr import Response
+from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import Devices
 
 SENSES = ("proximity", "neighbours", "ground")
+PREPARATIONS = (
+    "enable_battery_voltage_state_change_notify",
+    "enable_motor_fault_notify",
+    "reset_yaw",
+    "reset_locator_x_and_y",
+    "enable_color_detection",
+)
+"""Without which a run would not be what it seems."""
 NEAR = ReferenceModel().neighbour_range
 
 
@@ -136,6 +146,15 @@ def impatient(monkeypatch):
     monkeypatch.setattr(start, "_WAKING", 0.5)
 
 
+def tell_that_it_stopped(devices):
+    """Of commands that run out, the RVR says no more than this."""
+    asked = "get_active_control_system_id"
+    devices.refused[asked] = 2
+    devices.when(lambda: asked in [name for _, name, _ in devices.commands])
+    time.sleep(0.1)
+    devices.tell("robot_has_stopped")
+
+
 class TestStart:
     def test_commands(self, devices):
         with robot_on(devices) as robot:
@@ -144,17 +163,31 @@ class TestStart:
             assert robot.facts["commands_end"] == "seen after 0.3 s"
         names = [name for _, name, _ in devices.commands]
         assert names[:4] == ["disable_notifications_and_active_commands", *["clear_streaming_service"] * 2, "wake"]
-        values = {name: values for _, name, values in devices.commands}
+        values = {name: values for _, name, values in devices.commands[::-1]}
         assert values["set_custom_control_system_timeout"] == {"command_timeout": round(1000 * COMMANDS_END)}
         assert names.index("reset_yaw") < names.index("start_streaming_service")
-        assert {"reset_locator_x_and_y", "enable_battery_voltage_state_change_notify"} <= set(names)
+        assert set(PREPARATIONS) <= set(names)
+        assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 2 + [{}] * 2 + [{"is_enabled": True}]
         assert not devices.drives()
         assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
 
-    def test_commands_that_do_not_end_are_not_said_to(self, devices):
-        devices.forgets = False
+    @pytest.mark.parametrize(
+        ("prepare", "is_seen"),
+        [
+            (lambda d: setattr(d, "forgets", False), False),
+            (lambda d: d.refused.update(get_active_control_system_id=2), False),
+            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d]).start(), True),
+        ],
+    )
+    def test_whether_commands_end(self, devices, prepare, is_seen):
+        """However that is known; if it is not, people are warned."""
+        prepare(devices)
+        told = []
         with robot_on(devices, ()) as robot:
-            assert robot.facts["commands_end"] == "not seen"
+            robot.introduce(told.append)
+            assert robot.facts["commands_end"] == ("seen after 0.3 s" if is_seen else "not seen")
+        warning = "Warning: it was not seen that the RVR stops by itself 0.3 s after the last command"
+        assert told[1:] == ([] if is_seen else [warning])
 
     @pytest.mark.parametrize(
         ("prepare", "words"),
@@ -174,6 +207,10 @@ class TestStart:
             (
                 lambda d: d.refused.update(set_custom_control_system_timeout=0x55),
                 r"^rvr: set_custom_control_system_timeout was refused: error 0x55$",
+            ),
+            *(
+                (lambda d, name=name: d.refused.update({name: 4}), rf"^rvr: {name} was refused: restricted$")
+                for name in PREPARATIONS
             ),
             (lambda d: setattr(d, "health", 2), r"^lidar: it reports an error"),
         ],
@@ -211,6 +248,41 @@ def test_damaged_bytes(devices):
         found = [told(robot, 0.1).neighbours for _ in range(40)]
         robot.drive(Wheels(0.5, 0.5))
     assert set(found[10:]) | {0.0} == {0.0, 1.0}
+
+
+def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
+    refused = "get_battery_percentage", "get_battery_voltage_state", "set_all_leds"
+    with robot_on(devices, ()) as robot:
+        devices.refused = dict.fromkeys(refused, 4)
+        robot.show(dict.fromkeys(LIGHTS, (0, 0, 0)))
+        robot._polled = -math.inf
+        robot.drive(Wheels(0.1, 0.1))
+        robot.attend(time.monotonic() + 0.2)
+        noted = [note for note in robot.notes if "refused" in note]
+        assert sorted(noted) == [f"{name} was refused: restricted" for name in refused]
+        assert robot.facts["battery"] == "87 %"
+
+
+def test_a_lidar_that_sees_nothing_is_noted(devices):
+    def lidar_notes(robot):
+        robot.attend(time.monotonic() + 1.0)
+        return [note for note in robot.notes if note.startswith("lidar")]
+
+    with robot_on(devices, ()) as robot:
+        assert lidar_notes(robot) == ["lidar: sees nothing"]
+        devices.robots = [(0.0, 0.4)]
+        assert lidar_notes(robot) == ["lidar: sees nothing", "lidar: sees something again"]
+
+
+def test_of_commands_that_are_refused_one_matters():
+    """A response with an error has no values."""
+    robot, stopped = Mercator(Settings(), (None, None, None), SENSES, {}), []
+    for name in COMMANDS:
+        try:
+            robot._take(Response(name, Processor.NORDIC, {}, 7), 0.0)
+        except Stopped:
+            stopped.append(name)
+    assert stopped == ["drive_tank_si_units"]
 
 
 def test_wheels_and_lamps(devices):

@@ -2,10 +2,12 @@
 
 import contextlib
 import errno
+import grp
 import os
 import subprocess
 import sys
 import termios
+from pathlib import Path
 
 import pytest
 import serial
@@ -13,6 +15,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
+from mercator_design.robot import ports
 from mercator_design.robot.ports import PortNames, find_port, open_ports
 
 
@@ -73,6 +76,45 @@ sys.stdin.read()
         serial.Serial(names.rvr, exclusive=True)
 
 
+@contextlib.contextmanager
+def holding(path):
+    """Another program that has a port open, and asks for no lock."""
+    code = f"import os; os.open({path!r}, os.O_RDWR | os.O_NOCTTY); print(flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        yield other
+        other.stdin.close()
+
+
+def test_a_program_that_asks_for_no_lock_is_found(terminals):
+    """It would have a part of the bytes."""
+    _, names = terminals
+    with holding(names.proximity) as other:
+        expected = (
+            rf"^proximity: {names.proximity}: in use by another program \(.*, process {other.pid}\); end it first$"
+        )
+        with pytest.raises(RobotError, match=expected), open_ports(names):
+            pass
+
+
+OPENED_BY_NOBODY = """
+import contextlib, os, sys
+with contextlib.suppress(PermissionError):
+    os.setuid(65534)
+os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+"""
+
+
+def test_nobody_but_root_opens_a_port_that_is_open(terminals):
+    _, names = terminals
+    Path(names.rvr).chmod(0o666)
+    command = [sys.executable, "-c", OPENED_BY_NOBODY, names.rvr]
+    with open_ports(names):
+        refused = subprocess.run(command, capture_output=True, check=False)
+    assert b"Device or resource busy" in refused.stderr
+    subprocess.run(command, check=True)
+
+
 def test_what_was_opened_before_one_that_fails_is_closed(terminals, connected):
     _, names = terminals
     missing = PortNames(rvr=names.rvr, lidar=names.lidar, proximity="/dev/no_such_port")
@@ -107,9 +149,15 @@ def test_what_the_system_refuses(terminals, monkeypatch, number, words):
     def refuse(*_, **__):
         raise serial.SerialException(number, "could not open")
 
-    monkeypatch.setattr(serial, "Serial", refuse)
+    monkeypatch.setattr(serial.Serial, "open", refuse)
     with pytest.raises(RobotError, match=rf"^rvr: {names.rvr}: {words}$"), open_ports(names):
         pass
+
+
+def test_a_group_in_which_a_user_is_but_the_shell_is_not(monkeypatch):
+    monkeypatch.setattr(grp, "getgrnam", lambda _: grp.struct_group(("dialout", "x", 20, ["pi"])))
+    assert ports._permission("dialout", "pi").endswith("was not when this shell began: log in again")
+    assert ports._permission("dialout", "me") == "`sudo usermod -aG dialout me`, and log in again"
 
 
 class TestPortsByWhatTheyAre:

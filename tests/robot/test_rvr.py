@@ -223,7 +223,7 @@ class TestAnswers:
             (Frame(did=0x16, cid=0x42, seq=0, target=1), Error.BAD_TARGET),
             (Frame(did=0x16, cid=0x32, seq=0, data=bytes(7), target=2), Error.BAD_DATA_LENGTH),
             (Frame(did=0x1A, cid=0x1A, seq=0, data=bytes([0, 0, 0, 7, 1, 2])), Error.BAD_DATA_LENGTH),
-            (Frame(did=0x18, cid=0x39, seq=0, data=b"\1\0\7\1", target=2), Error.BAD_DATA_VALUE),
+            (Frame(did=0x18, cid=0x39, seq=0, data=b"\1\0\7\3", target=2), Error.BAD_DATA_VALUE),
             (Frame(did=0x18, cid=0x3D, seq=0, data=b"\1"), Error.BAD_COMMAND),
         ],
     )
@@ -277,6 +277,25 @@ class TestStreaming:
                     0 if isinstance(meaning, range) else (meaning[1] - meaning[0]) / (256 ** SERVICES[service].size - 1)
                 )
                 assert abs(event.values[service][attribute] - value) <= 0.5001 * step
+
+    @pytest.mark.parametrize("code", [0, 1, 2])
+    def test_integers_of_any_size(self, code):
+        host, device = Host(), Device()
+        configuration = bytes([0, 1, code, 0, 0x0B, code, 0, 8, 2])  # the IMU, encoders, and the speed
+        told = {"token": 4, "configuration": configuration}
+        (event,) = device.receive(host.send("configure_streaming_service", target=Processor.ST, **told))
+        assert isinstance(event, Command)
+        size, steps = 1 << code, 256 ** (1 << code) - 1
+        values = {"imu": {"pitch": -180.0, "roll": 90.0, "yaw": 30.0}, "encoders": {"left": 2**30, "right": -(2**30)}}
+        (frame,) = frame_decoder().receive(
+            device.stream(StreamData(Processor.ST, 4, is_valid=True, values=values | {"speed": {"speed": 2.5}}))
+        )
+        assert len(frame.data) == 1 + 5 * size + 4
+        assert frame.data[1 : 1 + 2 * size] == bytes(size) + b"\xff" * size
+        (data,) = host.receive(frame.encode())
+        assert data.values["imu"] == pytest.approx(values["imu"], abs=0.5001 * 360.0 / steps)
+        assert data.values["encoders"] == pytest.approx(values["encoders"], abs=2**32 / steps - 1.0)
+        assert data.values["speed"] == pytest.approx({"speed": 2.5}, abs=1e-8)
 
     def test_what_is_out_of_range_is_sent_as_the_nearest_that_is_not(self):
         host, device = self.ends("velocity")

@@ -62,15 +62,45 @@ def test_while_it_turns_there_is_always_a_whole_turn():
 
 def test_what_has_gone_is_forgotten_when_the_lidar_has_come_by():
     sweep = Sweep()
-    assert not sweep.is_whole
     for packet in [*packets([(2.0, 0.6)])] * 2:
         sweep.add(packet)
-    assert sweep.is_whole
     assert len(found(sweep)) == 1
     for packet in packets([], 700):
         sweep.add(packet)
     sweep.add(Packet(0, 0, (0,), is_ring_start=True))
     assert found(sweep) == []
+
+
+def test_a_turn_has_ended_when_the_lidar_comes_by():
+    sweep, turn = Sweep(), [*packets(THREE)]
+    middle = len(turn) // 2
+    assert not any(map(sweep.add, [*turn[middle:], *turn]))  # it began in the middle of a turn
+    assert [*map(sweep.add, turn)] == [True] + [False] * (len(turn) - 1)
+    assert sweep.add(turn[0])
+    assert sum(map(sweep.add, [*turn[1:middle], *turn[middle + 3 :], turn[0]])) == 1  # three packets are lost
+
+
+def test_ring_starts_of_a_lidar_that_does_not_turn_end_none():
+    """Nor do those that are not at the same angle each time."""
+    sweep = Sweep()
+    for packet in [*packets(THREE)] * 2:
+        sweep.add(packet)
+    starts = [Packet(angle % TURN, angle % TURN, (2000,), is_ring_start=True) for angle in (0, 20, -20, 0, 30)]
+    sweep.add(starts[0])  # the end of what was a turn
+    assert not any(map(sweep.add, starts * 50))
+
+
+def test_what_was_near_in_the_turn_before_hides_nothing():
+    """The wall behind a robot that has gone is seen as soon as the lidar has come by."""
+    sweep, other = Sweep(), Sweep()
+    for packet in packets([(1.0, 0.5)], wall=4.0):
+        sweep.add(packet)
+    for packet in packets([], wall=4.0):
+        sweep.add(packet)
+        other.add(packet)
+    sweep.add(Packet(0, 0, (0,), is_ring_start=True))
+    other.add(Packet(0, 0, (0,), is_ring_start=True))
+    assert sweep.ranges() == other.ranges()
 
 
 def test_what_is_far_does_not_hide_what_is_near():

@@ -2,21 +2,23 @@
 
     ros_client.py listen SECONDS        prints as JSON what comes: type and md5sum of each topic, its messages and times
     ros_client.py drive LEFT RIGHT HZ   publishes speeds until it is ended
-    ros_client.py say VALUE...          publishes values on /rvr/wheels_speed, once
-    ros_client.py lamps                 publishes five colours until it is ended
+    ros_client.py say VALUE...          publishes values on /rvr/wheels_speed, once; prints when [s]
+    ros_client.py lamps                 prints the md5sum of their type, and publishes five colours until it is ended
 
 Types are made of what the connection says of them, so that nothing here knows the robot's.
 """
 
+import contextlib
 import json
 import sys
 import time
 
-import rospy
-from genpy.dynamic import generate_dynamic
-from genpy.message import fill_message_args
-from rospy.msg import AnyMsg
-from std_msgs.msg import ColorRGBA, Float32MultiArray
+with contextlib.suppress(ImportError):  # tests import the constants
+    import rospy
+    from genpy.dynamic import generate_dynamic
+    from genpy.message import fill_message_args
+    from rospy.msg import AnyMsg
+    from std_msgs.msg import ColorRGBA, Float32MultiArray
 
 TOPICS = (
     *("/rvr/ground_color", "/rvr/fixed_color", "/rvr/ambient_light", "/rvr/imu", "/rvr/odom"),
@@ -39,7 +41,7 @@ def listen(seconds):
     for topic in TOPICS:
         rospy.Subscriber(topic, AnyMsg, take, topic)
     rospy.sleep(float(seconds))
-    print(json.dumps(heard))
+    json.dump(heard, sys.stdout)
 
 
 def plain(value):
@@ -62,8 +64,9 @@ def say(*values):
     publisher = rospy.Publisher("/rvr/wheels_speed", Float32MultiArray, queue_size=10)
     while publisher.get_num_connections() == 0:
         time.sleep(0.01)
+    when = time.monotonic()
     publisher.publish(data=[float(value) for value in values])
-    print(time.monotonic(), flush=True)
+    sys.stdout.write(f"{when}\n")
     time.sleep(0.5)
 
 
@@ -71,8 +74,10 @@ def lamps():
     dependency = f"\n{80 * '='}\nMSG: std_msgs/ColorRGBA\n{ColorRGBA._full_text}"
     kind = generate_dynamic("rvr_ros/Leds", f"std_msgs/ColorRGBA[5] led_colors{dependency}")["rvr_ros/Leds"]
     publisher = rospy.Publisher("/rvr/rgb_leds", kind, queue_size=10)
+    sys.stdout.write(f"{kind._md5sum}\n")
+    sys.stdout.flush()
     message = kind()
-    fill_message_args(message, [{"led_colors": [dict(zip("rgb", colour), a=255) for colour in COLOURS]}])
+    fill_message_args(message, [{"led_colors": [dict(zip("rgb", colour, strict=True), a=255) for colour in COLOURS]}])
     while not rospy.is_shutdown():
         publisher.publish(message)
         time.sleep(0.1)

@@ -37,7 +37,7 @@ def start(*arguments, **streams):
 @contextlib.contextmanager
 def twin(folder, robots, *arguments):
     line = ["twin", "aggregation", "--no-noise", "--folder", folder, "--set", f"robots={robots}", *arguments]
-    with start(*line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+    with start(*line, stdout=subprocess.PIPE) as process:
         try:
             for _ in range(robots):
                 assert process.stdout.readline().startswith("robot ")

@@ -1,6 +1,7 @@
 """The twin's ports: sessions with pyserial, ports that go away, and that nothing is left behind."""
 
 import contextlib
+import fcntl
 import json
 import signal
 import subprocess
@@ -104,6 +105,45 @@ def test_a_session_with_all_three_devices(tmp_path):
     assert 0.0 < time.monotonic() - clock["start"] < 60.0
 
 
+_IS_EXCLUSIVE = 0x80045440  # TIOCGEXCL
+
+
+def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
+    """As that of a device, which a pseudo-terminal would not be."""
+    with running(tmp_path) as terminals:
+        port = port_names(terminals.robots[0]).rvr
+        code = f"""
+import time
+from mercator_design.robot.ports import open_port
+port = open_port("rvr", {port!r})
+print(flush=True)
+time.sleep(60)
+"""
+        with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as program:
+            program.stdout.readline()
+            wait_for(lambda: len(events(tmp_path, "port")) == 1)
+            program.kill()
+        wait_for(lambda: len(events(tmp_path, "port")) == 2)
+        time.sleep(0.05)
+        with serial.Serial(port) as opened:
+            assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
+
+
+def test_what_the_rvr_says_comes_at_the_speed_of_its_line(tmp_path):
+    """The maker's threaded client takes one frame each time it reads, so frames must not come all at once."""
+    host = rvr.Host()
+    echoes = b"".join(host.send("echo", data=bytes(16)) for _ in range(20))
+    with running(tmp_path) as terminals, serial.Serial(port_names(terminals.robots[0]).rvr, 115_200) as port:
+        port.write(host.send("echo", data=b""))
+        hear(port, host, len)
+        start = time.monotonic()
+        port.write(echoes)
+        said = hear(port, host, lambda said: len(said) == 20)
+        took = time.monotonic() - start
+    assert [event.values for event in said] == [{"data": bytes(16)}] * 20
+    assert took >= 20 * 24 * 10 / 115_200  # ten bits a byte
+
+
 def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path):
     with running(tmp_path) as terminals:
         names = port_names(terminals.robots[1])
@@ -120,6 +160,31 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
     assert mine == [0.0, 0.1, 0.2]
     opened = [event["open"] for event in events(tmp_path, "port") if event["device"] == "rvr"]
     assert opened == [True, False] * 2
+
+
+def test_a_port_that_is_opened_again_at_once(tmp_path):
+    """It had been closed when the twin looked, and has nothing to say now."""
+    with open_log(tmp_path) as log, Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals:
+        end = terminals._fds[0, "rvr"]
+        with serial.Serial(port_names(terminals.robots[0]).rvr, 115_200):
+            terminals._look(0.0)
+            terminals._receive(end, 0.0)
+        terminals._receive(end, 0.0)
+    assert [event["open"] for event in events(tmp_path, "port")] == [True, False]
+
+
+def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
+    """The clock jumps as a device is heard, which it is at once, and not when it is looked at."""
+    times = iter([0.0, 0.0, 0.0, 0.5])
+    with (
+        open_log(tmp_path) as log,
+        Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals,
+        serial.Serial(port_names(terminals.robots[0]).rvr, 115_200) as port,
+    ):
+        port.write(rvr.Host().send("get_sku"))
+        terminals._look(0.0)
+        timing = terminals.run(lambda now: now >= 0.5, lambda: next(times, 0.5))
+    assert timing.latest == pytest.approx(0.49)
 
 
 def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):

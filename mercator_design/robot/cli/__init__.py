@@ -5,7 +5,7 @@ import importlib
 import click
 
 from mercator_design import __version__, command
-from mercator_design.robot.cli import calibrate, check, record, replay, ros, run, stop, teleop
+from mercator_design.robot.cli import calibrate, check, install, record, replay, ros, run, stop, teleop
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
 """Verbs of the designer's part, which a robot need not have: the module of each."""
@@ -47,6 +47,7 @@ def cli() -> None:
 for _verb in (
     calibrate.calibrate,
     check.check,
+    install.install,
     record.record,
     replay.replay,
     ros.ros,

@@ -1,0 +1,51 @@
+"""mercator-robot install: what the system knows of the robot."""
+
+import getpass
+import os
+from pathlib import Path
+
+import click
+
+from mercator_design.robot import install as installation
+from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
+from mercator_design.robot.cli.rows import show
+
+
+@click.command()
+@ROBOT_FILE
+@click.option("--user", help="Who runs the robot.  [default: who has typed sudo]")
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path, file_okay=False, exists=True, resolve_path=True),
+    default="/",
+    show_default=True,
+    help="Write below a folder, such as the image of a card; then no command is run.",
+)
+@click.option("--dry-run", is_flag=True, help="Print the files and commands, and do nothing.")
+@click.option("--uninstall", is_flag=True, help="Remove what was installed.")
+def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uninstall: bool) -> None:
+    """Write udev rules for the lidar and the hub, connected as they are now, and systemd's services.
+
+    The ports become /dev/mercator-lidar and /dev/mercator-proximity. mercator-idle.service brings the robot to rest
+    when the Pi starts. mercator-robot.service, which nothing starts by itself, runs fsm.txt of the folder where
+    ROBOT.yaml is, or else of this folder.
+    """
+    if uninstall:
+        if user or dry_run:
+            raise click.UsageError("--uninstall takes neither --user nor --dry-run")
+        show(installation.uninstall(root))
+        return
+    ports, findings = installation.connected(settings_of(robot))
+    setup = installation.Setup(
+        user=user or os.environ.get("SUDO_USER") or getpass.getuser(),
+        folder=(robot.parent if robot else Path()).resolve(),
+        robot=robot and robot.resolve(),
+    )
+    files = installation.texts(ports, setup)
+    if dry_run:
+        for path, text in files.items():
+            click.echo(f"==> {path}\n{text}")
+        click.echo("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
+        show(findings)
+    else:
+        show([*findings, *installation.install(files, root)])

@@ -170,7 +170,7 @@ class Mercator:
         return nearest(self._labels, (red, green, blue))
 
     def turn(self) -> list[float]:
-        """The lidar's last turn, as it saw it: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; or 0."""
+        """The lidar's last turn, as it saw it: ranges [m] in steps of sweep.STEP counter-clockwise; 0: nothing."""
         return self._sweep.ranges()
 
     def age(self, name: str, now: float) -> float:

@@ -19,7 +19,7 @@ def rest(settings: Settings) -> Iterator[Finding]:
     """Stop the run that is in progress here, if it hears, then the RVR and the lidar, each by itself."""
     if settings.swarm.port is not None:
         with Speaker(["127.0.0.1"], settings.swarm.port) as speaker:
-            stopped = speaker.stop()
+            stopped, _ = speaker.stop()
         if stopped:
             yield Finding("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
             _await_port(settings.ports.rvr)

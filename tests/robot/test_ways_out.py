@@ -358,7 +358,7 @@ class TestSwarm:
             with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
                 robot.drives()
                 began = time.monotonic()
-                assert speaker.stop() == ["mercator (127.0.0.1)"]
+                assert speaker.stop() == (["mercator (127.0.0.1)"], [])
                 check(robot, 4, "swarm: told to stop by 127.0.0.1")
                 return robot.devices.rests_since() - began
 

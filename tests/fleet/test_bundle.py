@@ -14,6 +14,7 @@ import pytest
 from mercator_design import __version__
 from mercator_design.fleet import bundle as bundling
 from mercator_design.fleet.bundle import bundle
+from mercator_design.fsm.digest import control_digest
 from tests.robot.devices import Devices
 
 ROOT = Path(__file__).parents[2]
@@ -72,6 +73,7 @@ def test_a_run_and_its_replay(application, python, tmp_path):
         assert devices.drives()
         checked = run(python, application, "check", "--robot", "robot.yaml", folder=tmp_path)
         assert "ok     clock" in checked.stdout, checked.stderr
+    assert f'"control_software":"{control_digest()}"' in (tmp_path / "log.jsonl").read_text().replace(" ", "")
     replayed = run(python, application, "replay", "log.jsonl", folder=tmp_path)
     assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
 

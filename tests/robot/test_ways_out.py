@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.fsm import ReferenceModel
+from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
@@ -331,6 +333,23 @@ def test_the_end_of_the_duration(tmp_path):
         assert set(names[stopped + 4 : -1]) == {"drive_stop"}
         assert names[-1] == "restore_default_control_system_timeout"
         assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
+
+
+def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
+    header = {
+        "control period": "0.05",
+        "maximum speed": "0.1",
+        "reference model": '{"neighbour_range": 0.5}',
+        "control software": "another",
+    }
+    fsm = "".join(f"# {key}: {value}\n" for key, value in header.items()) + GO
+    with running(tmp_path, fsm, "", "", "--duration", "1") as robot:
+        check(robot, 0, "Warning: the PFSM was designed with another version")
+        assert max(left for _, left, _ in robot.devices.wheels) == pytest.approx(0.1)
+        start, *events = read(tmp_path / "log.jsonl")
+        assert sum(event["event"] == "cycle" for event in events) > 15
+        assert (start["control_period"], start["control_software"]) == (0.05, control_digest())
+        assert start["reference_model"] == ReferenceModel(neighbour_range=0.5)._asdict()
 
 
 def test_a_dry_run_never_turns_the_wheels(tmp_path):

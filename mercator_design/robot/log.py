@@ -37,6 +37,7 @@ FORMAT = 1
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
 _WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
+_ROUNDING = 1e-9  # of wheels that are decided again
 _LAST = 10.0  # [s] that the end may take to be written
 
 
@@ -218,7 +219,9 @@ def _decide(controller: Controller, event: Event) -> Decision:
     readings, wheels = Readings(*event["readings"]), Wheels(*event["wheels"])
     state = controller.state
     decided = controller.step(readings, event["draws"])
-    found, logged = (state, controller.state, decided), (event["state"], event["next_state"], wheels)
+    found, logged = (state, controller.state), (event["state"], event["next_state"])
+    # Another processor's mathematical functions may differ in the last digits.
+    near = all(math.isclose(a, b, rel_tol=_ROUNDING, abs_tol=_ROUNDING) for a, b in zip(decided, wheels, strict=True))
     return Decision(
         cycle=event["cycle"],
         time=event["time"],
@@ -227,5 +230,5 @@ def _decide(controller: Controller, event: Event) -> Decision:
         condition=condition_met(controller, event),
         readings=readings,
         wheels=decided,
-        differs="" if found == logged else f"decides {found}, the log has {logged}",
+        differs="" if found == logged and near else f"decides {(*found, decided)}, the log has {(*logged, wheels)}",
     )

@@ -16,7 +16,7 @@ from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.mercator import PERIOD, Mercator
 from mercator_design.robot.ros_messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.rvr_messages import LIGHTS
-from mercator_design.robot.safety import Brake
+from mercator_design.robot.safety import Brake, go_first
 from mercator_design.robot.settings import Settings
 
 NAME = "mercator_robot"
@@ -50,6 +50,7 @@ class Node:
         Raises:
             RobotError: if ROS's client for Python is not there, or no master is.
         """
+        go_first(1)  # its threads too: one that waits for a processor may have the interpreter's lock
         try:
             self._rospy, self._message, self._dynamic = map(_module, ("rospy", "genpy.message", "genpy.dynamic"))
             self.types = {name: self._type(name) for name in {*OBEYED.values(), *(t.type for t in PUBLISHED.values())}}

@@ -5,6 +5,7 @@ A robot is a folder of this user's, and has the ports of a twin. Skipped where n
 
 import getpass
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -90,7 +91,11 @@ def test_two_robots_from_copy_to_collect(mdesign, server):
     with twin(folder / "twin", 2):
         assert deploy("fsm.txt") == (0, version, "")
         for k in range(2):
-            shutil.copy(folder / f"twin/{k}/robot.yaml", folder / f"r{k}/robot.yaml")
+            settings = (folder / f"twin/{k}/robot.yaml").read_text()
+            patient = re.sub(
+                r"(rvr|proximity|lidar): 0\.\d+", r"\1: 5", settings
+            )  # a twin may be late on a busy machine
+            (folder / f"r{k}/robot.yaml").write_text(patient)
         code, out, err = deploy("fsm.txt", "--start", "--duration", 60)
         assert (code, err) == (0, ""), out
         assert out.count("runs, logs/run-") == 2
@@ -98,7 +103,7 @@ def test_two_robots_from_copy_to_collect(mdesign, server):
         while not all(any(event["robot"] == k and event["left"] for event in wheels(folder)) for k in range(2)):
             assert time.monotonic() < until
             time.sleep(0.1)
-        assert deploy("fsm.txt")[1].count("a run is in progress: stop it first") == 2
+        assert deploy("fsm.txt")[1].count("a run is in progress: stop it first") == 2, said(folder)
         code, out, err = deploy("--stop", "--collect", "all")
         assert (code, err) == (0, ""), out
         assert out.splitlines() == [
@@ -111,6 +116,11 @@ def test_two_robots_from_copy_to_collect(mdesign, server):
             (log,) = (folder / f"all/r{k}").glob("*.jsonl")
             assert [*read(log)][-1]["why"] == "Stopped by SIGTERM."
         assert deploy("--stop")[1].count("nothing runs") == 2
+
+
+def said(folder):
+    """What the robots have said, as one that is too busy stops by itself."""
+    return [file.read_text() for file in folder.glob("r*/logs/*.txt")]
 
 
 def wheels(folder):

@@ -68,7 +68,7 @@ def test_after_a_program_that_was_killed(stop, devices):
         "restore_default_control_system_timeout",
     ]
     assert next(v for _, name, v in devices.commands if name == "enable_color_detection") == {"is_enabled": False}
-    assert devices.lidar_commands[-2:] == ["force_stop", "stop"]
+    devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
 def test_a_run_in_progress(robot_command, tmp_path):

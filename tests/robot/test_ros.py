@@ -278,11 +278,14 @@ class TestServe:
     def what_is_published(self, node):
         assert {topic for _, topic, _ in node.published} == set(PUBLISHED)
         times = [when for when, _ in node.of("rvr/imu")]
-        assert np.median(np.diff(times)) == pytest.approx(0.2, abs=0.03)
-        assert len(node.of("ranges")) / (times[-1] - times[0]) == pytest.approx(10.0, abs=3.0)
-        assert len(node.of("scan")) / (times[-1] - times[0]) == pytest.approx(7.0, abs=2.5)
+        assert np.median(np.diff(times)) == pytest.approx(0.2, abs=0.05)
+        for topic in ("scan", "ranges"):
+            stamps = [fields["header"]["stamp"] for _, fields in node.of(topic)]
+            seconds = [stamp["secs"] + 1e-9 * stamp["nsecs"] for stamp in stamps]
+            assert len(seconds) > 3
+            assert min(np.diff(seconds)) > 0.02  # each once
         when, imu = node.of("rvr/imu")[-1]
-        assert 0.0 <= when + 1000.0 - imu["header"]["stamp"]["secs"] - 1e-9 * imu["header"]["stamp"]["nsecs"] < 0.3
+        assert 0.0 <= when + 1000.0 - imu["header"]["stamp"]["secs"] - 1e-9 * imu["header"]["stamp"]["nsecs"] < 1.0
         assert node.of("rvr/ground_color")[-1][1] == {"r": 250.0, "g": 251.0, "b": 252.0, "a": 255.0}
         assert node.of("rvr/fixed_color")[-1][1] == {"r": 255.0, "g": 255.0, "b": 255.0, "a": 255.0}
         assert [each["range"] for each in node.of("ranges")[-1][1]["ranges"]] == [math.inf, 0.123, *[math.inf] * 6]
@@ -290,7 +293,7 @@ class TestServe:
         seen = np.flatnonzero(scan["ranges"])
         assert np.mean(seen) * scan["angle_increment"] - math.pi == pytest.approx(math.pi / 2, abs=0.02)
         assert scan["ranges"][seen[0]] == pytest.approx(0.5, abs=0.01)
-        assert 0.1 < scan["scan_time"] < 0.2
+        assert 0.1 < scan["scan_time"] < 1.0
 
     def test_a_message_that_cannot_be_obeyed(self, devices):
         began = []
@@ -369,6 +372,7 @@ class FakeRos:
 def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "_module", fake.module)
+    monkeypatch.setattr(ros, "go_first", lambda _: None)
     with contextlib.closing(fake.master):
         yield fake
 
@@ -444,6 +448,7 @@ def test_without_ros(robot_command, monkeypatch):
         raise ModuleNotFoundError(f"No module named '{name}'")
 
     monkeypatch.setattr(ros, "_module", absent)
+    monkeypatch.setattr(ros, "go_first", lambda _: None)
     code, out, err = robot_command("ros")
     assert (code, out) == (1, "")
     assert err.startswith("Error: ros: No module named 'rospy'; on Debian and Ubuntu: apt install python3-rospy ")

@@ -271,7 +271,7 @@ def test_a_line_that_takes_nothing_any_more(tmp_path):
             robot.devices.deaf.add("rvr")
             fill(robot.devices.names.rvr)
             returned, error = robot.ended()
-            assert (returned, "is lost: Write timeout" in error) == (4, True), error
+            assert (returned, "is lost: Write timeout" in error) == (1, True), error
             time.sleep(COMMANDS_END)
             robot.devices.deaf.clear()
             time.sleep(0.2)

@@ -20,6 +20,7 @@ from xmlrpc.client import ServerProxy
 
 import numpy as np
 import pytest
+import yaml
 
 from mercator_design.fleet.bundle import bundle
 from tests.twin.ros_client import COLOURS, TOPICS
@@ -53,7 +54,12 @@ class Ros:
             self.port = probe.getsockname()[1]
         self.uri = f"http://127.0.0.1:{self.port}/"
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS", "VIRTUAL"))}
-        self._environment = kept | {"ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder)}
+        self._environment = kept | {
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder),
+            "TMPDIR": str(folder),
+        }
         self.core = self.start("roscore", "-p", str(self.port), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def start(self, *command, **streams):
@@ -101,6 +107,10 @@ def pyz(tmp_path_factory):
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
     with twin(folder, 2, "--set", f"placement={POSES}"):
+        # A twin on a busy machine is late, which is not tested here.
+        settings = yaml.safe_load((folder / "0/robot.yaml").read_text())
+        settings["limits"] |= {"rvr": 1.0, "proximity": 2.0, "lidar": 2.0}
+        (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
         yield folder
 
 
@@ -114,7 +124,7 @@ def until(done, seconds=30.0):
 @contextlib.contextmanager
 def node(ros, pyz, folder, *arguments):
     """The node of robot 0, once it takes part in ROS."""
-    line = [PYTHON, pyz, "ros", "--robot", folder / "0/robot.yaml", *arguments]
+    line = [PYTHON, pyz, "ros", "--robot", folder / "robot.yaml", *arguments]
     with ros.start(*line) as process:
         try:
             until(lambda: process.poll() is not None or subscribed(ros))

@@ -153,10 +153,9 @@ def test_how_soon_wheels_stop_after_a_fault(tmp_path, fault, most):
         assert process.returncode != 0, messages
         time.sleep(0.5)  # by then the RVR stops by itself
     (begun,) = [event["time"] for event in events(tmp_path, "fault")]
-    *_, before, last = events(tmp_path, "wheels")
+    last = events(tmp_path, "wheels")[-1]
     assert (last["left"], last["right"]) == (0.0, 0.0)
-    assert before["time"] < begun
-    assert last["time"] - begun <= most, messages
+    assert 0.0 <= last["time"] - begun <= most, messages
 
 
 @pytest.mark.slow

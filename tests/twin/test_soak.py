@@ -215,6 +215,12 @@ class Soak:
                     long = self.chance.uniform(0.5, 2.0)
                     life.suspended = time.monotonic() + self.chance.choice([0.05, long, long])
 
+    def kill(self):
+        """End what still runs, whatever it does."""
+        for life in self.now.values():
+            life.process.kill()
+            life.process.wait()
+
     def _measure(self, now):
         assert self._twin.poll() is None, "the twin has ended"
         processes = {"twin": self._twin}
@@ -372,10 +378,10 @@ def growth(samples):
     return np.polyfit(times - times[0], sizes, 1)[0] * (samples[-1][0] - samples[0][0])
 
 
-def go_first(process):
-    """Let a process, but not those that it starts, run before all others, where that is permitted."""
+def schedule(process, policy, priority):
+    """Let a process run before others, or not, where that is permitted."""
     with suppress(OSError):
-        os.sched_setscheduler(process, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(3))
+        os.sched_setscheduler(process, policy, os.sched_param(priority))
 
 
 @pytest.mark.slow
@@ -384,9 +390,11 @@ def test_soak(tmp_path):
     (tmp_path / "faults.yaml").write_text(yaml.safe_dump(script(chance)))
     with ExitStack() as stack:
         process = stack.enter_context(twin(tmp_path, ROBOTS, "--faults", tmp_path / "faults.yaml"))
-        go_first(0)
-        go_first(process.pid)
+        stack.callback(schedule, 0, os.SCHED_OTHER, 0)
+        for number in (0, process.pid):
+            schedule(number, os.SCHED_RR | os.SCHED_RESET_ON_FORK, 3)  # not what they start
         soak = Soak(tmp_path, chance, process, stack)
+        stack.callback(soak.kill)
         end = time.monotonic() + SECONDS
         while time.monotonic() < end:
             soak.turn()

@@ -22,7 +22,7 @@ from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED, Sample, heading, samples
 from mercator_design.robot.settings import Settings, nearest
-from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import charge, halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
 from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
@@ -226,7 +226,7 @@ class Mercator:
 
     def _start(self) -> None:
         talk = self._talk
-        self.facts |= wake_rvr(talk)
+        self.facts |= wake_rvr(talk).words()
         self._polled = time.monotonic()
         talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
@@ -299,7 +299,7 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage" if values:
-                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.facts["battery"] = charge(values["percentage"])
                 self.notes.append(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")

@@ -8,7 +8,7 @@ from pathlib import Path
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.install import RULES
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import Line
+from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import firmware_name, start_hub, start_lidar, stop_lidar, wake_rvr
@@ -173,7 +173,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
         yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
 
 
-_DEVICES: dict[str, Look] = {
+_DEVICES: dict[DeviceName, Look] = {
     "rvr": _check_rvr,
     "lidar": _check_lidar,
     "proximity": _check_hub,

@@ -15,7 +15,7 @@ from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.ports import Line, Ports
+from mercator_design.robot.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
@@ -65,15 +65,16 @@ class Mercator:
             RobotError: if it lacks a sense.
         """
         limits = settings.limits
-        sources = {
+        sources: dict[str, tuple[str, float, DeviceName]] = {
             "proximity": ("proximity", limits.proximity, "proximity"),
             "neighbours": ("lidar", limits.lidar, "lidar"),
             "ground": ("ground", limits.rvr, "rvr"),
         }
         if lacking := sorted(set(reads) - set(sources)):
             raise RobotError(f"expected a PFSM that reads {', '.join(sources)}, found one that reads {lacking[0]}")
-        self._needed = [("attitude", limits.rvr, "rvr"), *(sources[sense] for sense in sorted(reads))]
-        lines = [Line(device, port) for device, port in zip(Ports._fields, ports, strict=True)]
+        sources["attitude"] = ("attitude", limits.rvr, "rvr")
+        self._needed = [sources[sense] for sense in ("attitude", *sorted(reads))]
+        lines = [Line(device, port) for device, port in zip(DEVICES, ports, strict=True)]
         self._talk = Talk(lines, self._take)
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model

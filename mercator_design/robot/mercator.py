@@ -20,7 +20,7 @@ from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
-from mercator_design.robot.samples import STREAMED, Sample, heading, samples
+from mercator_design.robot.samples import STREAMED, Sample, converted, heading
 from mercator_design.robot.settings import Settings, nearest
 from mercator_design.robot.start import charge, halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
@@ -42,7 +42,7 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, proximity as the settings correct it, and `lidar`,
+    samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, and `lidar`,
         without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
@@ -270,7 +270,7 @@ class Mercator:
 
     def _take(self, event: Event, now: float) -> None:
         self.listen(event, now)
-        for name, sample in samples(event, now):
+        for name, sample in converted(event, now):
             values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
             self.samples[name] = Sample(now, values)
         match event:

@@ -39,7 +39,7 @@ STREAMED = tuple(_CONVERT)
 """The services that are streamed."""
 
 
-def samples(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
+def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
     """What an event measured, by name; nothing of most events.
 
     acceleration [m/s2], turning [rad/s], attitude (roll, pitch, yaw) [rad], orientation (w, x, y, z), position [m] and

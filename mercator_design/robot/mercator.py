@@ -42,7 +42,7 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, and `lidar`,
+    samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, `lidar`,
         without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.

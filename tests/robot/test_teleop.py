@@ -343,7 +343,7 @@ class TestWaysOut:
                 time.sleep(COMMANDS_END + 0.1)
                 return drive.devices.rests_since() - began - COMMANDS_END
 
-        assert soonest(attempt) <= 0.05
+        assert soonest(attempt, 0.05) <= 0.05
 
     def test_the_swarm_is_told_to_stop(self, tmp_path):
         def attempt(number):

@@ -221,7 +221,7 @@ def test_a_process_that_is_killed_or_suspended_is_stopped_by_the_robot(number, t
             time.sleep(COMMANDS_END + 0.1)
             return robot.devices.rests_since() - began - COMMANDS_END
 
-    assert soonest(attempt) <= 0.05
+    assert soonest(attempt, 0.05) <= 0.05
 
 
 def test_a_process_that_was_suspended_does_not_drive_again(tmp_path):
@@ -277,7 +277,7 @@ def test_a_line_that_takes_nothing_any_more(tmp_path):
             time.sleep(0.2)
             return robot.devices.rests_since() - began - COMMANDS_END
 
-    assert soonest(attempt) <= 0.05
+    assert soonest(attempt, 0.05) <= 0.05
 
 
 def fill(port):
@@ -313,7 +313,7 @@ def test_the_rvr_lost(tmp_path):
             time.sleep(COMMANDS_END)
             return robot.devices.rests_since() - began - COMMANDS_END
 
-    assert soonest(attempt) <= 0.05
+    assert soonest(attempt, 0.05) <= 0.05
 
 
 def test_the_end_of_the_duration(tmp_path):

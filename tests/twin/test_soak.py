@@ -303,7 +303,8 @@ class Account:
         for what, when in life.done:
             if what == "SIGCONT" or when > life.ended or (what != "SIGKILL" and self.opened(life) > when):
                 continue  # the last: nothing moves, and signals do what they always do
-            most = SOON if self._hears(robot, when) else BY_FIRMWARE
+            is_killed = dict(life.done).get("SIGKILL", math.inf) < when + SOON  # before it has done anything, perhaps
+            most = SOON if self._hears(robot, when) and not is_killed else BY_FIRMWARE
             if what in {"SIGKILL", "SIGSTOP"}:
                 most = BY_FIRMWARE
                 if what == "SIGSTOP" and (resumed - when < 0.5 or not self.drove(life, when)):

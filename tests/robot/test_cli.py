@@ -139,6 +139,11 @@ class TestStop:
         assert (code, err) == (1, "Error: no..such..host: no such host\n")
 
 
+def test_heartbeats_of_a_host_that_is_not_known(robot_command):
+    code, _, err = robot_command("heartbeat", "no..such..host")
+    assert (code, "Error: no..such..host: no such host" in err) == (1, True)
+
+
 def test_heartbeats_until_they_end_and_then_stop(robot):
     listening, port = robot
     script = "from mercator_design.robot.cli import main; main()"

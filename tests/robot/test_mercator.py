@@ -17,6 +17,7 @@ from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
+from mercator_design.robot.samples import converted
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import QUIET, Devices

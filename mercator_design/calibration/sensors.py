@@ -24,8 +24,10 @@ LEAST = 100
 
 _LEAST_OF_CHANNEL = 20
 _PRESENT = 0.5  # of its measurements a channel must have
+_FAR = 6.0  # standard deviations from what a channel usually measures
 _MARGIN = 4.0  # standard deviations to the ends of the range
-_SLANT = 0.3  # standard deviations from one beam to the next
+_SLANT = 0.3  # standard deviations from one beam to the next ...
+_SIGNIFICANT = 3.0  # ... and standard errors of that, which are as large in a short scene
 _SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
 _DRIFT = 1e-9  # chance of a drift where there is none
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
@@ -192,6 +194,8 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     why = f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time"
     use = _kept(everything, seen >= max(_PRESENT * len(values), 1), why, where, notes)
     use = _kept(use, seen >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples", where, notes)
+    far = _far_out(values, use)
+    values = np.where(far, np.nan, values)
     if series.angles is not None and use.any():
         use = _kept(use, _is_flat(values, use), "what they see is slanting, or has an edge", where, notes)
         values = _level(values, series.angles)
@@ -200,6 +204,8 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
     use = _kept(use, inside, f"too near to the ends of the range, {low:g} to {high:g}", where, notes)
     use = _kept(use, *_steady(series.times, values, use), where, notes)
+    if out := np.sum(far[:, use]):
+        notes.append(f"{where}: {out} of {np.sum(seen[use])} samples left out: they lie far from the others")
     return values[:, use]
 
 
@@ -218,12 +224,30 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
         return means, np.sqrt(np.nansum((values - means) ** 2, axis=0) / n)
 
 
+def _far_out(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What channels in use measure so far from their median that noise of any usual kind would never reach it.
+
+    A standard deviation is that of a Gaussian with the same median of distances, which may be half a step more than
+    what is found, as they are rounded: that of the channel, or of all if that is larger.
+    """
+    far = np.zeros(values.shape, dtype=bool)
+    if use.any():
+        used = values[:, use]
+        distances = np.abs(used - np.nanmedian(used, axis=0))
+        usual = np.maximum(np.nanmedian(distances, axis=0), np.nanmedian(distances))
+        step = _step([channel[~np.isnan(channel)] for channel in used.T])
+        far[:, use] = distances > _FAR * (usual + 0.5 * step) / stats.norm.ppf(0.75)
+    return far
+
+
 def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which beams see what those beside them see, so that it matters little where exactly they go."""
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
-    found: NDArray[np.bool_] = np.maximum(steps, np.roll(steps, -1)) <= _SLANT * np.median(sd[use])
-    return found
+    n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
+    limits = np.median(sd[use]) * (_SLANT + _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
+    like_before: NDArray[np.bool_] = steps <= limits
+    return like_before & np.roll(like_before, -1)
 
 
 def _level(values: Floats, angles: Floats) -> Floats:

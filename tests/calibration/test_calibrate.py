@@ -148,6 +148,42 @@ def test_what_is_left_out(calibrate, tmp_path):
     assert sensors["lidar"]["parameter"] == pytest.approx(0.005, rel=0.03)
 
 
+def test_wild_samples_are_no_noise(calibrate, tmp_path):
+    """Half a percent of them, anywhere, would widen it eightfold."""
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.005)}, centres=only("proximity"))
+    random, (_, distances) = np.random.default_rng(4), found["proximity"]
+    distances.flat[random.choice(distances.size, 15, replace=False)] = np.linspace(1.75, 1.9, 15).round(3)
+    distances[:4, 2] = 0.0  # too near to tell
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "proximity, still.jsonl: 15 of 2876 samples left out: they lie far from the others" in notes
+    assert (sensors["proximity"]["samples"], sensors["proximity"]["channels"]) == (2861, 8)
+    assert sensors["proximity"]["parameter"] == pytest.approx(0.005, rel=0.1)
+
+
+@pytest.mark.parametrize("sd", [0.4, 0.8, 1.4, 2.1])
+def test_noise_of_few_steps_has_no_wild_samples(calibrate, tmp_path, sd):
+    """Where the median of distances is a whole step, and tells little."""
+    noise = {"ground": recordings.gaussian(sd)}
+    centres = {"ground": [100.0, 120.5, 140.3]}
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=centres)))
+    assert sensors["ground"]["samples"] == 3600, notes
+    assert sensors["ground"]["parameter"] == pytest.approx(sd, rel=0.12)
+
+
+def test_a_channel_that_is_noisier_than_others_has_no_wild_samples(calibrate, tmp_path):
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.003)}, centres=only("proximity"))
+    _, distances = found["proximity"]
+    distances[:, 3] += np.random.default_rng(4).normal(0.0, 0.03, len(distances)).round(3)
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert sensors["proximity"]["samples"] == 2880, notes
+
+
+def test_beams_of_a_short_scene_are_flat(calibrate, tmp_path):
+    """By chance, means of a few samples differ by more than a slanting wall makes them."""
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(5.5, centres=only("lidar"))))
+    assert sensors["lidar"]["channels"] >= recordings.BEAMS - 8, notes
+
+
 def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monkeypatch):
     """Where walls slant a little, ranges change with angles, here as much as by noise; that is no noise."""
     jitter, usual = np.random.default_rng(4), recordings.turn

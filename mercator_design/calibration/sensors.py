@@ -113,6 +113,9 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
     recordings = tuple(map(read_recording, paths))
     scenes = [scene for recording in recordings for scene in recording.scenes]
     notes = [note for recording in recordings for note in _motion(recording)]
+    robots = sorted({recording.start.get("robot", "?") for recording in recordings})
+    if len(robots) > 1:
+        notes.append(f"recordings of {', '.join(robots)}: what is fitted is the noise of all of them together")
     measured = []
     for number, sensor in enumerate(SENSORS):
         part = getattr(base, sensor.key)

@@ -41,7 +41,9 @@ def rvr_second() -> tuple[rvr.Host, bytes]:
     """The computer, which has asked for it, and what the robot streams."""
     host, device = rvr.Host(), rvr.Device()
     for name, target, values in streaming(STREAMED, PERIOD):
-        device.receive(host.send(name, target=target, **values))
+        for command in device.receive(host.send(name, target=target, **values)):
+            if isinstance(command, rvr.Command):
+                device.follow(command)
     told = [
         device.stream(
             StreamData(processor, slot, True, {name: dict.fromkeys(SERVICES[name].attributes, 0.3) for name in names})

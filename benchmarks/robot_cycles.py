@@ -8,20 +8,20 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from mercator_design.robot.log import read
-from mercator_design.robot.runner import CONTROL_PERIOD
 
 NEAR = 0.005
 """[s] by which a period may differ."""
 
 
 def main() -> None:
-    print("| log | cycles | within 5 ms of 100 ms | longest | CPU of a cycle: median | 99 % below |")
+    print("| log | cycles | within 5 ms of the control period | longest | CPU of a cycle: median | 99 % below |")
     print("|---|---|---|---|---|---|")
     for path in map(Path, sys.argv[1:]):
-        cycles = [event for event in read(path) if event["event"] == "cycle"]
+        start, *events = read(path)
+        cycles = [event for event in events if event["event"] == "cycle"]
         times = [event["time"] for event in cycles]
         periods = [after - before for before, after in itertools.pairwise(times)]
-        near = sum(abs(period - CONTROL_PERIOD) <= NEAR for period in periods) / len(periods)
+        near = sum(abs(period - start["control_period"]) <= NEAR for period in periods) / len(periods)
         cpu = sorted(1000.0 * event["cpu"] for event in cycles)
         most = cpu[int(0.99 * len(cpu))]
         print(

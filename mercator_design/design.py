@@ -7,6 +7,7 @@ the experiments.
 
 import dataclasses
 import hashlib
+import json
 import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
@@ -19,9 +20,11 @@ from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.files import write_text
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
@@ -155,6 +158,10 @@ class Designer(Task[tuple[Pfsm, int]]):
             "mission digest": self.simulator.mission.digest,
             "robot model": self.simulator.robot_model.name,
             "kernels": kernels_digest()[:16],
+            "control software": control_digest(),
+            "control period": str(self.simulator.mission.control_period),
+            "maximum speed": str(self.simulator.robot_model.drive.maximum_speed),
+            "reference model": json.dumps(_unusual(self.simulator.robot_model.reference_model)),
         }
         floor = self.simulator.mission.floor
         names = [colour for colour in floor.colours().values() if isinstance(colour, str)]
@@ -265,3 +272,8 @@ def evaluate(
     with ThreadExecutor(jobs) as executor:
         scores = in_order(executor, measured, seeds, watch)
     return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))
+
+
+def _unusual(model: ReferenceModel) -> dict[str, float]:
+    """The constants that differ from the usual, by name."""
+    return dict(sorted(set(model._asdict().items()) - set(ReferenceModel()._asdict().items())))

@@ -155,7 +155,9 @@ def _stream(_: str, vector: dict[str, Any]) -> Iterator[Check]:
         token=vector["token"],
         configuration=b"".join(entries),
     )
-    device.receive(configured)
+    for command in device.receive(configured):
+        if isinstance(command, Command):
+            device.follow(command)
     (event,) = host.receive(whole)
     if isinstance(event, StreamData):
         expected = [[values.pop("is_valid"), *_flat(values)] for values in map(dict, vector["values"].values())]

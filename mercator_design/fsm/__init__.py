@@ -9,6 +9,7 @@
     grammar     all PFSMs as a space of parameters
     structure   steps from one PFSM to the next, and which are the same
     drawing     diagrams
+    digest      whether two computers decide alike
 
 Plain Python on the standard library, as it runs on the robot; the simulator compiles the same functions.
 """

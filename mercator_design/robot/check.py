@@ -8,9 +8,10 @@ from pathlib import Path
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.install import RULES
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import Line
+from mercator_design.robot.ports import DeviceName, Line
+from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.settings import Settings
-from mercator_design.robot.start import start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import firmware_name, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk
 from mercator_design.robot.ydlidar import Packet, Turns
@@ -25,7 +26,7 @@ _LISTEN = 2.0  # [s] to a lidar or hub
 _LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _LOW = 20  # [%] of the battery
-_OLDEST = {"firmware_nordic": (8, 3, 432), "firmware_st": (8, 6, 448)}  # of the control system's manual
+_OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
 def check(settings: Settings) -> Iterator[Finding]:
@@ -109,13 +110,15 @@ def _names(port: str) -> set[str]:
 
 def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
     talk = Talk([line], lambda _event, _now: None)
-    facts = wake_rvr(talk)
-    for name, oldest in _OLDEST.items():
-        is_fine = tuple(map(int, facts[name].split("."))) >= oldest
+    found = wake_rvr(talk)
+    words = found.words()
+    for processor, oldest in _OLDEST.items():
+        is_fine = found.firmware[processor] >= oldest
         advice = "" if is_fine else "; update it with the app Sphero Edu"
-        yield Finding(name.replace("_", " "), is_fine, facts[name] + advice)
-    is_fine = int(facts["battery"].split()[0]) >= _LOW
-    yield Finding("battery", is_fine, facts["battery"] + ("" if is_fine else "; charge it"))
+        name = firmware_name(processor)
+        yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
+    is_fine = found.battery >= _LOW
+    yield Finding("battery", is_fine, words["battery"] + ("" if is_fine else "; charge it"))
 
 
 def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
@@ -170,7 +173,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
         yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
 
 
-_DEVICES: dict[str, Look] = {
+_DEVICES: dict[DeviceName, Look] = {
     "rvr": _check_rvr,
     "lidar": _check_lidar,
     "proximity": _check_hub,

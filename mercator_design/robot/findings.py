@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, TypeAlias
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.ports import Line, open_port
+from mercator_design.robot.ports import DeviceName, Line, open_port
 from mercator_design.robot.settings import Settings
 
 
@@ -20,7 +20,7 @@ Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
 """At a device, over its open port."""
 
 
-def of_devices(settings: Settings, looks: Mapping[str, Look]) -> Iterator[Finding]:
+def of_devices(settings: Settings, looks: Mapping[DeviceName, Look]) -> Iterator[Finding]:
     """What is found at each device, by name, or why it could not be looked at."""
     for device, look in looks.items():
         try:

@@ -11,7 +11,7 @@ from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot.ports import Line, PortNames, open_port
 from mercator_design.robot.rvr_streaming import StreamData, streaming
-from mercator_design.robot.samples import samples
+from mercator_design.robot.samples import converted
 from mercator_design.robot.start import rest_rvr, wake_rvr
 from mercator_design.robot.talk import Event, Talk
 
@@ -65,7 +65,7 @@ def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
 
     def take(event: Event, now: float) -> None:
         if isinstance(event, StreamData) and event.is_valid:
-            for _, sample in samples(event, now):
+            for _, sample in converted(event, now):
                 red, green, blue = sample.values
                 found.append((red, green, blue))
 

@@ -16,17 +16,17 @@ from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.ports import Line, Ports
+from mercator_design.robot.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
-from mercator_design.robot.samples import STREAMED, Sample, samples
+from mercator_design.robot.samples import STREAMED, Sample, converted, heading
 from mercator_design.robot.settings import Settings, nearest
-from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import charge, halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
 from mercator_design.robot.talk import Event, Talk, words
-from mercator_design.robot.ydlidar import Packet
+from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
 COMMANDS_END = 0.3
 """[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
@@ -44,7 +44,7 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
 
-    samples: The latest of each sensor, by name: those of `samples`, proximity as the settings correct it, and `lidar`,
+    samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, `lidar`,
         without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
@@ -67,20 +67,22 @@ class Mercator:
             RobotError: if it lacks a sense.
         """
         limits = settings.limits
-        sources = {
+        sources: dict[str, tuple[str, float, DeviceName]] = {
             "proximity": ("proximity", limits.proximity, "proximity"),
             "neighbours": ("lidar", limits.lidar, "lidar"),
             "ground": ("ground", limits.rvr, "rvr"),
         }
         if lacking := sorted(set(reads) - set(sources)):
             raise RobotError(f"expected a PFSM that reads {', '.join(sources)}, found one that reads {lacking[0]}")
-        self._needed = [("attitude", limits.rvr, "rvr"), *(sources[sense] for sense in sorted(reads))]
-        lines = [Line(device, port) for device, port in zip(Ports._fields, ports, strict=True)]
+        sources["attitude"] = ("attitude", limits.rvr, "rvr")
+        self._needed = [sources[sense] for sense in ("attitude", *sorted(reads))]
+        lines = [Line(device, port) for device, port in zip(DEVICES, ports, strict=True)]
         self._talk = Talk(lines, self._take)
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model
         self._labels = labels
-        self._sweep = Sweep(settings.lidar_angle)
+        self._sweep = Sweep(settings.lidar_angle)  # in the robot's frame ...
+        self._around = Sweep(settings.lidar_angle)  # ... and in one that does not turn
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
@@ -163,7 +165,8 @@ class Mercator:
         """Find `neighbours` in the lidar's last turn, if it is not too old; how many they are."""
         n = 0
         if self.age("lidar", now) <= self._settings.limits.lidar:
-            n = lidar_neighbours(self._model, self._sweep.ranges(), 0.0, STEP, *self._found)
+            front = -heading(self.samples, now)
+            n = lidar_neighbours(self._model, self._around.ranges(), front, STEP, *self._found)
         distances, x, y = self._found
         self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
         return n
@@ -183,7 +186,7 @@ class Mercator:
         return nearest(self._labels, (red, green, blue))
 
     def turn(self) -> list[float]:
-        """The lidar's last turn: ranges [m] in steps of sweep.STEP from the front, counter-clockwise; 0 for nothing."""
+        """The lidar's last turn, as it saw it: ranges [m] in steps of sweep.STEP counter-clockwise; 0: nothing."""
         return self._sweep.ranges()
 
     def age(self, name: str, now: float) -> float:
@@ -239,7 +242,7 @@ class Mercator:
 
     def _start(self) -> None:
         talk = self._talk
-        self.facts |= wake_rvr(talk)
+        self.facts |= wake_rvr(talk).words()
         self._polled = time.monotonic()
         talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
@@ -284,11 +287,13 @@ class Mercator:
         if self._talk.is_ending:
             return
         self.listen(event, now)
-        for name, sample in samples(event, now):
+        for name, sample in converted(event, now):
             values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
             self.samples[name] = Sample(now, values)
         match event:
             case Packet():
+                began = now - (len(event.samples) - 1) / SAMPLE_RATE
+                self._around.add(event, heading(self.samples, began), heading(self.samples, now))
                 if self._sweep.add(event):
                     self.samples["lidar"] = Sample(now, ())
                     self._note_sight()
@@ -312,7 +317,7 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage" if values:
-                self.facts["battery"] = "{percentage} %".format_map(values)
+                self.facts["battery"] = charge(values["percentage"])
                 self._note(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")

@@ -8,10 +8,10 @@ import grp
 import os
 import re
 import termios
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple, TypeAlias, get_args
 
 import serial
 from serial.tools import list_ports
@@ -21,7 +21,9 @@ from mercator_design.errors import RobotError, Stopped
 from mercator_design.loading import Pattern
 
 PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
-BAUD = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
+DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
+BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
 _NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
@@ -37,7 +39,7 @@ class PortNames:
 
 
 class Ports(NamedTuple):
-    """The open ports."""
+    """The open ports, in the order of `DEVICES`."""
 
     rvr: serial.Serial
     lidar: serial.Serial
@@ -52,10 +54,10 @@ def open_ports(names: PortNames) -> Iterator[Ports]:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
-        yield Ports(*(stack.enter_context(open_port(device, getattr(names, device))) for device in Ports._fields))
+        yield Ports(*(stack.enter_context(open_port(device, getattr(names, device))) for device in DEVICES))
 
 
-def find_port(device: str, name: str) -> str:
+def find_port(device: DeviceName, name: str) -> str:
     """The path of a port.
 
     Raises:
@@ -72,7 +74,7 @@ def find_port(device: str, name: str) -> str:
     raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
 
 
-def usb_port(device: str, name: str) -> ListPortInfo:
+def usb_port(device: DeviceName, name: str) -> ListPortInfo:
     """The USB device at a port.
 
     Raises:
@@ -103,7 +105,7 @@ class _Port(serial.Serial):
         super().close()
 
 
-def open_port(device: str, name: str) -> serial.Serial:
+def open_port(device: DeviceName, name: str) -> serial.Serial:
     """One of the three ports, for this program alone; errors are those of `open_ports`."""
     path = find_port(device, name)
     try:
@@ -169,7 +171,7 @@ def _usb_name(port: ListPortInfo) -> str:
 class Line:
     """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost."""
 
-    def __init__(self, device: str, port: serial.Serial) -> None:
+    def __init__(self, device: DeviceName, port: serial.Serial) -> None:
         self.device = device
         self._port = port
 

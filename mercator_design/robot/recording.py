@@ -22,7 +22,7 @@ from mercator_design.errors import RobotError
 from mercator_design.robot.control import in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.samples import samples
+from mercator_design.robot.samples import converted
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.talk import Event
 from mercator_design.robot.ydlidar import Packet, Turns
@@ -56,7 +56,7 @@ class Recorder:
         self._log.note(event, time=round(now - self._log.began, 4), **values)
 
     def _hear(self, event: Event, now: float) -> None:
-        for name, sample in samples(event, now):
+        for name, sample in converted(event, now):
             self.count += 1
             self.note("sample", now, sensor=name, values=[*map(plain, sample.values)])
         if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:

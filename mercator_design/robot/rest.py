@@ -8,7 +8,7 @@ from mercator_design.errors import RobotError
 from mercator_design.robot.findings import Finding, of_devices
 from mercator_design.robot.ports import Line, open_port
 from mercator_design.robot.settings import Settings
-from mercator_design.robot.start import halt, rest_rvr, stop_lidar, wake_rvr
+from mercator_design.robot.start import charge, halt, rest_rvr, stop_lidar, wake_rvr
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.talk import Talk
 
@@ -19,7 +19,7 @@ def rest(settings: Settings) -> Iterator[Finding]:
     """Stop the run that is in progress here, if it hears, then the RVR and the lidar, each by itself."""
     if settings.swarm.port is not None:
         with Speaker(["127.0.0.1"], settings.swarm.port) as speaker:
-            stopped = speaker.stop()
+            stopped, _ = speaker.stop()
         if stopped:
             yield Finding("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
             _await_port(settings.ports.rvr)
@@ -39,9 +39,9 @@ def _await_port(name: str) -> None:
 def _rest_rvr(_: Settings, line: Line) -> Iterator[Finding]:
     talk = Talk([line], lambda _event, _now: None)
     talk.send("rvr", 2 * halt(talk))
-    facts = wake_rvr(talk)  # asleep it would refuse the rest
+    found = wake_rvr(talk)  # asleep it would refuse the rest
     rest_rvr(talk)
-    yield Finding("rvr", is_fine=True, words=f"at rest; battery {facts['battery']}")
+    yield Finding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
 
 
 def _rest_lidar(_: Settings, line: Line) -> Iterator[Finding]:

@@ -11,16 +11,14 @@ from mercator_design.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, to_text
 from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.control import arm, in_control
 from mercator_design.robot.log import Log, finite, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.service import notify, until_stopping
-from mercator_design.robot.settings import Settings
-
-CONTROL_PERIOD = 0.1
-"""[s] of a control cycle, as missions have it unless they say otherwise."""
+from mercator_design.robot.settings import Settings, control_period_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +36,11 @@ class Run:
     duration: float | None = None
     is_dry: bool = False
 
+    @property
+    def period(self) -> float:
+        """Of control [s]; errors are those of `control_period_of`."""
+        return control_period_of(self.file.header)
+
 
 def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) -> None:
     """Run a PFSM on the robot, until its duration is over.
@@ -51,11 +54,17 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
         RobotError: if a device cannot be used, or the log cannot be written.
-        FsmError: if the header of the PFSM's file tells of no floor that there is.
+        FsmError: if the header of the PFSM's file tells of a floor, a speed or the like that this robot has not.
         Signalled: if a signal came.
     """
     log, pfsm = Log(path), what.file.pfsm
-    labels = settings.labels_of(what.file.header)
+    header = what.file.header
+    settings = settings.as_raced(header)
+    labels = settings.labels_of(header)
+    if header.get("control software", control_digest()) != control_digest():
+        tell(
+            "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
+        )
     with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
         robot.facts["floor"] = " or ".join(labels)
         _begin(log, settings, what, robot, tell)
@@ -75,7 +84,8 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         seed=what.seed,
         duration=what.duration,
         dry_run=what.is_dry,
-        control_period=CONTROL_PERIOD,
+        control_period=what.period,
+        control_software=control_digest(),
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
@@ -87,7 +97,7 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
     """Control cycles until the duration is over; one that comes late is not made up for."""
     random = Random(what.seed)
     start = due = time.monotonic()
-    most = math.inf if what.duration is None else what.duration - 0.5 * CONTROL_PERIOD
+    most = math.inf if what.duration is None else what.duration - 0.5 * what.period
     cycle, worked = 0, time.process_time()
     while True:
         robot.attend(due)
@@ -121,4 +131,4 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         robot.poll()
         robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
         cycle += 1
-        due = max(due + CONTROL_PERIOD, time.monotonic())
+        due = max(due + what.period, time.monotonic())

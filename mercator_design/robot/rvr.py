@@ -253,10 +253,11 @@ class Device:
         understood = _understand(_COMMANDS, frame, frame.target)
         if isinstance(understood, Error):
             return Unknown(frame, understood)
-        command = Command(*understood, frame)
-        if not self.slots.follow(command.name, command.processor, command.values):
-            return Unknown(frame, Error.BAD_DATA_VALUE)
-        return command
+        return Command(*understood, frame)
+
+    def follow(self, command: Command) -> bool:
+        """Take over what an accepted command says of streaming; whether it makes sense."""
+        return self.slots.follow(command.name, command.processor, command.values)
 
     def answer(self, frame: Frame, /, error: int = Error.SUCCESS, **values: Value) -> bytes:
         """The response to a command; nothing if the computer wants none."""

@@ -39,7 +39,7 @@ STREAMED = tuple(_CONVERT)
 """The services that are streamed."""
 
 
-def samples(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
+def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
     """What an event measured, by name; nothing of most events.
 
     acceleration [m/s2], turning [rad/s], attitude (roll, pitch, yaw) [rad], orientation (w, x, y, z), position [m] and
@@ -55,3 +55,12 @@ def samples(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
             metres = event.metres()
             if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
                 yield "proximity", Sample(now, tuple(metres))
+
+
+def heading(latest: Mapping[str, Sample], time: float) -> float:
+    """Where the robot faces [rad] at a time [s] near to that of its latest attitude; 0 as long as it tells nothing."""
+    if not {"attitude", "turning"} <= latest.keys():
+        return 0.0
+    came, (_, _, yaw) = latest["attitude"]
+    _, (_, _, turning) = latest["turning"]
+    return yaw + turning * (time - came)

@@ -2,20 +2,26 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Length, Name, Range, read
+from mercator_design.loading import FieldError, Length, Name, Range, parse, read
 from mercator_design.robot.ports import PortNames
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
 Age = Annotated[float, Range(0.3, 10.0)]
 Offset = Annotated[float, Range(-0.2, 0.2)]
+Speed = Annotated[float, Range(0.01, 1.55)]
 
+CONTROL_PERIOD = 0.1
+"""[s] of a control cycle, as missions have it unless they say otherwise."""
+
+# The RVR streams every 0.05 s, and a control loop that gives no command for 0.18 s has stalled.
+_PERIOD = Annotated[float, Range(0.05, 0.12)]
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
 """As the robot model mercator has its proximity sensors."""
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white", "red", "green", "blue", "yellow")
@@ -27,7 +33,7 @@ _NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 class Limits:
     """Beyond these the robot stops."""
 
-    speed: Annotated[float, Range(0.01, 1.55)] = 0.3  # [m/s] of a tread that a behaviour drives at full speed
+    speed: Speed = 0.3  # [m/s] of a tread that a behaviour drives at full speed, unless fsm.txt tells a lower one
     rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
     proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
@@ -91,6 +97,29 @@ class Settings:
             )
         return {name: _floats(measured[name]) for name in names}
 
+    def as_raced(self, header: Mapping[str, str]) -> Self:
+        """With the constants and the full speed that the header of an fsm.txt tells, if it does.
+
+        Raises:
+            FsmError: if they are none, or not those of this robot, or the robot cannot keep the control period.
+        """
+        limit = self.limits.speed
+        speed = _told(header, "maximum speed", Speed, limit)
+        if speed > limit:
+            raise FsmError(
+                f"maximum speed in the header: expected at most limits.speed, {limit:g} m/s, found {speed:g}"
+            )
+        model = _told(header, "reference model", ReferenceModel, self.reference_model)
+        for name, own, raced, usual in zip(model._fields, self.reference_model, model, ReferenceModel(), strict=True):
+            if own not in {raced, usual}:
+                place = f"reference model in the header: {name}"
+                raise FsmError(f"{place}: expected {own:g}, as the robot's reference_model has it, found {raced:g}")
+        control_period_of(header)  # refused before anything is started
+        try:
+            return replace(self, limits=replace(self.limits, speed=speed), reference_model=model)
+        except FieldError as wrong:
+            raise FsmError(f"the header: {wrong.field}: {wrong.message}") from None
+
     def corrected(self, distances: Sequence[float]) -> tuple[float, ...]:
         """The hub's distances [m] without what each sensor reads too much, at least 0; what is no number of m stays."""
         return tuple(
@@ -108,9 +137,22 @@ def read_settings(path: Path) -> Settings:
     return read(path, Settings, error=SettingsError)
 
 
+def control_period_of(header: Mapping[str, str]) -> float:
+    """The time [s] from one control cycle to the next, by the header of an fsm.txt; if it does not tell, the usual.
+
+    Raises:
+        FsmError: if the robot cannot do it.
+    """
+    return float(_told(header, "control period", _PERIOD, CONTROL_PERIOD))
+
+
 def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
     """The label whose colour is nearest to a measured one; the first of several (the Mercator paper, eqs. 1 and 2)."""
     return min(labels, key=lambda name: math.dist(labels[name], found))
+
+
+def _told(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - what `kind` says
+    return parse(header[key], kind, error=FsmError, label=f"{key} in the header") if key in header else usual
 
 
 def _floats(levels: Levels) -> RGB:

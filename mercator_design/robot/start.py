@@ -1,7 +1,8 @@
 """What each device is told before it is of use, with what it says of itself then, and to be at rest again."""
 
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex
@@ -14,7 +15,33 @@ from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted, encod
 _WAKING = 2.0  # [s] that the RVR may take to wake up
 
 
-def wake_rvr(talk: Talk) -> dict[str, Any]:
+class Rvr(NamedTuple):
+    """What an RVR says of itself.
+
+    firmware: Major and minor number and revision, of each processor.
+    battery: Its charge [%].
+    """
+
+    firmware: Mapping[Processor, tuple[int, int, int]]
+    battery: int
+
+    def words(self) -> dict[str, str]:
+        """The same for people, by name."""
+        versions = {firmware_name(of): ".".join(map(str, version)) for of, version in self.firmware.items()}
+        return versions | {"battery": charge(self.battery)}
+
+
+def firmware_name(processor: Processor) -> str:
+    """What a processor's firmware is called among facts."""
+    return f"firmware_{processor.name.lower()}"
+
+
+def charge(percentage: int) -> str:
+    """Of a battery, for people."""
+    return f"{percentage} %"
+
+
+def wake_rvr(talk: Talk) -> Rvr:
     """End what a former program has begun, and wake the RVR: its firmware and battery.
 
     Raises:
@@ -24,12 +51,12 @@ def wake_rvr(talk: Talk) -> dict[str, Any]:
     _end_streaming(talk)
     talk.tell("wake")
     talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
-    facts = {}
+    firmware = {}
     for processor in Processor:
         version = talk.ask("get_main_application_version", processor)
-        facts[f"firmware_{processor.name.lower()}"] = "{major}.{minor}.{revision}".format_map(version)
+        firmware[processor] = version["major"], version["minor"], version["revision"]
     talk.ask("get_battery_voltage_state")
-    return facts | {"battery": "{percentage} %".format_map(talk.ask("get_battery_percentage"))}
+    return Rvr(firmware, talk.ask("get_battery_percentage")["percentage"])
 
 
 def halt(talk: Talk) -> bytes:

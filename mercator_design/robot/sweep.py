@@ -1,6 +1,7 @@
 """The lidar's last turn: ranges in a ring by angle, each kept until the lidar comes by again."""
 
 import math
+from dataclasses import replace
 
 from mercator_design.robot.ydlidar import Packet
 
@@ -21,6 +22,9 @@ class Sweep:
 
     What is old is told by the angle that was swept since, not by time: so it does not matter how fast the lidar turns,
     nor in which pieces its bytes arrive.
+
+    Ranges stay where they were seen if it is told how the robot stood, which may turn by half a radian while the lidar
+    goes round: angles are then those of a frame that does not turn.
     """
 
     def __init__(self, front: float = 0.0) -> None:
@@ -32,10 +36,17 @@ class Sweep:
         self._last: int | None = None  # angle of the last packet's last sample
         self._began: int | None = None  # how far the lidar had swept at the last ring start
 
-    def add(self, packet: Packet) -> bool:
-        """Take in a packet; whether it ends a turn. Ring starts of a lidar that does not get round end none."""
+    def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
+        """Take in a packet; whether it ends a turn. Ring starts of a lidar that does not get round end none.
+
+        Args:
+            packet: Of the lidar.
+            began: The robot's heading [rad] at the packet's first sample ...
+            ended: ... and at its last.
+        """
         if packet.is_suspect:
             return False
+        packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
             ahead = (packet.first - self._last) % _TURN
             self._swept += ahead if ahead < _TURN - _BACKWARDS else 0
@@ -60,3 +71,8 @@ class Sweep:
         return [
             distance if written > oldest else 0.0 for distance, written in zip(self._ranges, self._written, strict=True)
         ]
+
+
+def _seen(angle: int, heading: float) -> int:
+    """An angle of a packet, from the robot of a heading [rad], in the frame that does not turn."""
+    return round(angle - heading * _TURN / math.tau) % _TURN

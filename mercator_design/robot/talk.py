@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.multiflex import Acknowledgement
-from mercator_design.robot.ports import Line
+from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr import Flags, Notification, Response, Unknown
 from mercator_design.robot.rvr_messages import Error, Processor, Value
 from mercator_design.robot.rvr_streaming import StreamData
@@ -20,7 +20,7 @@ _TRIES = 5  # ... and how often it is asked
 _LOOK = 0.01  # [s]
 _REMEMBERED = 100
 _MUCH = 1000  # bytes without a meaning; a few are normal after a start
-_REMEDIES = {
+_REMEDIES: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on)? Are TX and RX crossed? Is a login shell on the port (raspi-config)? Do its lamps flash yellow (more "
     "than 2.15 A; switch it off and on)?",
@@ -54,7 +54,7 @@ class Talk:
         self.said: deque[Said] = deque(maxlen=_REMEMBERED)
         self.is_ending = False
 
-    def send(self, device: str, data: bytes) -> None:
+    def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device.
 
         Raises:
@@ -90,7 +90,11 @@ class Talk:
         return response.values
 
     def exchange(
-        self, device: str, command: Callable[[], bytes], kind: type[S], answers: Callable[[S], bool] = lambda _: True
+        self,
+        device: DeviceName,
+        command: Callable[[], bytes],
+        kind: type[S],
+        answers: Callable[[S], bool] = lambda _: True,
     ) -> S:
         """What a device answers to a command, which is repeated until it does; errors are those of `ask`."""
 
@@ -104,7 +108,7 @@ class Talk:
                 return found()[0]
         raise RobotError(f"{device}: no answer; {self.remedy(device)}")
 
-    def remedy(self, device: str) -> str:
+    def remedy(self, device: DeviceName) -> str:
         """What to look at if a device says nothing, or nothing that makes sense."""
         lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
         noise = f" ({lost} bytes from it make no sense: another device, or another baud rate)" if lost > _MUCH else ""

@@ -31,6 +31,8 @@ COMMANDS = {
 _HEALTH_IN_MANUAL = 0x91
 _NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "health"}
 
+SAMPLE_RATE = 5000
+"""Samples/s of an X4 (data sheet)."""
 MOST_SAMPLES = 80
 """Of a packet, by the SDK; an X4 sends 40."""
 LONGEST_TURN = 10_000

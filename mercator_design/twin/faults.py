@@ -15,8 +15,8 @@ from typing import Annotated, Literal, TypeAlias
 
 from mercator_design.errors import SettingsError
 from mercator_design.loading import Length, Range, read
+from mercator_design.robot.ports import DeviceName
 
-Device: TypeAlias = Literal["rvr", "lidar", "proximity"]
 Direction: TypeAlias = Literal["from_robot", "to_robot"]
 Time = Annotated[float, Range(0.0, 86_400.0)]
 Rate = Annotated[float, Range(0.0, 1.0)]
@@ -35,7 +35,7 @@ class _Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LineFault(_Fault):
-    device: Device  # on whose line
+    device: DeviceName  # on whose line
     direction: Literal["from_robot", "to_robot", "both"] = "both"  # of the bytes that it meets
 
 
@@ -108,7 +108,7 @@ class PortLoss(_Fault):
     """The port goes away, as if it were pulled out, and comes back."""
 
     kind: Literal["port_loss"] = "port_loss"
-    device: Device  # whose port
+    device: DeviceName  # whose port
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

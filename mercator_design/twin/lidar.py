@@ -12,13 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.jit import compiled
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted, command_decoder, correction
+from mercator_design.robot.ydlidar import (
+    SAMPLE_RATE,
+    DeviceInfo,
+    Health,
+    Packet,
+    ScanStarted,
+    command_decoder,
+    correction,
+)
 
 Floats = NDArray[np.float64]
 Scan: TypeAlias = Callable[[], Floats]
 """What is around the robot now: FINE ranges [m] for each sample, counter-clockwise from its front; 0 if none."""
 
-RATE = 5000
+RATE = SAMPLE_RATE
 """Samples/s."""
 SPINS_UP = 0.5
 """[s] that the motor takes to reach its speed."""

@@ -133,6 +133,8 @@ class Rvr:
             return Error.RESTRICTED
         if not all(math.isfinite(value) for value in command.values.values() if isinstance(value, float)):
             return Error.BAD_DATA_VALUE
+        if not self._line.follow(command):
+            return Error.BAD_DATA_VALUE
         if command.name in _MADE_UP:
             return _MADE_UP[command.name]
         if command.name in _ACCEPTED:

@@ -18,15 +18,14 @@ from typing import Any, Self, TextIO
 from mercator_design.errors import RobotError
 from mercator_design.loading import dump
 from mercator_design.robot.log import now as time_of_day
-from mercator_design.robot.ports import PortNames
+from mercator_design.robot.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.settings import Limits, Settings, Swarm
-from mercator_design.twin.faults import Device
-from mercator_design.twin.twin import DEVICES, Log, Twin
+from mercator_design.twin.twin import Log, Twin
 
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 _CHUNK = 4096
-_RATES: dict[Device, float] = {"rvr": 11_520.0}
+_RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
 _PIECE = 0.001  # [s] for which a line that is busy carries bytes until somebody can read them
 
@@ -91,8 +90,8 @@ class Terminals:
     def __init__(self, twin: Twin, folder: Path) -> None:
         """No ports yet: entering makes them, and leaving takes them away."""
         self._twin, self._folder = twin, folder.resolve()
-        self._fds: dict[tuple[int, Device], int] = {}
-        self._ports: dict[int, tuple[int, Device]] = {}
+        self._fds: dict[tuple[int, DeviceName], int] = {}
+        self._ports: dict[int, tuple[int, DeviceName]] = {}
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
         self._is_open: set[int] = set()
         self._under_way: dict[int, _Line] = {}
@@ -227,7 +226,7 @@ class Terminals:
         number, device = self._ports[fd]
         self._twin.robots[number].note_port(device, is_open=is_open, now=now)
 
-    def _plug_in(self, number: int, device: Device) -> None:
+    def _plug_in(self, number: int, device: DeviceName) -> None:
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
@@ -239,7 +238,7 @@ class Terminals:
         self._ports[fd] = number, device
         self._closed.register(fd, select.POLLIN)
 
-    def _unplug(self, number: int, device: Device) -> None:
+    def _unplug(self, number: int, device: DeviceName) -> None:
         fd = self._fds.pop((number, device))
         del self._ports[fd]
         (self._open if fd in self._is_open else self._closed).unregister(fd)
@@ -248,7 +247,7 @@ class Terminals:
         os.close(fd)
         self._link(number, device).unlink(missing_ok=True)
 
-    def _link(self, number: int, device: Device) -> Path:
+    def _link(self, number: int, device: DeviceName) -> Path:
         return self._folder / str(number) / device
 
 

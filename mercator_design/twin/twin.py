@@ -2,19 +2,18 @@
 
 import functools
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, TypeAlias
 
 from mercator_design.errors import SettingsError
+from mercator_design.robot.ports import DeviceName
 from mercator_design.twin.arena import Arena
-from mercator_design.twin.faults import Battery, Damage, Device, Direction, Fault, LineFault, PortLoss, Script, Stall
+from mercator_design.twin.faults import Battery, Damage, Direction, Fault, LineFault, PortLoss, Script, Stall
 from mercator_design.twin.hub import Hub
 from mercator_design.twin.lidar import Lidar
 from mercator_design.twin.rvr import Rvr
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 """Is given what happens, event by event."""
-
-DEVICES: tuple[Device, ...] = get_args(Device)
 
 
 class _Line(NamedTuple):
@@ -45,7 +44,7 @@ class Robot:
         self._faults = [fault for fault in script.faults if fault.robot == number]
         self._on: list[Fault] = []
         self._seen: dict[str, Any] = {}
-        devices: dict[Device, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": hub}
+        devices: dict[DeviceName, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": hub}
         self._lines = {
             name: _Line(
                 device, self._damage(script.seed, name, "to_robot"), self._damage(script.seed, name, "from_robot")
@@ -54,18 +53,18 @@ class Robot:
         }
         self._note(0.0)
 
-    def _damage(self, seed: int, device: Device, way: Direction) -> Damage:
+    def _damage(self, seed: int, device: DeviceName, way: Direction) -> Damage:
         faults = [fault for fault in self._faults if isinstance(fault, LineFault) and fault.device == device]
         return Damage(faults, way, f"{seed} {self._number} {device} {way}")
 
-    def receive(self, device: Device, data: bytes, now: float) -> bytes:
+    def receive(self, device: DeviceName, data: bytes, now: float) -> bytes:
         """What a device says to bytes that were sent to it."""
         line = self._lines[device]
         said = line.from_robot(line.device.receive(line.to_robot(data, now), now), now)
         self._note(now)
         return said
 
-    def advance(self, now: float) -> Iterator[tuple[Device, bytes]]:
+    def advance(self, now: float) -> Iterator[tuple[DeviceName, bytes]]:
         """What the devices say up to now without being asked."""
         self._begin_and_end_faults(now)
         for name, line in self._lines.items():
@@ -73,11 +72,11 @@ class Robot:
                 yield name, said
         self._note(now)
 
-    def is_plugged_in(self, device: Device) -> bool:
+    def is_plugged_in(self, device: DeviceName) -> bool:
         """Whether a device has a port, as most have."""
         return not any(isinstance(fault, PortLoss) and fault.device == device for fault in self._on)
 
-    def note_port(self, device: Device, *, is_open: bool, now: float) -> None:
+    def note_port(self, device: DeviceName, *, is_open: bool, now: float) -> None:
         """Somebody has opened a device's port, or closed it."""
         if device == "lidar":
             self.lidar.set_motor(on=is_open, now=now)
@@ -138,7 +137,7 @@ class Twin:
         """When there is something to do [s]."""
         return round((self.arena.ticks + 1) * self.arena.period, 9)
 
-    def advance(self, now: float) -> Iterator[tuple[int, Device, bytes]]:
+    def advance(self, now: float) -> Iterator[tuple[int, DeviceName, bytes]]:
         """What the devices say up to now without being asked: robot, device, bytes."""
         while (time := self.next_tick) <= now:
             self.arena.step([robot.rvr.treads for robot in self.robots])

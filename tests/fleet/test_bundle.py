@@ -14,6 +14,7 @@ import pytest
 from mercator_design import __version__
 from mercator_design.fleet import bundle as bundling
 from mercator_design.fleet.bundle import bundle
+from mercator_design.fsm.digest import control_digest
 from tests.robot.devices import Devices
 from tests.robot.ways import in_time
 
@@ -78,6 +79,7 @@ def a_run_and_its_replay(application, python, folder):
         assert devices.drives()
         checked = run(python, application, "check", "--robot", "robot.yaml", folder=folder)
         assert "ok     clock" in checked.stdout, checked.stderr
+    assert f'"control_software":"{control_digest()}"' in (folder / "log.jsonl").read_text().replace(" ", "")
     replayed = run(python, application, "replay", "log.jsonl", folder=folder)
     assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
 

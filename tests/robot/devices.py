@@ -184,6 +184,8 @@ class Devices(threading.Thread):
         assert answer or not COMMANDS[command.name].returns
         if error := self.refused.get(command.name, 0):
             answer = {}
+        else:
+            assert self._rvr.follow(command), command
         self._send("rvr", self._rvr.answer(command.frame, error, **answer))
 
     def _stream(self):

@@ -43,6 +43,7 @@ def _robot():
     sent += [host.send("drive_tank_si_units", left_velocity=v / 7, right_velocity=-v / 9) for v in range(-6, 7)]
     sent += [host.send(name) for name in ("get_battery_percentage", "get_encoder_counts", "drive_stop")]
     commands = [command for frame in sent for command in device.receive(frame)]
+    assert all(device.follow(command) for command in commands)
     told = [device.notify("did_wake"), device.notify("color_detection", **dict.fromkeys(COLOR, 0xD8))]
     told.append(device.answer(commands[-3].frame, percentage=87))
     told.append(device.answer(commands[-2].frame, left=1200, right=-1187))

@@ -1,6 +1,8 @@
 """The command line of mercator-robot: what a user types, and what is said of mistakes."""
 
+import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.robot import swarm
 from mercator_design.robot.swarm import HEARTBEAT, STOP, STOPPED, listener
 
 ROOT = Path(__file__).parents[2]
@@ -32,6 +35,28 @@ def robot():
     with listener(port) as listening:
         listening.setblocking(True)
         yield listening, port
+
+
+@pytest.fixture
+def answering(robot):
+    """The port of a robot that says that it has stopped as often as it is told, and an event: it has been told."""
+    listening, port = robot
+    told, over = threading.Event(), threading.Event()
+    listening.settimeout(0.05)
+
+    def answer():
+        while not over.is_set():
+            with contextlib.suppress(TimeoutError):
+                message, sender = listening.recvfrom(100)
+                assert message == STOP
+                told.set()
+                listening.sendto(STOPPED + b"r2", sender)
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    yield port, told
+    over.set()
+    thread.join()
 
 
 class TestRun:
@@ -66,27 +91,57 @@ class TestRun:
 
 
 class TestStop:
-    def test_a_robot_that_answers(self, robot_command, robot):
-        listening, port = robot
+    @pytest.mark.parametrize("host", ["localhost", "127.0.0.2", "127.255.255.255"])
+    def test_a_robot_that_answers(self, robot_command, answering, host):
+        """The last is a broadcast address; whatever address a robot answers from."""
+        code, out, err = robot_command("stop", host, "--port", answering[0])
+        assert (code, err) == (0, "")
+        assert re.fullmatch(r"r2 \(127\.0\.0\.\d\) has stopped\n", out)
 
-        def answer():
-            message, sender = listening.recvfrom(100)
-            assert message == STOP
-            listening.sendto(STOPPED + b"r2", sender)
+    def test_hosts_that_are_unknown_silent_or_slow_keep_no_other_waiting(self, robot_command, answering, monkeypatch):
+        port, told = answering
+        found, waited = socket.gethostbyname, []
 
-        answering = threading.Thread(target=answer)
-        answering.start()
-        assert robot_command("stop", "localhost", "--port", port) == (0, "r2 (127.0.0.1) has stopped\n", "")
-        answering.join()
+        def look_up(host):
+            if host == "slow":
+                waited.append(told.wait(20.0))
+                return "127.0.0.1"
+            return found(host)
+
+        monkeypatch.setattr(socket, "gethostbyname", look_up)
+        hosts = ["no..such..host", "slow", "192.0.2.1", "127.0.0.1"]
+        code, out, err = robot_command("stop", *hosts, "--port", port)
+        assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
+        assert err == "Error: no..such..host: no such host; 192.0.2.1: no answer\n"
+        assert waited == [True]
+
+    def test_a_name_that_is_not_found_in_time(self, robot_command, answering, monkeypatch):
+        port, _ = answering
+        monkeypatch.setattr(swarm, "_LOOK_UP", 0.2)
+        over, found = threading.Event(), socket.gethostbyname
+
+        def look_up(host):
+            return found(host) if host != "slow" else str(over.wait(20.0))
+
+        monkeypatch.setattr(socket, "gethostbyname", look_up)
+        code, out, err = robot_command("stop", "slow", "127.0.0.1", "--port", port)
+        over.set()
+        assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
+        assert err == "Error: slow: its name could not be looked up in time\n"
 
     def test_none_answers(self, robot_command, robot):
         code, out, err = robot_command("stop", "127.0.0.1", "--port", robot[1])
         assert (code, out) == (1, "")
-        assert err == "Error: no robot has answered; one that runs nothing does not\n"
+        assert err == "Error: 127.0.0.1: no answer\n"
 
     def test_a_host_that_is_not_known(self, robot_command):
         code, _, err = robot_command("stop", "no..such..host")
         assert (code, err) == (1, "Error: no..such..host: no such host\n")
+
+
+def test_heartbeats_of_a_host_that_is_not_known(robot_command):
+    code, _, err = robot_command("heartbeat", "no..such..host")
+    assert (code, "Error: no..such..host: no such host" in err) == (1, True)
 
 
 def test_heartbeats_until_they_end_and_then_stop(robot):

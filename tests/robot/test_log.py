@@ -102,6 +102,14 @@ def test_a_cycle_that_was_decided_otherwise_is_named(log, robot_command):
     assert len(out.splitlines()) == CYCLES
 
 
+@pytest.mark.parametrize(("off", "differ"), [(1e-12, 0), (1e-6, CYCLES)])
+def test_the_last_digits_of_wheels_are_the_processor_s(log, off, differ):
+    start, *events, end = read(log)
+    events = [event | {"wheels": [speed + off for speed in event["wheels"]]} for event in events]
+    log.write_text("".join(map(to_line, [start, *events, end])))
+    assert sum(bool(decision.differs) for _, decision in replay(log)) == differ
+
+
 def test_replay_shows_every_decision(log, robot_command):
     code, out, err = robot_command("replay", log)
     assert (code, err) == (0, "")

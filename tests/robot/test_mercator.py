@@ -17,7 +17,7 @@ from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import samples
+from mercator_design.robot.samples import converted
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import QUIET, Devices
@@ -62,6 +62,7 @@ class TestReadings:
             self.ground(devices, robot)
             self.obstacles(devices, robot)
             self.robots(devices, robot)
+            self.robots_after_a_turn(devices, robot)
 
     def nothing_in_sight(self, robot):
         assert told(robot) == Readings(ground_red=0.0, ground_green=0.0, ground_blue=0.0)
@@ -115,6 +116,15 @@ class TestReadings:
         y = sum(weight * math.sin(angle) for weight, angle in pulls)
         assert (readings.neighbours_x, readings.neighbours_y) == pytest.approx((x, y), abs=0.01)
 
+    def robots_after_a_turn(self, devices, robot):
+        """What was seen before the robot turned is still where it was."""
+        devices.robots = [(0.0, 0.4)]
+        told(robot, 1.0)
+        devices.silent = {"lidar"}
+        devices.sensed["imu"]["yaw"] += 30.0
+        told(robot)
+        assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
+
     def test_where_its_sensors_look(self, devices):
         """As the settings say, which are turned here: the hub's sensors to the right, the lidar to the left."""
         right, left = -math.pi / 2.0, math.pi / 2.0
@@ -130,12 +140,12 @@ class TestReadings:
     def test_what_is_not_valid_is_not_heard(self):
         streamed = {"color_detection": QUIET["color_detection"]}
         for is_valid in (False, True):
-            found = [*samples(StreamData(Processor.ST, 1, is_valid=is_valid, values=streamed), 0.0)]
+            found = [*converted(StreamData(Processor.ST, 1, is_valid=is_valid, values=streamed), 0.0)]
             assert bool(found) == is_valid
 
     def test_a_hub_with_a_sensor_that_is_off_tells_nothing(self):
         for mask in (0xFF, 0xFE):
-            assert bool([*samples(Distances((500,) * 8, mask), 0.0)]) == (mask == 0xFF)
+            assert bool([*converted(Distances((500,) * 8, mask), 0.0)]) == (mask == 0xFF)
 
     def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
         assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles

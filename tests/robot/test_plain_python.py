@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -17,6 +19,12 @@ assert ydlidar.decoder().receive(ydlidar.Health(0).encode()) == [ydlidar.Health(
 assert multiflex.command_decoder().receive(multiflex.TEXT_MODE.encode()) == [multiflex.TEXT_MODE]
 """
     subprocess.run([sys.executable, "-I", "-S", "-c", code], check=True)
+
+
+def test_a_fault_of_a_part_that_is_there_is_not_hidden(robot_command, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mercator_design.twin.cli", None)
+    with pytest.raises(ModuleNotFoundError):
+        robot_command("twin", "aggregation")
 
 
 def test_a_twin_where_the_designer_s_packages_are_not(robot_command, monkeypatch):

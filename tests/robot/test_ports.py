@@ -1,6 +1,7 @@
 """Opening a robot's ports, on pseudo-terminals, and what is said when one cannot be used."""
 
 import contextlib
+import dataclasses
 import errno
 import grp
 import os
@@ -16,7 +17,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import ports
-from mercator_design.robot.ports import PortNames, find_port, open_ports
+from mercator_design.robot.ports import BAUD, DEVICES, PortNames, Ports, find_port, open_ports
 
 
 @pytest.fixture
@@ -199,3 +200,7 @@ def test_a_port_that_is_lost_while_it_is_opened(terminals, monkeypatch):
     monkeypatch.setattr(termios, "tcflush", lost)
     with pytest.raises(RobotError, match=r"^rvr: /dev/pts/\d+ is lost: Input/output error$"), open_ports(names):
         pass
+
+
+def test_each_device_has_a_port():
+    assert Ports._fields == DEVICES == tuple(BAUD) == tuple(field.name for field in dataclasses.fields(PortNames))

@@ -16,7 +16,7 @@ from mercator_design.robot.ros import Node, Orders, serve
 from mercator_design.robot.ros_messages import PUBLISHED
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import STREAMED, Sample, samples
+from mercator_design.robot.samples import STREAMED, Sample, converted
 from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.sweep import BINS
 from tests.robot.devices import QUIET, Devices
@@ -29,7 +29,7 @@ LATEST = 0.25
 def sampled(**streamed):
     """Samples of what the RVR streams."""
     values = {name: QUIET[name] | streamed.get(name, {}) for name in STREAMED}
-    return dict(samples(StreamData(Processor.ST, 1, is_valid=True, values=values), 1.0))
+    return dict(converted(StreamData(Processor.ST, 1, is_valid=True, values=values), 1.0))
 
 
 def turned(q, vector):

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import FsmError, SettingsError
+from mercator_design.fsm import ReferenceModel
 from mercator_design.loading import dump, parse
 from mercator_design.robot.ports import PortNames
-from mercator_design.robot.settings import Limits, Settings, nearest, read_settings
+from mercator_design.robot.settings import Limits, Settings, control_period_of, nearest, read_settings
 
 
 def settings(text):
@@ -61,6 +62,41 @@ def test_what_is_wrong_is_named(text, words):
     with pytest.raises(SettingsError, match=f"text:2: {words}") as refused:
         settings(f"# a robot\n{text}\n")
     assert refused.value.exit_code == 3
+
+
+class TestAsRaced:
+    def test_an_old_file_tells_nothing(self):
+        assert Settings().as_raced({"mission": "aggregation"}) == Settings()
+        assert control_period_of({}) == 0.1
+
+    def test_a_new_one_does(self):
+        header = {"maximum speed": "0.2", "reference model": '{"neighbour_range": 0.5}', "control period": "0.05"}
+        raced = settings("limits: {speed: 0.5}\nreference_model: {neighbour_range: 0.5}").as_raced(header)
+        assert (raced.limits.speed, raced.reference_model.neighbour_range) == (0.2, 0.5)
+        assert Settings().as_raced(header).reference_model == ReferenceModel(neighbour_range=0.5)
+        assert control_period_of(header) == 0.05
+
+    @pytest.mark.parametrize(
+        ("key", "told", "words"),
+        [
+            ("maximum speed", "0.5", "expected at most limits.speed, 0.3 m/s, found 0.5"),
+            ("maximum speed", "nan", "expected a number >= 0.01"),
+            (
+                "reference model",
+                "{}",
+                "neighbour_range: expected 0.6, as the robot's reference_model has it, found 0.75",
+            ),
+            ("reference model", '{"neighbour_rangee": 1}', "unknown key; did you mean 'neighbour_range'"),
+            ("reference model", '{"neighbour_memory": 5, "neighbour_range": 0.6}', "this robot remembers nothing"),
+            ("reference model", "{", "not valid YAML"),
+            ("control period", "0.2", "expected a number >= 0.05 and <= 0.12"),
+        ],
+    )
+    def test_what_this_robot_cannot_do_is_refused(self, key, told, words):
+        with pytest.raises(FsmError) as error:
+            settings("reference_model: {neighbour_range: 0.6}").as_raced({key: told})
+        assert "header" in str(error.value)
+        assert words in str(error.value)
 
 
 class TestLabels:

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from benchmarks.turning import ROBOTS, perceived
 from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.robot.sweep import BINS, STEP, Sweep
@@ -124,3 +125,11 @@ def test_lost_and_senseless_packets():
     assert [distance for distance, _ in found(sweep)] == pytest.approx([0.6], abs=0.01)
     sweep.add(Packet(turn[0].last - 3, turn[0].last - 3, (0,)))  # a step back
     assert len(found(sweep)) == 1
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, -2.0, 4.0, -4.0])
+def test_the_others_stay_where_they_are_while_the_robot_turns(speed):
+    """Each is found once, where it is now; its bearing may be wrong by what the RVR tells late."""
+    for found in perceived(speed, 5.0, is_told=True):
+        assert found.robots == len(ROBOTS)
+        assert found.error < 0.02 + 0.005 * abs(speed)

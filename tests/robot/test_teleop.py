@@ -357,7 +357,7 @@ class TestWaysOut:
                 Speaker(["127.0.0.1"], drive.port) as speaker,
             ):
                 began = time.monotonic()
-                assert speaker.stop() == ["mercator (127.0.0.1)"]
+                assert speaker.stop() == (["mercator (127.0.0.1)"], [])
                 drive.ended(4, "swarm: told to stop by 127.0.0.1")
                 return drive.devices.rests_since() - began
 

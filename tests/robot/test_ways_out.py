@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.fsm import ReferenceModel
+from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
@@ -339,6 +341,23 @@ def the_end_of_the_duration(folder):
         robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
+    header = {
+        "control period": "0.05",
+        "maximum speed": "0.1",
+        "reference model": '{"neighbour_range": 0.5}',
+        "control software": "another",
+    }
+    fsm = "".join(f"# {key}: {value}\n" for key, value in header.items()) + GO
+    with running(tmp_path, fsm, "", "", "--duration", "1") as robot:
+        check(robot, 0, "Warning: the PFSM was designed with another version")
+        assert max(left for _, left, _ in robot.devices.wheels) == pytest.approx(0.1)
+        start, *events = read(tmp_path / "log.jsonl")
+        assert sum(event["event"] == "cycle" for event in events) > 15
+        assert (start["control_period"], start["control_software"]) == (0.05, control_digest())
+        assert start["reference_model"] == ReferenceModel(neighbour_range=0.5)._asdict()
+
+
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
     def attempt(number):
         with running(tmp_path / str(number), GO, "", "", "--duration", "1", "--dry-run") as robot:
@@ -378,7 +397,7 @@ class TestWhatStoppedIt:
         *_, cycle, _ = read(tmp_path / "log.jsonl")
         assert (cycle["event"], cycle["wheels"]) == ("cycle", [None, -1.01])
         code, out, err = robot_command("replay", tmp_path / "log.jsonl")
-        assert (code, "has (0, 0, [None, -1.01])" in err) == (1, True)
+        assert (code, "has (0, 0, Wheels(left=None, right=-1.01))" in err) == (1, True)
         assert len(out.splitlines()) == cycle["cycle"] + 1
 
 
@@ -428,7 +447,7 @@ class TestSwarm:
             with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
                 robot.drives()
                 began = time.monotonic()
-                assert speaker.stop() == ["mercator (127.0.0.1)"]
+                assert speaker.stop() == (["mercator (127.0.0.1)"], [])
                 check(robot, 4, "swarm: told to stop by 127.0.0.1")
                 return robot.devices.rests_since() - began
 

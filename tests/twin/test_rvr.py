@@ -375,6 +375,18 @@ class TestPower:
         drive(talk)
         assert talk.rvr.told == (0.25, 0.125)
 
+    def test_what_it_refuses_asleep_it_has_not_done(self, talk):
+        talk.send("sleep")
+        (_, target, configuration), *_ = streaming(["imu"], 50)
+        asked = {"target": target, "reply": Flags.ANSWER, **configuration}
+        assert talk.ask("configure_streaming_service", **asked) == Error.RESTRICTED
+        talk.send("wake")
+        talk.wait(WAKES + 0.1)
+        talk.send("start_streaming_service", target=target, period=50)
+        assert talk.wait(0.2) == []  # there is nothing to stream
+        assert talk.ask("configure_streaming_service", **asked) == {}
+        assert talk.wait(0.2) != []
+
     def test_it_falls_asleep_of_itself_but_warns(self, talk):
         said = [(time, event.name) for time, event in talk.wait(SLEEPS + 5.0, step=0.5)]
         assert said == [(SLEEPS - 10.0, "will_sleep"), (SLEEPS, "did_sleep")]

@@ -9,6 +9,7 @@ from mercator_design.robot.cli import calibrate, check, install, record, replay,
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
 """Verbs of the designer's part, which a robot need not have: the module of each."""
+_PARTS = {module.rpartition(".")[0] for module in _ELSEWHERE.values()}
 
 
 def main() -> None:
@@ -27,7 +28,9 @@ class _Verbs(click.Group):
             return super().get_command(ctx, cmd_name)
         try:
             found: click.Command = getattr(importlib.import_module(_ELSEWHERE[cmd_name]), cmd_name)
-        except ImportError:
+        except ModuleNotFoundError as error:
+            if error.name not in _PARTS:
+                raise
             return None
         return found
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import click
 
 from mercator_design.command import tell
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, printable
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.rest import rest
@@ -33,7 +33,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     Without HOST, a run in progress here is told to stop; then wheels, streaming, lamps and the lidar are stopped over
     their ports, each device by itself. Exit code 1 if one could not be.
 
-    With HOSTs, prints which robots say that they have stopped; exit code 1 if none does.
+    With HOSTs, prints which robots say that they have stopped; exit code 1 unless one does at each.
     """
     if port is not None:
         settings = replace(settings, swarm=replace(settings.swarm, port=port))
@@ -43,11 +43,11 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     if settings.swarm.port is None:
         raise click.UsageError("expected --port, as ROBOT.yaml has none")
     with Speaker(hosts, settings.swarm.port) as speaker:
-        stopped = speaker.stop()
+        stopped, silent = speaker.stop()
     for name in stopped:
-        click.echo(f"{name} has stopped")
-    if not stopped:
-        raise RobotError("no robot has answered; one that runs nothing does not")
+        click.echo(f"{printable(name)} has stopped")
+    if silent:
+        raise RobotError("; ".join(silent))
 
 
 @click.command()
@@ -59,6 +59,8 @@ def heartbeat(hosts: tuple[str, ...], port: int) -> None:
         tell("Robots may run. Ctrl-C stops them.")
         try:
             while True:
+                if unknown := speaker.unknown:
+                    raise RobotError(f"{unknown[0]}: no such host")
                 speaker.tell(HEARTBEAT)
                 time.sleep(_BEATS)
         finally:

@@ -232,11 +232,11 @@ def condition_met(controller: Controller, event: Event) -> str:
     return "" if taken is None else taken.condition
 
 
-def _near(speed: float | None, logged: float | None) -> bool:
-    """Whether they are the same; another processor's mathematical functions may differ in the last digits."""
-    if speed is None or logged is None:
-        return speed is logged
-    return math.isclose(speed, logged, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+def _is_near(decided: float | None, logged: float | None) -> bool:
+    """Whether two speeds are the same; another processor's mathematical functions may differ in the last digits."""
+    if decided is None or logged is None:
+        return decided is logged
+    return math.isclose(decided, logged, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
 
 
 def _decide(controller: Controller, event: Event) -> Decision:
@@ -244,8 +244,7 @@ def _decide(controller: Controller, event: Event) -> Decision:
     state = controller.state
     decided = controller.step(readings, event["draws"])
     found, logged = (state, controller.state), (event["state"], event["next_state"])
-    wheels = Wheels(*event["wheels"])
-    near = all(map(_near, finite(decided), wheels))
+    speeds, told = finite(decided), event["wheels"]
     return Decision(
         cycle=event["cycle"],
         time=event["time"],
@@ -254,5 +253,7 @@ def _decide(controller: Controller, event: Event) -> Decision:
         condition=condition_met(controller, event),
         readings=readings,
         wheels=decided,
-        differs="" if found == logged and near else f"decides {(*found, decided)}, the log has {(*logged, wheels)}",
+        differs=""
+        if found == logged and all(map(_is_near, speeds, told))
+        else f"decides {(*found, *speeds)}, the log has {(*logged, *told)}",
     )

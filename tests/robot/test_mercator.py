@@ -116,15 +116,6 @@ class TestReadings:
         y = sum(weight * math.sin(angle) for weight, angle in pulls)
         assert (readings.neighbours_x, readings.neighbours_y) == pytest.approx((x, y), abs=0.01)
 
-    def robots_after_a_turn(self, devices, robot):
-        """What was seen before the robot turned is still where it was."""
-        devices.robots = [(0.0, 0.4)]
-        told(robot, 1.0)
-        devices.silent = {"lidar"}
-        devices.sensed["imu"]["yaw"] += 30.0
-        told(robot)
-        assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
-
     def test_where_its_sensors_look(self, devices):
         """As the settings say, which are turned here: the hub's sensors to the right, the lidar to the left."""
         right, left = -math.pi / 2.0, math.pi / 2.0
@@ -146,6 +137,15 @@ class TestReadings:
     def test_a_hub_with_a_sensor_that_is_off_tells_nothing(self):
         for mask in (0xFF, 0xFE):
             assert bool([*converted(Distances((500,) * 8, mask), 0.0)]) == (mask == 0xFF)
+
+    def robots_after_a_turn(self, devices, robot):
+        """What was seen before the robot turned is still where it was."""
+        devices.robots = [(0.0, 0.4)]
+        told(robot, 1.0)
+        devices.silent = {"lidar"}
+        devices.sensed["imu"]["yaw"] += 30.0
+        told(robot)
+        assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
 
     def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
         assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles

@@ -284,7 +284,7 @@ WAYS = {
     },
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
-    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 1, "proximity: /dev/pts/"),
+    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 4, "proximity: /dev/pts/"),
     "battery": (
         lambda drive: drive.devices.tell("battery_voltage_state_change", state=3),
         0.0,

@@ -13,8 +13,9 @@ import pytest
 
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
+from mercator_design.robot.swarm import Speaker
 from tests.robot.devices import Devices
-from tests.robot.ways import OFTEN, asked
+from tests.robot.ways import OFTEN, asked, free_port
 
 ROOT = Path(__file__).parents[2]
 MAIN = "from mercator_design.robot.cli import main; main()"
@@ -33,13 +34,13 @@ RATES = {
 
 
 @contextmanager
-def recording(folder, *options, lead=""):
+def recording(folder, *options, lead="", port="null"):
     """Devices, and `mercator-robot record` on them."""
     with Devices() as devices:
         names = devices.names
         (folder / "robot.yaml").write_text(
             f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
-            "name: tester\nlidar_angle: 0.5\nswarm: {port: null}\n"
+            f"name: tester\nlidar_angle: 0.5\nswarm: {{port: {port}}}\n"
         )
         process = subprocess.Popen(
             [
@@ -181,6 +182,16 @@ def test_a_device_that_is_not_well_ends_it(tmp_path):
     *_, told, end = events(tmp_path)
     assert (told["event"], told["text"]) == ("note", "did_sleep")
     assert end["why"] == "rvr: it fell asleep"
+
+
+def test_the_swarm_is_told_to_stop(tmp_path):
+    port = free_port()
+    with recording(tmp_path, port=port) as (devices, process), Speaker(["127.0.0.1"], port) as speaker:
+        until_it_records(devices, tmp_path)
+        assert speaker.stop() == (["tester (127.0.0.1)"], [])
+        _, messages = process.communicate(timeout=10)
+        assert (process.returncode, "swarm: told to stop by 127.0.0.1" in messages) == (4, True), messages
+    assert events(tmp_path)[-1]["why"] == "swarm: told to stop by 127.0.0.1"
 
 
 def test_an_existing_file_is_kept(tmp_path):

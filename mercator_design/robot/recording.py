@@ -94,12 +94,12 @@ def record(
         robot.introduce(tell)
         begin = now = time.monotonic()
         end = math.inf if duration is None else begin + duration
-        silent = ""
+        silent: dict[str, str] = {}
         while now < end:
             now = control.wait(min(now + _SHOW, end))
             before, silent = silent, robot.stale(now)
-            if silent and not before:
-                tell(f"Warning: {silent}")
-                log.remark(silent)
+            for name in silent.keys() - before.keys():
+                tell(f"Warning: {silent[name]}")
+                log.remark(silent[name])
             robot.poll()
             show(now - begin, recorder.count)

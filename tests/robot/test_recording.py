@@ -154,18 +154,22 @@ def test_it_is_whole_to_its_last_line_when_the_process_is_killed(tmp_path):
     assert not events(tmp_path, "end")
 
 
-def test_a_sensor_that_falls_silent_is_told_and_the_others_go_on(tmp_path):
+def test_sensors_that_fall_silent_are_told_and_the_others_go_on(tmp_path):
+    def told(name):
+        return [note["text"] for note in events(tmp_path, "note") if note["text"].startswith(f"{name}: nothing for")]
+
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
-        devices.silent.add("proximity")
-        time.sleep(2.0)
+        for name in ("proximity", "lidar"):
+            devices.silent.add(name)
+            devices.when(lambda name=name: told(name))
         before = len(events(tmp_path, "sample"))
-        time.sleep(1.0)
-        assert len(events(tmp_path, "sample")) > before
+        devices.when(lambda: len(events(tmp_path, "sample")) > before + 20)
         process.send_signal(signal.SIGINT)
         _, messages = process.communicate(timeout=10)
-    assert messages.count("Warning: proximity: nothing for") == 1
-    assert any(note["text"].startswith("proximity: nothing for") for note in events(tmp_path, "note"))
+    for name in ("proximity", "lidar"):
+        assert messages.count(f"Warning: {name}: nothing for") == 1
+        assert len(told(name)) == 1
 
 
 def test_the_battery_is_asked_after(tmp_path):

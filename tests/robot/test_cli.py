@@ -148,7 +148,8 @@ def test_heartbeats_of_a_host_that_is_not_known(robot_command):
 def test_heartbeats_until_they_end_and_then_stop(robot, number):
     """In the background of a script too, where SIGINT is ignored."""
     listening, port = robot
-    script = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); from mercator_design.robot.cli import main; main()"
+    ignoring = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+    script = f"{ignoring}; from mercator_design.robot.cli import main; main()"
     with subprocess.Popen(
         [sys.executable, "-c", script, "heartbeat", "127.0.0.1", "--port", str(port)],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mercator_design.robot.findings import Finding, Look, of_devices
-from mercator_design.robot.install import RULES
+from mercator_design.robot.install import NAMED, RULES
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr_messages import Processor
@@ -90,10 +90,10 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
 
 def check_programs(port: str) -> Finding:
     """Whether programs run that take serial ports for theirs, as modems, Braille displays or terminals."""
-    found = set()
+    found, rules = set(), _text(RULES)
     for process in _PROCESSES.glob("[0-9]*"):
         match _text(process / "comm").strip():
-            case "ModemManager" if not RULES.exists():
+            case "ModemManager" if not all(f"mercator-{device}" in rules for device in NAMED):
                 found.add(
                     "ModemManager talks to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
                 )

@@ -174,8 +174,11 @@ class TestOtherPrograms:
         assert modems < login < braille
 
     def test_those_that_do_not(self, processes, tmp_path):
-        (tmp_path / "99-mercator.rules").touch()
+        rules = tmp_path / "99-mercator.rules"
+        rules.write_text('SYMLINK+="mercator-lidar"')
         processes("ModemManager", "agetty -o -p tty1 linux")
+        assert check_programs("/dev/ttyS0").words.startswith("ModemManager talks")
+        rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
         assert check_programs("/dev/ttyS0") == ("other programs", True, "none that takes ports")
 
     def test_one_that_reads_a_port_too(self, found, devices):

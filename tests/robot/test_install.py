@@ -147,6 +147,16 @@ class TestRules:
         assert "WRONG  /dev/mercator-lidar        usb:10c4:ea60 is not connected; connected are none; then" in out
         assert rules(root) == []
 
+    def test_what_is_not_connected_any_more_keeps_its_own(self, install, connected, root):
+        install()
+        before = rules(root)
+        connected[:] = [usb("/dev/ttyACM0", 0x0483, 0x5740, "4000", "1-1.3:1.0")]
+        code, out, _ = install()
+        assert (code, "usb:10c4:ea60 is not connected" in out) == (1, True)
+        assert rules(root)[:2] == before[:2]
+        assert [rule[3] for rule in rules(root)[2:]] == ['ATTRS{serial}=="4000"', 'ATTR{idProduct}=="5740"']
+        assert len(rules(root)) == 4
+
     def test_again_by_the_names_that_it_gave(self, install, root, robot, monkeypatch):
         """As a robot.yaml has them afterwards."""
         install()

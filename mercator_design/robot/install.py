@@ -104,7 +104,8 @@ class Setup:
 
 def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:
     """The lidar and the hub, as they are connected now, and what is found of them."""
-    ports, findings = {}, []
+    ports: dict[str, ListPortInfo] = {}
+    findings = []
     for device in NAMED:
         link = f"/dev/mercator-{device}"
         try:

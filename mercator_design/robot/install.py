@@ -57,13 +57,17 @@ RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
 _IDLE = """
 [Unit]
 Description=Mercator robot at rest
-
+{after}
 [Service]
 Type=oneshot
 {service}ExecStart={program} stop
 
 [Install]
 WantedBy=multi-user.target
+"""
+_AFTER_LIDAR = """\
+Wants=dev-mercator\\x2dlidar.device
+After=dev-mercator\\x2dlidar.device
 """
 _RUN = """
 [Unit]
@@ -129,11 +133,12 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[P
         pwd.getpwnam(setup.user)
         program = " ".join(map(_plain, _program()))
         robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
+        after = _AFTER_LIDAR if "lidar" in rules else ""
         service = _SERVICE.format(user=_plain(setup.user), environment=robot)
         return {
             RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
             LIMITS: _OURS + _LIMITS,
-            IDLE: _OURS + _IDLE.format(service=service, program=program),
+            IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
             RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
         }
     raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot")
@@ -157,9 +162,15 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
 
 
 def uninstall(root: Path) -> Iterator[Finding]:
-    """Remove the files that `install` has written, and no others; errors are those of `install`."""
+    """Remove the files that `install` has written, and no others.
+
+    Raises:
+        RobotError: as `install`, or if its service runs.
+    """
     there = [place for place in (RULES, LIMITS, IDLE, RUN) if _below(root, place).exists()]
     _refuse_foreign(there, root)
+    if RUN in there and root == Path("/") and _is_running():
+        raise RobotError(f"{RUN.name} runs; systemctl stop {RUN.name} first")
     for place in there:
         path = _below(root, place)
         if place == IDLE:
@@ -238,6 +249,14 @@ def _permitted(path: Path) -> Iterator[None]:
         raise RobotError(f"{path}: no permission; use sudo") from None
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from None
+
+
+def _is_running() -> bool:
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+        asked = ["systemctl", "is-active", RUN.name]
+        found = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+        return found.stdout.strip() in {"active", "activating", "deactivating"}
+    return False
 
 
 def _run_all(commands: Iterable[str], root: Path) -> Iterator[Finding]:

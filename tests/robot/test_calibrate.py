@@ -14,7 +14,7 @@ import pytest
 from mercator_design.errors import RobotError
 from mercator_design.robot import ground_calibration, proximity_calibration
 from mercator_design.robot.cli import main
-from mercator_design.robot.ground_calibration import confused, doubts, ground_sensor
+from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.multiflex import NOTHING
 from mercator_design.robot.ports import open_ports
@@ -148,10 +148,23 @@ class TestColor:
 
         assert list(doubts("gray", gray(93.0))) == []
         assert "stand still" in next(doubts("gray", gray(80.0, 30) + gray(120.0, 30)))
-        assert "is the sensor's lamp on" in next(doubts("white", gray(1.0)))
         assert "darker than usual: brightness 100, not 255" in next(doubts("white", gray(100.0)))
         assert "brighter than usual: brightness 99, not 0" in next(doubts("black", gray(99.0)))
         assert list(doubts("black", gray(0.0))) == []
+
+    def test_without_light(self):
+        check_light("black", [(0.0, 0.0, 0.0)] * 60)
+        with pytest.raises(RobotError, match=r"^ground: white reads as nothing; is the sensor's lamp on"):
+            check_light("white", [(1.0, 1.0, 1.0)] * 60)
+
+    def test_colours_that_cannot_be_told_from_each_other_are_given_no_labels(self, devices):
+        levels = {"black": 7, "white": 8}
+
+        def put_on(line):
+            devices.sensed["color_detection"].update(dict.fromkeys("rgb", levels[line.split()[-1]]))
+
+        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="black and white are 2 levels"):
+            ground_calibration.calibrate(sensor, levels, {}, 1.0, put_on, lambda _said: None)
 
     def test_colours_that_would_be_confused(self):
         """The middle between 90 and 96 is one standard deviation from both; beyond it lies 15.9 % of a normal one."""

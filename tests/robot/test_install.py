@@ -10,6 +10,7 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from mercator_design.errors import RobotError
 from mercator_design.robot import install as installation
 from mercator_design.robot.install import IDLE, LIMITS, RULES, RUN
 
@@ -147,6 +148,16 @@ class TestRules:
         assert "WRONG  /dev/mercator-lidar        usb:10c4:ea60 is not connected; connected are none; then" in out
         assert rules(root) == []
 
+    def test_what_is_not_connected_any_more_keeps_its_own(self, install, connected, root):
+        install()
+        before = rules(root)
+        connected[:] = [usb("/dev/ttyACM0", 0x0483, 0x5740, "4000", "1-1.3:1.0")]
+        code, out, _ = install()
+        assert (code, "usb:10c4:ea60 is not connected" in out) == (1, True)
+        assert rules(root)[:2] == before[:2]
+        assert [rule[3] for rule in rules(root)[2:]] == ['ATTRS{serial}=="4000"', 'ATTR{idProduct}=="5740"']
+        assert len(rules(root)) == 4
+
     def test_again_by_the_names_that_it_gave(self, install, root, robot, monkeypatch):
         """As a robot.yaml has them afterwards."""
         install()
@@ -187,6 +198,15 @@ class TestServices:
         ):
             assert f"\n{line}\n" in run
         assert "[Install]" not in run  # nothing that starts it by itself
+
+    def test_rest_waits_for_a_lidar_that_has_a_name(self, install, connected, root):
+        waits = "After=dev-mercator\\x2dlidar.device\n"
+        install()
+        assert f"Wants{waits[5:]}{waits}\n[Service]\n" in files(root)[IDLE]
+        install("--uninstall")
+        connected.remove(LIDAR)
+        install()
+        assert "\nDescription=Mercator robot at rest\n\n[Service]\n" in files(root)[IDLE]
 
     def test_without_a_robot_s_file(self, install, root, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
@@ -270,6 +290,22 @@ class TestFiles:
 
     def test_wrong_usage(self, install):
         assert install("--uninstall", "--dry-run")[0] == 2
+
+
+@pytest.mark.parametrize("state", ["active", "activating", "deactivating", "inactive"])
+def test_what_runs_is_not_removed(tmp_path, monkeypatch, state):
+    for name in ("RULES", "LIMITS", "IDLE", "RUN"):
+        monkeypatch.setattr(installation, name, tmp_path / name)
+    (tmp_path / "systemctl").write_text(f'#!/bin/sh\n[ "$*" = "is-active RUN" ] && echo {state}\n')
+    (tmp_path / "systemctl").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert all(finding.what for finding in installation.install({tmp_path / "RUN": installation._OURS}, Path("/")))
+    if state == "inactive":
+        assert f"{tmp_path}/RUN" in [finding.what for finding in installation.uninstall(Path("/"))]
+        return
+    with pytest.raises(RobotError, match=r"^RUN runs; systemctl stop RUN first$"):
+        list(installation.uninstall(Path("/")))
+    assert (tmp_path / "RUN").exists()
 
 
 def test_commands_are_run_where_the_root_is_this_system_s(tmp_path, monkeypatch):

@@ -41,7 +41,7 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         folder=(robot.parent if robot else Path()).resolve(),
         robot=robot and robot.resolve(),
     )
-    files = installation.texts(ports, setup)
+    files = installation.texts(ports, setup, root)
     if dry_run:
         for path, text in files.items():
             click.echo(f"==> {path}\n{text}")

@@ -97,7 +97,11 @@ class Devices(threading.Thread):
 
     def drives(self):
         """Whether the wheels have been turned."""
-        return any(left or right for _, left, right in self.wheels)
+        return self.driven() > 0
+
+    def driven(self):
+        """How often they have."""
+        return sum(bool(left or right) for _, left, right in self.wheels)
 
     def rests_since(self):
         """When the wheels came to rest for good [s]."""

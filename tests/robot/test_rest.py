@@ -12,7 +12,7 @@ from mercator_design.robot.ports import open_port
 from mercator_design.robot.rvr import Host
 from mercator_design.robot.ydlidar import encode_command
 from tests.robot.devices import Devices
-from tests.robot.test_ways_out import LAST, free_port, running
+from tests.robot.ways import LAST, free_port, running
 
 
 @pytest.fixture

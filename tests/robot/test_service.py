@@ -9,7 +9,7 @@ import time
 import pytest
 
 from mercator_design.robot.service import notify
-from tests.robot.test_ways_out import running
+from tests.robot.ways import running
 
 
 @pytest.fixture(params=["path", "abstract"])

@@ -65,7 +65,7 @@ def test_an_rvr_that_takes_time_to_wake_up(talk, line):
         awake.set()
         line.say(line.robot.notify("did_wake"))
 
-    waking = threading.Timer(0.2, wake)
+    waking = threading.Timer(0.1, wake)
 
     def answer(commands):
         asked = commands[-1]
@@ -76,7 +76,7 @@ def test_an_rvr_that_takes_time_to_wake_up(talk, line):
         return line.robot.answer(asked.frame, **facts.get(asked.name, {}))
 
     line.answer = answer
-    assert wake_rvr(talk) == {"firmware_nordic": "9.1.462", "firmware_st": "9.1.462", "battery": "87 %"}
+    assert wake_rvr(talk).words() == {"firmware_nordic": "9.1.462", "firmware_st": "9.1.462", "battery": "87 %"}
     waking.join()
 
 

@@ -12,7 +12,6 @@ import sys
 import termios
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -24,9 +23,8 @@ from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
+from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
-ROOT = Path(__file__).parents[2]
 RING = Settings().proximity_angles
 UP = b"\x1b[A"
 
@@ -96,7 +94,6 @@ def faulty(self, now):
     return way(self, now)
 Stick.way = faulty
 """
-MAIN = "from mercator_design.robot.cli import main; main()"
 OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
 
 
@@ -114,7 +111,7 @@ class Drive:
         self.fingers, self.terminal = os.openpty()
         self.usual = termios.tcgetattr(self.terminal)
         self.process = subprocess.Popen(
-            [sys.executable, "-c", f"{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
+            [sys.executable, "-c", f"{SOON}{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stdin=self.terminal,
@@ -284,7 +281,7 @@ WAYS = {
     },
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
-    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 1, "proximity: /dev/pts/"),
+    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 4, "proximity: /dev/pts/"),
     "battery": (
         lambda drive: drive.devices.tell("battery_voltage_state_change", state=3),
         0.0,

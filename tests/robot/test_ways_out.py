@@ -380,7 +380,7 @@ class TestSwarm:
         assert soonest(attempt) <= LATEST
 
     def test_stop_during_the_start(self, tmp_path):
-        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+        with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.devices.when(lambda: robot.devices.commands)
             speaker.stop()
             returned, error = robot.ended()

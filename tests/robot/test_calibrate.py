@@ -92,7 +92,9 @@ class TestColor:
             devices.sensed["color_detection"].update(zip("rgb", FLOOR[name], strict=True))
 
         kept = "labels: {red: [90, 10, 10]}  # by hand\n"
-        with calibrate(tmp_path, devices, "color", "black", "gray", "white", "--seconds", "0.6", settings=kept) as process:
+        with calibrate(
+            tmp_path, devices, "color", "black", "gray", "white", "--seconds", "0.6", settings=kept
+        ) as process:
             said = answer(process, devices, put_on)
             assert process.returncode == 0, said
             printed = process.stdout.read()
@@ -112,7 +114,7 @@ class TestColor:
         assert lamp(devices) == [True, False]
 
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "color") as process:
+        with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
         assert (process.returncode, out) == (1, "")
         assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said

@@ -42,7 +42,7 @@ def processes(tmp_path, monkeypatch):
 def found(robot_command, devices, tmp_path, processes, monkeypatch):
     """Run it; gives exit code, what is fine, what is wrong, and messages."""
 
-    monkeypatch.setattr(checking, "_LISTEN", 1.0)
+    monkeypatch.setattr(checking, "_LISTEN", 0.5)
 
     def run(**ports):
         names = {name: getattr(devices.names, name) for name in ("rvr", "lidar", "proximity")} | ports
@@ -56,7 +56,8 @@ def found(robot_command, devices, tmp_path, processes, monkeypatch):
     return run
 
 
-def test_a_robot_that_is_well(found, devices):
+def test_a_robot_that_is_well(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_LISTEN", 1.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.1.462"

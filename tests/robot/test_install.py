@@ -181,11 +181,13 @@ class TestServices:
         for line in (
             "Type=notify",
             f"WorkingDirectory={tmp_path}",
+            f"ReadWritePaths={tmp_path}",
             "Restart=no",
             "KillSignal=SIGTERM",
             "WatchdogSec=2",
         ):
             assert f"\n{line}\n" in run
+        assert "ReadWritePaths" not in idle
         assert "[Install]" not in run  # nothing that starts it by itself
 
     def test_without_a_robot_s_file(self, install, root, tmp_path, monkeypatch):

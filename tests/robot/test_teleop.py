@@ -12,10 +12,11 @@ import sys
 import termios
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.robot.keyboard import keys
+from mercator_design.robot.keyboard import keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.multiflex import NOTHING
@@ -45,6 +46,23 @@ class TestKeys:
             pressed, rest = keys(b"a" + UP[:cut])
             assert (pressed, rest) == (["left"], UP[:cut])
             assert keys(rest + UP[cut:]) == (["forward"], b"")
+
+
+def test_what_was_pressed_before_is_not_meant(monkeypatch):
+    fingers, terminal = os.openpty()
+    try:
+        os.write(fingers, b"ww")
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: terminal))
+        with keyboard() as opened:
+            os.write(fingers, b"d")
+            end, pressed = time.monotonic() + 10.0, []
+            while "right" not in pressed:
+                assert time.monotonic() < end
+                pressed += opened.pressed()
+        assert pressed == ["right"]
+    finally:
+        os.close(fingers)
+        os.close(terminal)
 
 
 class TestStick:

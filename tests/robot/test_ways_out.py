@@ -17,7 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.ways import ALL, GO, LAST, LATEST, OFTEN, SOON, asked, in_time, running, soonest
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, in_time, running, soonest
 
 
 def check(robot, code, words, *, zeros=True):
@@ -413,8 +413,7 @@ class TestSwarm:
         assert soonest(attempt) <= LATEST
 
     def test_without_a_heartbeat_it_does_not_begin(self, tmp_path):
-        impatient = SOON + "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
-        with running(tmp_path, GO, ", heartbeat: 0.4", lead=impatient) as robot:
+        with running(tmp_path, GO, ", heartbeat: 0.4", lead=SOON + IMPATIENT) as robot:
             error = check(robot, 1, "swarm: no heartbeat; is `mercator-robot heartbeat` running")
             assert "Traceback" not in error
             assert not robot.devices.drives()

@@ -9,7 +9,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,6 +31,8 @@ mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_comman
 talk._LOOK = 0.001
 """
 """Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about."""
+IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
+"""Lets a program not wait long for a first heartbeat."""
 OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.0\n"
 """Lets a program ask after the battery whenever it thinks of it."""
 

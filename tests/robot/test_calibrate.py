@@ -31,7 +31,7 @@ COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 @pytest.fixture
 def devices():
     with Devices() as devices:
-        devices.measuring = 0.02
+        devices.measuring = 0.01
         yield devices
 
 
@@ -218,12 +218,12 @@ def find(devices, ask, distance=None):
         settle(devices)
 
     with hub(devices.names) as sensors:
-        return proximity_calibration.calibrate(sensors, RING, distance, 0.25, question, said.append), said
+        return proximity_calibration.calibrate(sensors, RING, distance, 0.2, question, said.append), said
 
 
 class TestProximity:
     def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3", "--seconds", "0.25") as process:
+        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3", "--seconds", "0.2") as process:
             said = answer(process, devices, Hand(devices))
             assert process.returncode == 0, said
             printed = process.stdout.read()

@@ -119,7 +119,7 @@ class TestReadings:
     def robots(self, devices, robot):
         """One in front, over the end of the ring; one to the left and behind; one that is too far."""
         devices.robots = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
-        readings = told(robot, 1.0)
+        readings = told(robot, 0.6)
         assert readings.neighbours == 2
         places = sorted(robot.neighbours)
         assert places[0] == pytest.approx((0.4, 0.01), abs=0.01)
@@ -154,7 +154,7 @@ class TestReadings:
     def robots_after_a_turn(self, devices, robot):
         """What was seen before the robot turned is still where it was."""
         devices.robots = [(0.0, 0.4)]
-        told(robot, 1.0)
+        told(robot, 0.6)
         devices.silent = {"lidar"}
         devices.sensed["imu"]["yaw"] += 30.0
         told(robot)
@@ -321,7 +321,7 @@ def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
 
 def test_a_lidar_that_sees_nothing_is_noted(devices):
     def lidar_notes(robot):
-        robot.attend(time.monotonic() + 1.0)
+        robot.attend(time.monotonic() + 0.5)
         return [note for note in robot.notes if note.startswith("lidar")]
 
     with robot_on(devices, ()) as robot:

@@ -158,9 +158,8 @@ class Drive:
         finger = threading.Thread(target=repeat)
         finger.start()
         try:
-            self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
+            self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
             assert self.process.poll() is None, self.process.stderr.read()
-            time.sleep(0.25)
             yield
         finally:
             over.set()

@@ -192,11 +192,13 @@ class TestServices:
         for line in (
             "Type=notify",
             f"WorkingDirectory={tmp_path}",
+            f"ReadWritePaths={tmp_path}",
             "Restart=no",
             "KillSignal=SIGTERM",
             "WatchdogSec=2",
         ):
             assert f"\n{line}\n" in run
+        assert "ReadWritePaths" not in idle
         assert "[Install]" not in run  # nothing that starts it by itself
 
     def test_rest_waits_for_a_lidar_that_has_a_name(self, install, connected, root):

@@ -12,7 +12,7 @@ from mercator_design.robot.ports import open_port
 from mercator_design.robot.rvr import Host
 from mercator_design.robot.ydlidar import encode_command
 from tests.robot.devices import Devices
-from tests.robot.test_ways_out import LAST, free_port, running
+from tests.robot.ways import LAST, SOON, free_port, running
 
 
 @pytest.fixture
@@ -71,8 +71,17 @@ def test_after_a_program_that_was_killed(stop, devices):
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+SLOW = """
+import time
+from mercator_design.robot.mercator import Mercator
+close = Mercator.close
+Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
+"""
+"""Lets a run keep its ports for a while after its end."""
+
+
 def test_a_run_in_progress(robot_command, tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
         assert (code, err) == (0, "")

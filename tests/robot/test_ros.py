@@ -12,7 +12,7 @@ import pytest
 
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.robot import control, mercator, ros, ros_messages, safety
-from mercator_design.robot.ros import Node, Orders, serve
+from mercator_design.robot.ros import Node, Orders, Reports, serve
 from mercator_design.robot.ros_messages import PUBLISHED
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData
@@ -190,6 +190,30 @@ class TestOrders:
             orders.take_colours(leds(*[(1, 2, 3)] * 4, (0.0, level, 0.0)))
         assert orders.colours == before
         assert said == [f"rvr/rgb_leds: expected levels from 0 to 255, found (0.0, {level}, 0.0); ignored"]
+
+
+class TestReports:
+    """What is due, of a robot that is given."""
+
+    @pytest.fixture
+    def robot(self):
+        lidar, hub = Sample(0.9, ()), Sample(0.9, (0.5,) * 8)
+        return SimpleNamespace(
+            samples={**sampled(), "lidar": lidar, "proximity": hub}, label=lambda: "white", turn=lambda: [1.0] * BINS
+        )
+
+    def test_a_scan_has_the_time_of_its_beginning(self, robot):
+        reports = Reports(robot, "", 5.0)
+        assert "scan" not in dict(reports.due(1.0, 1001.0))  # nobody knows when this one began
+        robot.samples["lidar"] = Sample(1.05, ())
+        found = dict(reports.due(1.1, 1001.1))["scan"]
+        assert found["header"]["stamp"]["secs"] + 1e-9 * found["header"]["stamp"]["nsecs"] == pytest.approx(1000.9)
+        assert found["scan_time"] == pytest.approx(0.15)
+
+    def test_a_rate_that_is_no_part_of_the_cycles(self, robot):
+        reports = Reports(robot, "", 4.0)
+        told = [topic for k in range(100) for topic, _ in reports.due(0.1 * k, 0.1 * k)]
+        assert told.count("rvr/imu") == pytest.approx(40, abs=1)
 
 
 class FakeNode:

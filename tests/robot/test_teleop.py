@@ -12,11 +12,11 @@ import sys
 import termios
 import threading
 import time
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.robot.keyboard import keys
+from mercator_design.robot.keyboard import keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.multiflex import NOTHING
@@ -24,9 +24,8 @@ from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
+from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
-ROOT = Path(__file__).parents[2]
 RING = Settings().proximity_angles
 UP = b"\x1b[A"
 
@@ -47,6 +46,23 @@ class TestKeys:
             pressed, rest = keys(b"a" + UP[:cut])
             assert (pressed, rest) == (["left"], UP[:cut])
             assert keys(rest + UP[cut:]) == (["forward"], b"")
+
+
+def test_what_was_pressed_before_is_not_meant(monkeypatch):
+    fingers, terminal = os.openpty()
+    try:
+        os.write(fingers, b"ww")
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: terminal))
+        with keyboard() as opened:
+            os.write(fingers, b"d")
+            end, pressed = time.monotonic() + 10.0, []
+            while "right" not in pressed:
+                assert time.monotonic() < end
+                pressed += opened.pressed()
+        assert pressed == ["right"]
+    finally:
+        os.close(fingers)
+        os.close(terminal)
 
 
 class TestStick:
@@ -96,7 +112,6 @@ def faulty(self, now):
     return way(self, now)
 Stick.way = faulty
 """
-MAIN = "from mercator_design.robot.cli import main; main()"
 OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
 
 
@@ -114,7 +129,7 @@ class Drive:
         self.fingers, self.terminal = os.openpty()
         self.usual = termios.tcgetattr(self.terminal)
         self.process = subprocess.Popen(
-            [sys.executable, "-c", f"{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
+            [sys.executable, "-c", f"{SOON}{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stdin=self.terminal,
@@ -143,9 +158,8 @@ class Drive:
         finger = threading.Thread(target=repeat)
         finger.start()
         try:
-            self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
+            self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
             assert self.process.poll() is None, self.process.stderr.read()
-            time.sleep(0.25)
             yield
         finally:
             over.set()

@@ -23,8 +23,8 @@ import pytest
 import yaml
 
 from mercator_design.fleet.bundle import bundle
+from tests.twin.processes import events, twin
 from tests.twin.ros_client import COLOURS, TOPICS
-from tests.twin.test_runs import events, twin
 
 PYTHON = "/usr/bin/python3"
 CLIENT = Path(__file__).parent / "ros_client.py"

@@ -18,7 +18,7 @@ from mercator_design.robot.settings_file import change
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(
-    "--seconds", type=click.FloatRange(1.0, 60.0), default=3.0, show_default=True, help="Of each measurement."
+    "--seconds", type=click.FloatRange(0.2, 60.0), default=3.0, show_default=True, help="Of each measurement."
 )
 
 

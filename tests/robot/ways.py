@@ -10,8 +10,8 @@ import socket
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""
 ATTEMPTS = 3
-OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.0\n"
-"""Lets a program ask after the battery whenever it thinks of it."""
+OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.5\n"
+"""Lets a program ask after the battery more often."""
 
 
 def in_time(attempt):

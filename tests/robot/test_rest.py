@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -68,6 +69,24 @@ def test_after_a_program_that_was_killed(stop, devices):
         LAST,
     ]
     assert next(v for _, name, v in devices.commands if name == "enable_color_detection") == {"is_enabled": False}
+    devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
+
+
+def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices, tmp_path):
+    names = devices.names
+    (tmp_path / "robot.yaml").write_text(f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}}}\nswarm: {{port: null}}\n")
+    leave_running(devices)
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mercator_design.robot", "stop", "--robot", tmp_path / "robot.yaml"],
+            cwd=Path(__file__).parents[2],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, "Error: [Errno 28] No space left on device\n")
+    devices.rests_since()
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 

@@ -286,6 +286,12 @@ def roscore_ends(ros, process, client):
     return time.monotonic()
 
 
+def roscore_is_suspended(ros, process, client):
+    began = time.monotonic()
+    os.kill(asked(ros.uri, "getPid"), signal.SIGSTOP)
+    return began
+
+
 def tells(*values):
     def act(ros, process, client):
         with ros.client("say", *values) as other:
@@ -313,6 +319,7 @@ WAYS = {
     # what happens: how, seconds that it may go on, exit code, what is said
     "rosnode kill": (killed_by_its_name, 0.0, 4, "ros: the node was told to shut down"),
     "roscore ends": (roscore_ends, MASTER_LOOK, 4, "ros: no master at http://127.0.0.1:"),
+    "roscore suspended": (roscore_is_suspended, MASTER_LOOK + 2.0, 4, "ros: no master at http://127.0.0.1:"),
     "not a number": (tells("nan", 0.1), 0.0, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.1"),
     "too fast": (tells(0.1, 0.31), 0.0, 4, "found 0.1, 0.31"),
     "too many": (tells(0.1, 0.1, 0.1), 0.0, 4, "rvr/wheels_speed: expected 2 speeds, found 3"),

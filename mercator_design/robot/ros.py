@@ -121,7 +121,7 @@ class Node:
 
         Raises:
             RobotError: if that takes too long.
-            Exception: what it raises.
+            Exception: whatever the client raises.
         """
         ended: list[Exception | None] = []
 
@@ -134,9 +134,12 @@ class Node:
 
         thread = threading.Thread(target=attempt, daemon=True)
         thread.start()
-        thread.join(_REGISTER)
+        try:
+            thread.join(_REGISTER)
+        finally:
+            if not ended:
+                self.close()
         if not ended:
-            self.close()
             raise RobotError(f"ros: the master at {self._master} does not answer any more; does roscore run there?")
         if ended[0] is not None:
             raise ended[0]

@@ -1,6 +1,7 @@
 """mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
 
 import contextlib
+import errno
 import math
 import os
 import random
@@ -10,9 +11,10 @@ import time
 
 import pytest
 
-from mercator_design.errors import RobotError
-from mercator_design.robot import ground_calibration, proximity_calibration
+from mercator_design.errors import MercatorError, RobotError
+from mercator_design.robot import ground_calibration, person, proximity_calibration, settings_file
 from mercator_design.robot.cli import main
+from mercator_design.robot.cli.calibrate import _give
 from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.multiflex import NOTHING
@@ -113,6 +115,36 @@ class TestColor:
         assert not devices.drives()
         assert lamp(devices) == [True, False]
 
+    @pytest.mark.parametrize(
+        ("kind", "keys"),
+        [
+            (["color"], ["labels"]),
+            (["proximity"], ["proximity_angles"]),
+            (["proximity", "--distance", "0.3"], ["proximity_angles", "proximity_offsets"]),
+        ],
+    )
+    def test_before_anything_is_measured_the_file_is_tried(self, kind, keys, robot_command, tmp_path, monkeypatch):
+        def refuse(text, way, value):
+            raise ValueError
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(settings_file, "put", refuse)
+        words = f"Error: {file} is written in a way that cannot be changed; put {', '.join(keys)} there yourself\n"
+        assert robot_command("calibrate", *kind, "--robot", file) == (3, "", words)
+
+    def test_a_disk_that_is_full(self, tmp_path, monkeypatch, capsys):
+        def fail(_):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(os, "fsync", fail)
+        with pytest.raises(MercatorError, match=r"robot.yaml: cannot be written: No space left on device$"):
+            _give(file, labels=FLOOR)
+        assert capsys.readouterr().out.startswith("labels:\n  black: [7, 8, 6]\n")
+        assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
+
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
@@ -195,6 +227,24 @@ class TestColor:
         assert ", 1.0 standard deviations" in said  # of the wider of two
         (said,) = confused({"red": [(90.0, 90.0, 90.0)] * 60}, {"red": (90.0,) * 3, **labels} | {"white": (255.0,) * 3})
         assert said.startswith("red and gray are 0 levels apart, 0.0 standard deviations")
+
+
+def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
+    fingers, terminal = os.openpty()
+    monkeypatch.setattr(person, "_STDIN", terminal)
+    os.write(fingers, b"\n\n")
+    time.sleep(0.05)  # until the terminal has them
+    waited = []
+
+    def press():
+        waited.append(time.monotonic())
+        if len(waited) == 1:
+            os.write(fingers, b"\n")
+
+    person.ask("Wait", press)
+    assert len(waited) >= 2
+    os.close(fingers)
+    os.close(terminal)
 
 
 def counts(said):

@@ -82,6 +82,18 @@ def test_devices_that_fail(what, tmp_path):
     assert soonest(attempt) <= LATEST
 
 
+def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_path):
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.devices.deaf.add("rvr")
+            check(robot, 4, "rvr: it does not answer any more; is it switched on", zeros=False)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
+
+
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"])
 def test_signals(number, tmp_path):
     which = signal.Signals[number]

@@ -15,11 +15,13 @@ import serial
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.cli import main
 from mercator_design.robot.ports import open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.settings import read_settings
 from mercator_design.robot.ydlidar import Packet
+from mercator_design.twin.arena import Arena
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, open_log
 from mercator_design.twin.twin import Twin
@@ -258,6 +260,18 @@ class TestTheCommand:
         assert process.returncode == 0
         assert "of a core for each; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
+
+    def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
+        found = []
+
+        def rehearse(_, tell):
+            found.extend(map(signal.getsignal, (signal.SIGTERM, signal.SIGINT)))
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Arena, "rehearse", rehearse)
+        usual = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
+        assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
+        assert found == usual
 
     def test_it_ends_by_itself(self, tmp_path):
         with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:

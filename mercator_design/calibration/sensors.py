@@ -1,5 +1,6 @@
 """Each sensor of a robot model: what of its measurements in recordings counts, and the noise that fits them."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -108,9 +109,12 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
 
     Raises:
         RobotError: if a recording cannot be read, or is none.
-        MercatorError: if there is too little to learn from.
+        MercatorError: if there is too little to learn from, or a recording is there twice.
     """
     recordings = tuple(map(read_recording, paths))
+    for one, other in itertools.combinations(recordings, 2):
+        if one.start == other.start:
+            raise MercatorError(f"{other.path} is the same recording as {one.path}, which would count twice")
     scenes = [scene for recording in recordings for scene in recording.scenes]
     notes = [note for recording in recordings for note in _motion(recording)]
     robots = sorted({recording.start.get("robot", "?") for recording in recordings})

@@ -213,10 +213,11 @@ def test_a_port_that_is_closed_has_its_name_all_the_time(tmp_path):
         watching = threading.Thread(target=watch)
         watching.start()
         try:
-            for k in range(1, 11):
+            for k in range(10):
+                before = name.readlink()
                 with open_port("rvr", str(name)):
-                    wait_for(lambda: len(events(tmp_path, "port")) == 2 * k - 1)  # noqa: B023 - called at once
-                wait_for(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023
+                    wait_for(lambda: len(events(tmp_path, "port")) == 2 * k + 1)  # noqa: B023 - called at once
+                wait_for(lambda: name.readlink() != before)  # noqa: B023
         finally:
             over.set()
             watching.join()

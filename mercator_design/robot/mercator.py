@@ -177,8 +177,8 @@ class Mercator:
         Raises:
             Stopped: if a sense that is needed is stale.
         """
-        if stale := self.stale(time.monotonic()):
-            raise Stopped(stale)
+        for why in self.stale(time.monotonic()).values():
+            raise Stopped(why)
 
     def label(self) -> ColourName:
         """Of the floor: the one whose colour is nearest to the ground's."""
@@ -193,13 +193,14 @@ class Mercator:
         """Of a sample [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
 
-    def stale(self, now: float) -> str:
-        """What is wrong with the age of a sample that is needed; empty if nothing is."""
+    def stale(self, now: float) -> dict[str, str]:
+        """The samples that are needed and too old at a time [s], by name: what people should know of each."""
+        stale = {}
         for name, limit, device in self._needed:
             if (age := self.age(name, now)) > limit:
                 found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
-                return f"{name}: {found}; {self._talk.remedy(device)}"
-        return ""
+                stale[name] = f"{name}: {found}; {self._talk.remedy(device)}"
+        return stale
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
@@ -256,8 +257,8 @@ class Mercator:
         self.facts |= start_lidar(talk, self._lidar)
         start_hub(talk)
         talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
-        if stale := self.stale(time.monotonic()):
-            raise RobotError(stale)
+        for why in self.stale(time.monotonic()).values():
+            raise RobotError(why)
 
     def _watch_commands_end(self) -> None:
         """See whether a command to drive, at speed zero, ends by itself as it was told to.

@@ -6,13 +6,13 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NoReturn
+from typing import Any
 from urllib.parse import urlsplit
 
 from mercator_design.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot import ros_messages as messages
-from mercator_design.robot.control import arm, in_control
+from mercator_design.robot.control import in_control
 from mercator_design.robot.mercator import PERIOD, Mercator
 from mercator_design.robot.ros_messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.rvr_messages import LIGHTS
@@ -204,7 +204,7 @@ class Reports:
             yield "ranges", messages.range_array(later + self._measured, distances, self._namespace)
 
 
-def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Callable[[str], None]) -> NoReturn:
+def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Callable[[str], None]) -> None:
     """Be the robot's node, until something stops the wheels.
 
     Args:
@@ -219,20 +219,17 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         RobotError: if a device cannot be used.
         Signalled: if a signal came.
     """
-    with in_control(settings, _SENSES, settings.labels_of({}), None) as (robot, watchdog):
+    with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
+        robot = control.robot
         robot.introduce(tell)
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
         robot.report(tell)
         node.obey(robot.brake, orders)
-        arm(settings, robot, watchdog)
-        due = time.monotonic()
-        while True:
-            robot.attend(due)
+        control.arm()
+        for now in control.cycles(PERIOD):
             robot.check_ages()
-            now = time.monotonic()
             robot.brake.drive(*orders.speeds(now))
             robot.poll()
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)
-            due = max(due + PERIOD, time.monotonic())

@@ -492,6 +492,13 @@ class TestSwarm:
             assert "Traceback" not in error
             assert not robot.devices.drives()
 
+    def test_stop_while_it_waits_for_a_heartbeat(self, tmp_path):
+        with running(tmp_path, GO, ", heartbeat: 0.4") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when((robot.folder / "log.jsonl").exists)
+            robot.devices.when(lambda: (robot.folder / "log.jsonl").stat().st_size)
+            speaker.stop()
+            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+
     def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
         with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.bind(("", robot.port))

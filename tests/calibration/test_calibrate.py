@@ -1,6 +1,7 @@
 """`mdesign calibrate`, on recordings whose noise is known. Seeds are fixed; bounds have chances below 1e-6."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -125,6 +126,40 @@ def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
     assert [scene.name for scene in recording.scenes] == ["drive.jsonl, 0 to 14 s", "drive.jsonl, 23 to 40 s"]
 
 
+def test_yaw_goes_on_where_it_wraps(tmp_path):
+    found = measured(30.0, centres=only("attitude"))
+    times, values = found["attitude"]
+    values[:, 2] = (values[:, 2] + 0.002 * times - 0.03) % math.tau - math.pi
+    assert (values[0, 2] > 3.0, values[-1, 2] < -3.0) == (True, True)
+    assert not read_recording(write(tmp_path / "still.jsonl", found)).moves
+
+
+def test_beams_count_from_the_lidar_s_front(tmp_path):
+    ranges = 1.0 + 0.01 * np.arange(recordings.BEAMS)
+    found = {"lidar": (np.arange(40) / 7.0, np.tile(ranges, (40, 1)))}
+    for angle in (0.0, 0.5):
+        path = write(tmp_path / f"{angle}.jsonl", found, lidar_angle=angle)
+        (scene,) = read_recording(path).scenes
+        assert scene.sensors["lidar"].values == pytest.approx(np.tile([ranges[0], *ranges[:0:-1]], (40, 1)))
+        assert scene.sensors["lidar"].angles == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_drift_that_is_small_beside_the_noise_is_kept(calibrate, tmp_path):
+    """Though there is no doubt of it."""
+    found = measured(180.0, centres=only("ambient_light"))
+    times, values = found["ambient_light"]
+    values[:, 0] += 0.6 * 3.0 * times / 180.0
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "drift" not in notes
+    assert sensors["ambient_light"]["channels"] == 1
+
+
+def test_recordings_of_several_robots_are_told(calibrate, tmp_path):
+    files = [write(tmp_path / f"{k}.jsonl", measured(centres=only("turning")), robot=f"robot-{k}") for k in (1, 2)]
+    _, notes, _ = calibrate(*files)
+    assert "recordings of robot-1, robot-2: what is fitted is the noise of all of them together" in notes
+
+
 def test_what_is_left_out(calibrate, tmp_path):
     """What is cut off, drifts, or sees nothing; beams beside an edge and on a slanting wall."""
     centres = {name: [*CENTRES[name]] for name in ("ground", "proximity", "lidar")}
@@ -148,13 +183,49 @@ def test_what_is_left_out(calibrate, tmp_path):
     assert sensors["lidar"]["parameter"] == pytest.approx(0.005, rel=0.03)
 
 
+def test_wild_samples_are_no_noise(calibrate, tmp_path):
+    """Half a percent of them, anywhere, would widen it eightfold."""
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.005)}, centres=only("proximity"))
+    random, (_, distances) = np.random.default_rng(4), found["proximity"]
+    distances.flat[random.choice(distances.size, 15, replace=False)] = np.linspace(1.75, 1.9, 15).round(3)
+    distances[:4, 2] = 0.0  # too near to tell
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "proximity, still.jsonl: 15 of 2876 samples left out: they lie far from the others" in notes
+    assert (sensors["proximity"]["samples"], sensors["proximity"]["channels"]) == (2861, 8)
+    assert sensors["proximity"]["parameter"] == pytest.approx(0.005, rel=0.1)
+
+
+@pytest.mark.parametrize("sd", [0.4, 0.8, 1.4, 2.1])
+def test_noise_of_few_steps_has_no_wild_samples(calibrate, tmp_path, sd):
+    """Where the median of distances is a whole step, and tells little."""
+    noise = {"ground": recordings.gaussian(sd)}
+    centres = {"ground": [100.0, 120.5, 140.3]}
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=centres)))
+    assert sensors["ground"]["samples"] == 3600, notes
+    assert sensors["ground"]["parameter"] == pytest.approx(sd, rel=0.12)
+
+
+def test_a_channel_that_is_noisier_than_others_has_no_wild_samples(calibrate, tmp_path):
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.003)}, centres=only("proximity"))
+    _, distances = found["proximity"]
+    distances[:, 3] += np.random.default_rng(4).normal(0.0, 0.03, len(distances)).round(3)
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert sensors["proximity"]["samples"] == 2880, notes
+
+
+def test_beams_of_a_short_scene_are_flat(calibrate, tmp_path):
+    """By chance, means of a few samples differ by more than by a slanting wall, and samples seem to drift."""
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(5.5, centres=only("lidar"))))
+    assert sensors["lidar"]["channels"] >= recordings.BEAMS - 4, notes
+
+
 def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monkeypatch):
     """Where walls slant a little, ranges change with angles, here as much as by noise; that is no noise."""
     jitter, usual = np.random.default_rng(4), recordings.turn
 
-    def turn(ranges):
+    def turn(ranges, front):
         off = jitter.uniform(-0.02, 0.02)
-        return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges)]
+        return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges, front)]
 
     monkeypatch.setattr(recordings, "turn", turn)
     noise = {"lidar": recordings.gaussian(0.0005)}

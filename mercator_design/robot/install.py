@@ -7,6 +7,7 @@ systemd.
 """
 
 import contextlib
+import os
 import pwd
 import re
 import subprocess
@@ -19,7 +20,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.files import write_text
+from mercator_design.files import Unreadable, read_small, replacing
 from mercator_design.robot.findings import Finding
 from mercator_design.robot.ports import DeviceName, usb_port
 from mercator_design.robot.settings import Settings
@@ -148,16 +149,20 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
     """Write the files below a root, and let the system heed them if it is this system's.
 
     Raises:
-        RobotError: if one cannot be written, or another's is in its place; then nothing is written.
+        RobotError: if one cannot be written, or another's is in its place; then none is.
     """
     _refuse_foreign(files, root)
-    for place, text in files.items():
-        path = _below(root, place)
-        with _permitted(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_text(path, text)
-            path.chmod(0o644)
-        yield Finding(str(path), is_fine=True, words="written")
+    with contextlib.ExitStack() as drafts:
+        for place, text in files.items():
+            path = _below(root, place)
+            with _permitted(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                file = drafts.enter_context(replacing(path))
+                file.write(text.encode())
+                file.flush()
+                os.fchmod(file.fileno(), 0o644)
+    for place in files:
+        yield Finding(str(_below(root, place)), is_fine=True, words="written")
     yield from _run_all(AFTERWARDS, root)
 
 
@@ -236,9 +241,18 @@ def _below(root: Path, place: Path) -> Path:
 def _refuse_foreign(places: Iterable[Path], root: Path) -> None:
     for place in places:
         path = _below(root, place)
+        if not Path(os.path.realpath(path)).is_relative_to(root):
+            raise RobotError(f"{path}: a link leads out of {root}")
         with _permitted(path):
-            if path.exists() and not path.read_text(errors="replace").startswith(_OURS):
+            if path.exists() and not _is_ours(path):
                 raise RobotError(f"{path}: is not of mercator-robot's making; move it away")
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return read_small(path, 2**20).startswith(_OURS.encode())
+    except Unreadable:
+        return False
 
 
 @contextlib.contextmanager

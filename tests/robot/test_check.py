@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.robot import check as checking
+from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
 from tests.robot.devices import Devices
 
@@ -14,6 +15,7 @@ from tests.robot.devices import Devices
 @pytest.fixture
 def devices():
     with Devices() as devices:
+        devices.measuring = 0.02
         devices.robots = [(1.0, 2.0)]
         devices.millimetres = [500, 65535, 20, *[65535] * 5]
         yield devices
@@ -38,8 +40,10 @@ def processes(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def found(robot_command, devices, tmp_path, processes):
+def found(robot_command, devices, tmp_path, processes, monkeypatch):
     """Run it; gives exit code, what is fine, what is wrong, and messages."""
+
+    monkeypatch.setattr(checking, "_LISTEN", 0.5)
 
     def run(**ports):
         names = {name: getattr(devices.names, name) for name in ("rvr", "lidar", "proximity")} | ports
@@ -53,7 +57,8 @@ def found(robot_command, devices, tmp_path, processes):
     return run
 
 
-def test_a_robot_that_is_well(found, devices):
+def test_a_robot_that_is_well(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_LISTEN", 1.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.1.462"
@@ -81,7 +86,9 @@ def test_one_that_is_not(found, devices):
     assert (code, err) == (1, "Error: 5 wrong\n")
 
 
-def test_each_device_by_itself(found, devices):
+def test_each_device_by_itself(found, devices, monkeypatch):
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
@@ -91,6 +98,16 @@ def test_each_device_by_itself(found, devices):
     assert places == sorted(places)
     assert wrong["lidar"].startswith("/dev/no_such_port: no such port")
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
+
+
+@pytest.mark.parametrize(
+    ("firmware", "is_fine"), [((8, 3, 432), True), ((10, 0, 1), True), ((8, 10, 0), True), ((8, 3, 431), False)]
+)
+def test_firmware_is_compared_by_numbers(found, devices, monkeypatch, firmware, is_fine):
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.firmware = firmware
+    _, fine, _, _ = found()
+    assert ("firmware nordic" in fine) == is_fine
 
 
 def test_a_motor_that_does_not_turn(found, devices):

@@ -1,6 +1,7 @@
 """mercator-robot install: udev rules for what is connected, systemd's services, and their removal."""
 
 import getpass
+import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
+from mercator_design.files import replacing
 from mercator_design.robot import install as installation
 from mercator_design.robot.install import IDLE, LIMITS, RULES, RUN
 
@@ -192,11 +194,13 @@ class TestServices:
         for line in (
             "Type=notify",
             f"WorkingDirectory={tmp_path}",
+            f"ReadWritePaths={tmp_path}",
             "Restart=no",
             "KillSignal=SIGTERM",
             "WatchdogSec=2",
         ):
             assert f"\n{line}\n" in run
+        assert "ReadWritePaths" not in idle
         assert "[Install]" not in run  # nothing that starts it by itself
 
     def test_rest_waits_for_a_lidar_that_has_a_name(self, install, connected, root):
@@ -273,12 +277,40 @@ class TestFiles:
         assert set(files(root)) == {RUN}
 
     def test_no_permission(self, install, root, monkeypatch):
-        def refuse(path, _):
-            raise PermissionError(13, "Permission denied", path)
+        def refuse(path):
+            if path == root / RUN.relative_to("/"):
+                raise PermissionError(13, "Permission denied", path)
+            return replacing(path)
 
-        monkeypatch.setattr(installation, "write_text", refuse)
+        monkeypatch.setattr(installation, "replacing", refuse)
         code, _, err = install()
-        assert (code, err) == (1, f"Error: {root}{RULES}: no permission; use sudo\n")
+        assert (code, err) == (1, f"Error: {root}{RUN}: no permission; use sudo\n")
+        assert not files(root)
+
+    def test_a_folder_that_cannot_be_made(self, install, root):
+        (root / "etc/security").mkdir(parents=True)
+        (root / "etc/systemd").write_text("")
+        code, _, err = install()
+        assert (code, err) == (1, f"Error: {root}{IDLE}: Not a directory\n")
+        assert set(files(root)) == {Path("/etc/systemd")}
+
+    @pytest.mark.parametrize("option", [[], ["--uninstall"]])
+    def test_a_pipe_in_the_place(self, install, root, option):
+        path = root / LIMITS.relative_to("/")
+        path.parent.mkdir(parents=True)
+        os.mkfifo(path)
+        code, _, err = install(*option)
+        assert (code, err) == (1, f"Error: {path}: is not of mercator-robot's making; move it away\n")
+
+    @pytest.mark.parametrize("option", [[], ["--uninstall"]])
+    def test_a_link_that_leads_out_of_the_root(self, install, root, tmp_path, option):
+        install()
+        (root / "etc").rename(tmp_path / "etc")
+        (root / "etc").symlink_to(tmp_path / "etc")
+        before = files(tmp_path)
+        code, _, err = install(*option)
+        assert (code, err) == (1, f"Error: {root}{RULES}: a link leads out of {root}\n")
+        assert files(tmp_path) == before
 
     def test_a_dry_run(self, install, root):
         code, out, err = install("--dry-run")

@@ -65,7 +65,7 @@ def test_an_rvr_that_takes_time_to_wake_up(talk, line):
         awake.set()
         line.say(line.robot.notify("did_wake"))
 
-    waking = threading.Timer(0.2, wake)
+    waking = threading.Timer(0.1, wake)
 
     def answer(commands):
         asked = commands[-1]

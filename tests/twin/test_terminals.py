@@ -16,7 +16,7 @@ import serial
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.cli import main
-from mercator_design.robot.ports import open_ports
+from mercator_design.robot.ports import open_port, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.settings import read_settings
@@ -199,6 +199,31 @@ def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
         wait_for(name.exists)
         with serial.Serial(str(name), 115_200) as port:
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)
+
+
+def test_a_port_that_is_closed_has_its_name_all_the_time(tmp_path):
+    """Though it is another one then: who waits for a port must not be told that there is none."""
+    with running(tmp_path) as terminals:
+        name = Path(port_names(terminals.robots[0]).rvr)
+        over, missing = threading.Event(), []
+
+        def watch():
+            while not over.is_set():
+                if not name.is_symlink():
+                    missing.append(name)
+
+        watching = threading.Thread(target=watch)
+        watching.start()
+        try:
+            for k in range(10):
+                before = name.readlink()
+                with open_port("rvr", str(name)):
+                    wait_for(lambda: len(events(tmp_path, "port")) == 2 * k + 1)  # noqa: B023 - called at once
+                wait_for(lambda: name.readlink() != before)  # noqa: B023
+        finally:
+            over.set()
+            watching.join()
+    assert not missing
 
 
 def test_nothing_is_left_behind(tmp_path):

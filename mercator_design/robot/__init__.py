@@ -14,7 +14,7 @@
     mercator    the robot as one object: sensors, wheels, lamps
     safety      what keeps the wheels from turning when nobody is in control of them
     swarm       what is told to all robots
-    log         what happened in a run, and the same decisions again
+    log         what happened in a run, and the same decisions again; log_events: what its events must be
     recording   what sensors measure, as it comes
     control     a robot that somebody has control of
     runner      a run

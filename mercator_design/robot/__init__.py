@@ -8,7 +8,7 @@
     settings    what is particular to one robot: robot.yaml
     settings_file  changes to it, at their place
     talk        what the devices are told and asked, and what is heard meanwhile
-    start       what each device is told before it is of use
+    start       what each device is told before it is of use, and to be at rest again
     samples     measurements of the RVR and the hub, with axes and units converted
     sweep       the lidar's last turn
     mercator    the robot as one object: sensors, wheels, lamps

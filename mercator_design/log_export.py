@@ -17,6 +17,7 @@ from mercator_design.checked_lines import Event
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.log import condition_met, controller_of, read, understanding
+from mercator_design.robot.samples import FIELDS
 from mercator_design.robot.sweep import BINS, STEP
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
@@ -24,18 +25,7 @@ Message: TypeAlias = tuple[str, Mapping[str, Any]]
 Row: TypeAlias = dict[str, object]
 """Cells by their columns; those that are left out are empty."""
 
-_SENSED: Mapping[str, tuple[str, ...]] = {
-    "acceleration": ("x", "y", "z"),
-    "turning": ("x", "y", "z"),
-    "attitude": ("roll", "pitch", "yaw"),
-    "orientation": ("w", "x", "y", "z"),
-    "position": ("x", "y"),
-    "velocity": ("x", "y"),
-    "ground": ("red", "green", "blue"),
-    "ambient_light": ("lux",),
-    "proximity": tuple(f"distance_{k}" for k in range(8)),
-    "lidar": (),
-}
+_SENSED: Mapping[str, tuple[str, ...]] = {**FIELDS, "lidar": ()}
 """The values of each sensor's samples in a log, by name."""
 
 _INFO = 2
@@ -68,10 +58,21 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "/readings": ("mercator.Readings", _numbers(Readings._fields)),
     "/draws": ("mercator.Draws", _object(draws=_array(_NUMBER))),
     "/wheels": ("mercator.Wheels", _numbers(Wheels._fields)),
+    "/treads": ("mercator.Treads", _numbers(Wheels._fields)),
     "/neighbours": ("mercator.Neighbours", _object(places=_array(_numbers(("distance", "bearing"))))),
     "/odometry": (
         "foxglove.PoseInFrame",
         _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE),
+    ),
+    "/tf": (
+        "foxglove.FrameTransform",
+        _object(
+            timestamp=_TIME,
+            parent_frame_id=_STRING,
+            child_frame_id=_STRING,
+            translation=_numbers("xyz"),
+            rotation=_numbers("xyzw"),
+        ),
     ),
     "/lidar": (
         "foxglove.LaserScan",
@@ -101,11 +102,12 @@ class _Log:
     """A log event by event, with what follows from its start.
 
     columns: Of its table.
-    unit: What is counted of it.
+    counted, unit: Events that are counted, and as what.
     time: Of the latest event [s since 1970].
     """
 
     columns: Sequence[str]
+    counted: Sequence[str]
     unit: str
 
     def __init__(self, start: Event, events: Iterator[Event]) -> None:
@@ -119,9 +121,10 @@ class _Log:
         for event in self._events:
             if event["event"] == "end":
                 self._why = event["why"]
-            elif event["event"] != "note":
-                self._count += 1
+            elif "time" in event:  # notes of older logs have none
                 self.time = self._began + event["time"]
+            if event["event"] in self.counted:
+                self._count += 1
             yield event
 
     def rows(self, event: Event) -> Iterator[Row]:
@@ -150,6 +153,7 @@ class _Run(_Log):
         "neighbour_places",
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
     )
+    counted = ("cycle",)
     unit = "cycles"
 
     def __init__(self, start: Event, events: Iterator[Event]) -> None:
@@ -198,38 +202,55 @@ class _Run(_Log):
                 yield f"/sensors/{name}", _present(values)
             if {"position", "attitude"} <= event["sensed"].keys():
                 position, yaw = event["sensed"]["position"], event["sensed"]["attitude"]["yaw"]
-                stamp, pose = _stamp(self.time - position["age"]), _pose(position["x"], position["y"], yaw)
-                yield "/odometry", {"timestamp": stamp, "frame_id": "start", "pose": pose}
+                yield from _stands(self.time - position["age"], position["x"], position["y"], yaw)
 
 
 class _Recording(_Log):
     columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
+    counted = ("sample", "turn")
     unit = "samples and turns"
+    _yaw: float | None = None  # the latest
 
     def rows(self, event: Event) -> Iterator[Row]:
-        if event["event"] in ("sample", "turn"):
-            cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event["time"]}
-            cells["sensor"] = event.get("sensor", "lidar")
-            for values in event.get("readings", [event.get("values")]):
-                yield cells | {f"value_{k}": _cell(value) for k, value in enumerate(values)}
+        match event["event"]:
+            case "sample":
+                sensor, rows = event["sensor"], [event["values"]]
+            case "turn":
+                sensor, rows = "lidar", event["readings"]
+            case "wheels":
+                sensor, rows = "wheels", [[event[side] for side in Wheels._fields]]
+            case _:
+                return
+        cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event["time"], "sensor": sensor}
+        for values in rows:
+            yield cells | {f"value_{k}": _cell(value) for k, value in enumerate(values)}
 
     def messages(self, event: Event) -> Iterator[Message]:
         yield from super().messages(event)
-        if event["event"] == "sample":
-            yield f"/sensors/{event['sensor']}", _present(_named(event["sensor"], event["values"]))
-        elif event["event"] == "turn":
-            yield (
-                "/lidar",
-                {
-                    "timestamp": _stamp(self.time),
-                    "frame_id": "robot",
-                    "pose": _pose(0.0, 0.0, 0.0),
-                    "start_angle": 0.0,
-                    "end_angle": (BINS - 1) * STEP,
-                    "ranges": _even(event["readings"]),
-                    "intensities": [],
-                },
-            )
+        match event["event"]:
+            case "sample":
+                sensor, values = event["sensor"], event["values"]
+                yield f"/sensors/{sensor}", _present(_named(sensor, values))
+                if sensor == "attitude":
+                    _, _, self._yaw = values
+                if sensor == "position" and self._yaw is not None:
+                    x, y = values
+                    yield from _stands(self.time, x, y, self._yaw)
+            case "turn":
+                yield (
+                    "/lidar",
+                    {
+                        "timestamp": _stamp(self.time),
+                        "frame_id": "robot",
+                        "pose": _pose(0.0, 0.0, 0.0),
+                        "start_angle": 0.0,
+                        "end_angle": (BINS - 1) * STEP,
+                        "ranges": _even(event["readings"]),
+                        "intensities": [],
+                    },
+                )
+            case "wheels":
+                yield "/treads", {side: event[side] for side in Wheels._fields}
 
 
 _KINDS: Mapping[str, type[_Log]] = {"run": _Run, "recording": _Recording}
@@ -297,6 +318,22 @@ def _cell(value: float | None) -> float:
 def _present(values: Mapping[str, float | None]) -> dict[str, float | None]:
     """Values as a message has them: without those of nothing."""
     return {name: value for name, value in values.items() if value is not None}
+
+
+def _stands(time: float, x: float, y: float, heading: float) -> Iterator[Message]:
+    """Where the robot says that it is, as a pose to look at, and so that what it sees is shown there."""
+    stamp, pose = _stamp(time), _pose(x, y, heading)
+    yield "/odometry", {"timestamp": stamp, "frame_id": "start", "pose": pose}
+    yield (
+        "/tf",
+        {
+            "timestamp": stamp,
+            "parent_frame_id": "start",
+            "child_frame_id": "robot",
+            "translation": pose["position"],
+            "rotation": pose["orientation"],
+        },
+    )
 
 
 def _pose(x: float, y: float, heading: float) -> dict[str, Any]:

@@ -141,7 +141,7 @@ class TestMcap:
         assert (statistics.message_start_time, statistics.message_end_time) == (times[0], times[-1])
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {
-            "/state", "/readings", "/draws", "/wheels", "/neighbours", "/odometry", "/notes",
+            "/state", "/readings", "/draws", "/wheels", "/neighbours", "/odometry", "/tf", "/notes",
             *(f"/sensors/{name}" for name in SENSORS),
         }  # fmt: skip
         for number, channel in summary.channels.items():
@@ -159,7 +159,7 @@ class TestMcap:
                 assert described["title"] == schema.name
                 validators[schema.id] = Draft202012Validator(closed(described))
             validators[schema.id].validate(json.loads(message.data))
-        assert len(validators) == 17
+        assert len(validators) == 18
 
     def test_messages_are_what_the_log_has(self, reader, cycles, events):
         said = {}
@@ -183,6 +183,13 @@ class TestMcap:
                 assert [*at[f"/sensors/{name}"].values()] == [value for value in values if value is not None]
             stamp, pose = at["/odometry"]["timestamp"], at["/odometry"]["pose"]
             assert [pose["position"]["x"], pose["position"]["y"]] == event["sensed"]["position"][1:]
+            assert at["/tf"] == {
+                "timestamp": stamp,
+                "parent_frame_id": "start",
+                "child_frame_id": "robot",
+                "translation": pose["position"],
+                "rotation": pose["orientation"],
+            }
             yaw = 2 * math.atan2(pose["orientation"]["z"], pose["orientation"]["w"])
             assert math.cos(yaw - event["sensed"]["attitude"][3]) == pytest.approx(1.0)
             age = message.log_time - (10**9 * stamp["sec"] + stamp["nsec"])
@@ -200,11 +207,12 @@ class TestMcap:
 
 
 SAMPLES = {
+    "position": [0.5, -0.1],
     "attitude": [0.01, -0.02, 3.1],
     "ground": [120, 121, 119],
     "proximity": [0.4, None, 0.0, 1.5, 1.6, 1.7, 1.8, 1.9],
 }
-TURN = [(0.0, 0.31), (0.001, 0.3), (0.01, 0.0), (0.5 * math.pi, 2.5), (6.28, 0.4)]
+TURN = [(0.0, 0.31), (0.001, 0.3), (0.002, 0.32), (0.01, 0.0), (0.5 * math.pi, 2.5), (6.28, 0.4)]
 
 
 @pytest.fixture(scope="module")
@@ -216,6 +224,7 @@ def recording(tmp_path_factory):
             for sensor, values in SAMPLES.items():
                 log.note("sample", time=0.05 * k, sensor=sensor, values=values)
             log.note("turn", time=0.05 * k + 0.01, readings=TURN)
+            log.note("wheels", time=0.05 * k + 0.02, left=0.1 * k, right=-0.1 * k)
         log.note("note", time=0.2, text="lidar: nothing for 0.70 s")
     return path
 
@@ -224,7 +233,7 @@ class TestRecordings:
     def test_a_table_has_a_row_for_each_sample_and_reading(self, recording, mdesign, tmp_path):
         code, out, err = mdesign("export", "csv", recording, "-o", tmp_path / "table.csv")
         assert (code, out) == (0, "")
-        assert err.endswith("table.csv: 12 samples and turns; The duration is over\n")
+        assert err.endswith("table.csv: 15 samples and turns; The duration is over\n")
         table = pd.read_csv(tmp_path / "table.csv")
         assert table.robot.unique().tolist() == ["mercator-3"]
         for sensor, values in SAMPLES.items():
@@ -234,6 +243,9 @@ class TestRecordings:
             for row in rows[[f"value_{k}" for k in range(8)]].to_numpy().tolist():
                 assert row[: len(told)] == told
                 assert all(map(math.isnan, row[len(told) :]))
+        treads = table[table.sensor == "wheels"]
+        assert treads.time.tolist() == pytest.approx([0.02, 0.07, 0.12])
+        assert treads[["value_0", "value_1"]].to_numpy().tolist() == [[0.1 * k, -0.1 * k] for k in range(3)]
         turns = table[table.sensor == "lidar"]
         assert turns[["value_0", "value_1"]].to_numpy().tolist() == [[*reading] for reading in 3 * TURN]
         start = datetime.fromisoformat(next(read(recording, "recording"))["time"]).timestamp()
@@ -242,21 +254,34 @@ class TestRecordings:
     def test_messages(self, recording):
         file = io.BytesIO()
         write_mcap(recording, file)
-        said = {}
+        said, times = {}, {}
         for schema, channel, message in make_reader(io.BytesIO(file.getvalue()), validate_crcs=True).iter_messages():
             told = json.loads(message.data)
             Draft202012Validator(closed(json.loads(schema.data))).validate(told)
             said.setdefault((channel.topic, schema.name), []).append(told)
+            times.setdefault(channel.topic, []).append(message.log_time)
         assert {key: len(messages) for key, messages in said.items()} == {
             ("/sensors/attitude", "mercator.Attitude"): 3,
             ("/sensors/ground", "mercator.Ground"): 3,
             ("/sensors/proximity", "mercator.Proximity"): 3,
+            ("/sensors/position", "mercator.Position"): 3,
+            ("/odometry", "foxglove.PoseInFrame"): 2,  # from the first attitude on
+            ("/tf", "foxglove.FrameTransform"): 2,
             ("/lidar", "foxglove.LaserScan"): 3,
+            ("/treads", "mercator.Treads"): 3,
             ("/notes", "foxglove.Log"): 2,
         }
         assert said["/sensors/attitude", "mercator.Attitude"][0] == {"roll": 0.01, "pitch": -0.02, "yaw": 3.1}
         assert "distance_1" not in said["/sensors/proximity", "mercator.Proximity"][0]
-        assert said["/notes", "foxglove.Log"][0]["message"] == "lidar: nothing for 0.70 s"
+        assert said["/treads", "mercator.Treads"][1] == {"left": 0.1, "right": -0.1}
+        pose = said["/odometry", "foxglove.PoseInFrame"][0]["pose"]
+        assert pose["position"] == {"x": 0.5, "y": -0.1, "z": 0.0}
+        assert pose["orientation"]["w"] == pytest.approx(math.cos(1.55))
+        note, end = said["/notes", "foxglove.Log"]
+        assert (note["message"], end["message"]) == ("lidar: nothing for 0.70 s", "The end: The duration is over")
+        start = pd.Timestamp(next(read(recording, "recording"))["time"]).value
+        assert times["/treads"] == [start + 10**6 * ms for ms in (20, 70, 120)]
+        assert times["/notes"] == [start + 200 * 10**6] * 2
 
     def test_ranges_lie_at_their_angles(self, recording):
         file = io.BytesIO()

@@ -131,7 +131,7 @@ def _beams(times: Floats, turns: list[Floats], start: Mapping[str, Any]) -> Seri
 
 def _moves(series: Mapping[str, Series]) -> Iterator[tuple[float, float]]:
     """Begin and end of each time in which the robot was moved [s]."""
-    blocks = [_changes(series[name], least) for name, least in _MOVES.items() if name in series]
+    blocks = [_changes(name, series[name]) for name in _MOVES if name in series]
     moved = np.zeros(max(map(len, blocks), default=0), dtype=bool)
     for block in blocks:
         moved[: len(block)] |= block
@@ -150,16 +150,16 @@ def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
             yield int(run[0]), int(run[-1])
 
 
-def _changes(series: Series, least: float) -> NDArray[np.bool_]:
+def _changes(name: str, series: Series) -> NDArray[np.bool_]:
     """Whether the mean of a sensor changes from each block of time to the next."""
     block = (series.times / _BLOCK).astype(int)
     n = np.maximum(np.bincount(block), 1)
     changed = np.zeros(len(n) - 1, dtype=bool)
     for channel in series.values.T:
-        values = np.unwrap(channel) if least == _MOVES["attitude"] else channel
+        values = np.unwrap(channel) if name == "attitude" else channel
         means = np.bincount(block, values) / n
         sd = np.sqrt(np.median(np.bincount(block, (values - means[block]) ** 2) / n))
         there = (n[1:] > 1) & (n[:-1] > 1)
         error = sd * np.sqrt(1.0 / n[1:] + 1.0 / n[:-1])
-        changed |= there & (np.abs(np.diff(means)) > least + _SIGNIFICANT * error)
+        changed |= there & (np.abs(np.diff(means)) > _MOVES[name] + _SIGNIFICANT * error)
     return changed

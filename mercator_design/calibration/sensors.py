@@ -1,8 +1,10 @@
 """Each sensor of a robot model: what of its measurements in recordings counts, and the noise that fits them."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,8 +25,10 @@ LEAST = 100
 
 _LEAST_OF_CHANNEL = 20
 _PRESENT = 0.5  # of its measurements a channel must have
+_FAR = 6.0  # standard deviations from what a channel usually measures
 _MARGIN = 4.0  # standard deviations to the ends of the range
-_SLANT = 0.3  # standard deviations from one beam to the next
+_SLANT = 0.3  # standard deviations from one beam to the next ...
+_SIGNIFICANT = 3.0  # ... or standard errors of that, which are more in a short scene
 _SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
 _DRIFT = 1e-9  # chance of a drift where there is none
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
@@ -67,16 +71,17 @@ class Measured:
     """What is known of a sensor's noise.
 
     samples, channels, scenes: How many measurements counted, of how many channels, which are others in each scene.
-    noise: None if there is none, or less than a step.
     step: Between measurements next to each other; 0 if all are the same.
+    noise: None if there is none, or less than a step; then `why_none` says which.
     """
 
     sensor: Sensor
     samples: int
     channels: int
     scenes: int
-    noise: Noise | None
     step: float
+    noise: Noise | None
+    why_none: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,11 +109,17 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
 
     Raises:
         RobotError: if a recording cannot be read, or is none.
-        MercatorError: if there is too little to learn from.
+        MercatorError: if there is too little to learn from, or a recording is there twice.
     """
     recordings = tuple(map(read_recording, paths))
+    for one, other in itertools.combinations(recordings, 2):
+        if one.start == other.start:
+            raise MercatorError(f"{other.path} is the same recording as {one.path}, which would count twice")
     scenes = [scene for recording in recordings for scene in recording.scenes]
     notes = [note for recording in recordings for note in _motion(recording)]
+    robots = sorted({recording.start.get("robot", "?") for recording in recordings})
+    if len(robots) > 1:
+        notes.append(f"recordings of {', '.join(robots)}: what is fitted is the noise of all of them together")
     measured = []
     for number, sensor in enumerate(SENSORS):
         part = getattr(base, sensor.key)
@@ -152,24 +163,27 @@ def _measured(
             told_by += values.shape[1] > 0
     samples = sum(map(len, channels))
     if samples - len(channels) < LEAST:
-        found = f"{samples} samples of {len(channels)} channels" if channels else "no sample"
+        usable = f"{samples} samples of {len(channels)} channels" if channels else "no sample"
         notes.append(
-            f"{sensor.key}: expected at least {LEAST} samples more than channels, found {found} that can be used"
+            f"{sensor.key}: expected at least {LEAST} samples more than channels, found {usable} that can be used"
         )
         return None
     step = _step(channels)
-    if step > 0.0 and (levels := _levels(channels, step)) is not None:
-        noise = fit_noise(levels, random)
-        notes += _doubts(sensor, noise)
-        together, apart = map(sum, zip(*follow, strict=True))
-        if together > _FOLLOWING * apart:
-            notes.append(
-                f"{sensor.key}: samples resemble those before them (correlation {together / apart:.2f}), so there is "
-                "less to learn from than it seems"
-            )
-    else:
-        noise = None
-    return Measured(sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, noise=noise, step=step)
+    found = partial(Measured, sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, step=step)
+    if step == 0.0:
+        return found(noise=None, why_none="all samples of a channel are equal")
+    levels = _levels(channels, step)
+    if levels is None:
+        return found(noise=None, why_none=f"less than the step of its values, {step:.3g}")
+    noise = fit_noise(levels, random)
+    notes += _doubts(sensor, noise)
+    together, apart = map(sum, zip(*follow, strict=True))
+    if together > _FOLLOWING * apart:
+        notes.append(
+            f"{sensor.key}: samples resemble those before them (correlation {together / apart:.2f}), so there is "
+            "less to learn from than it seems"
+        )
+    return found(noise=noise)
 
 
 def _doubts(sensor: Sensor, noise: Noise) -> Iterator[str]:
@@ -180,29 +194,33 @@ def _doubts(sensor: Sensor, noise: Noise) -> Iterator[str]:
 
 
 def _usable(series: Series, scale: float, limits: tuple[float, float], where: str, notes: list[str]) -> Floats:
-    """What is measured by the channels that can be used (n, channels)."""
+    """What is measured by the channels that can be used (n, channels); notes tell of the others."""
     values = scale * series.values
-    number = values.shape[1]
-    use = np.arange(number)
-
-    def keep(good: NDArray[np.bool_], why: str) -> None:
-        nonlocal use
-        if not good[use].all():
-            notes.append(f"{where}: {np.sum(~good[use])} of {number} channels left out: {why}")
-        use = use[good[use]]
-
+    everything = np.ones(values.shape[1], dtype=bool)
     seen = np.sum(~np.isnan(values), axis=0)
-    keep(seen >= max(_PRESENT * len(values), 1), f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time")
-    keep(seen >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples")
-    if series.angles is not None and len(use):
-        keep(_is_flat(values, use), "what they see is slanting, or has an edge")
+    why = f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time"
+    use = _kept(everything, seen >= max(_PRESENT * len(values), 1), why, where, notes)
+    use = _kept(use, seen >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples", where, notes)
+    far = _far_out(values, use)
+    values = np.where(far, np.nan, values)
+    if series.angles is not None and use.any():
+        use = _kept(use, _is_flat(values, use), "what they see is slanting, or has an edge", where, notes)
         values = _level(values, series.angles)
     low, high = limits
     centres, sd = _moments(values)
     inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
-    keep(inside, f"too near to the ends of the range, {low:g} to {high:g}")
-    keep(*_steady(series.times, values, use))
+    use = _kept(use, inside, f"too near to the ends of the range, {low:g} to {high:g}", where, notes)
+    use = _kept(use, *_steady(series.times, values, use), where, notes)
+    if out := np.sum(far[:, use]):
+        notes.append(f"{where}: {out} of {np.sum(seen[use])} samples left out: they lie far from the others")
     return values[:, use]
+
+
+def _kept(use: NDArray[np.bool_], good: NDArray[np.bool_], why: str, where: str, notes: list[str]) -> NDArray[np.bool_]:
+    """The channels in use that are good; a note tells how many are not, and why."""
+    if out := np.sum(use & ~good):
+        notes.append(f"{where}: {out} of {len(use)} channels left out: {why}")
+    return use & good
 
 
 def _moments(values: Floats) -> tuple[Floats, Floats]:
@@ -213,12 +231,30 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
         return means, np.sqrt(np.nansum((values - means) ** 2, axis=0) / n)
 
 
-def _is_flat(values: Floats, use: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _far_out(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What channels in use measure so far from their median that noise of any usual kind would never reach it.
+
+    A standard deviation is that of a Gaussian with the same median of distances, which may be half a step more than
+    what is found, as they are rounded: that of the channel, or of all if that is larger.
+    """
+    far = np.zeros(values.shape, dtype=bool)
+    if use.any():
+        used = values[:, use]
+        distances = np.abs(used - np.nanmedian(used, axis=0))
+        usual = np.maximum(np.nanmedian(distances, axis=0), np.nanmedian(distances))
+        step = _step([channel[~np.isnan(channel)] for channel in used.T])
+        far[:, use] = distances > _FAR * (usual + 0.5 * step) / stats.norm.ppf(0.75)
+    return far
+
+
+def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which beams see what those beside them see, so that it matters little where exactly they go."""
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
-    found: NDArray[np.bool_] = np.maximum(steps, np.roll(steps, -1)) <= _SLANT * np.median(sd[use])
-    return found
+    n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
+    limits = np.median(sd[use]) * np.maximum(_SLANT, _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
+    like_before: NDArray[np.bool_] = steps <= limits
+    return like_before & np.roll(like_before, -1)
 
 
 def _level(values: Floats, angles: Floats) -> Floats:
@@ -230,10 +266,10 @@ def _level(values: Floats, angles: Floats) -> Floats:
     return found
 
 
-def _steady(times: Floats, values: Floats, use: NDArray[np.intp]) -> tuple[NDArray[np.bool_], str]:
+def _steady(times: Floats, values: Floats, use: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], str]:
     """Which of the channels in use do not drift by more than their noise in a scene; how much the worst one does."""
     steady, worst = np.ones(values.shape[1], dtype=bool), 0.0
-    for k in use:
+    for k in np.flatnonzero(use):
         there = ~np.isnan(values[:, k])
         time, channel = times[there], values[there, k]
         line = stats.linregress(time, channel)

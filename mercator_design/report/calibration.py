@@ -105,7 +105,7 @@ def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
 
 def _cells(one: Measured) -> tuple[object, ...]:
     if one.noise is None:
-        return (f"none: {_why_none(one)}", None, None, None)
+        return (f"none: {one.why_none}", None, None, None)
     noise, unit = one.noise, one.sensor.unit
     low, high = noise.interval
     return (
@@ -120,15 +120,9 @@ def _words(noise: Noise) -> str:
     return f"{noise.family.name}, {noise.family.parameter.replace('_', ' ')} {noise.parameter:.4g}"
 
 
-def _why_none(one: Measured) -> str:
-    return (
-        "all samples of a channel are equal" if one.step == 0.0 else f"less than the step of its values, {one.step:.3g}"
-    )
-
-
 def _written(one: Measured) -> str:
     if one.noise is None:
-        return f"null  # {_why_none(one)}; {one.samples} samples"
+        return f"null  # {one.why_none}; {one.samples} samples"
     noise = one.noise
     low, high = noise.interval
     value = f"{{distribution: {noise.family.name}, {noise.family.parameter}: {noise.parameter:.4g}}}"

@@ -12,6 +12,23 @@ STANDARD_GRAVITY = 9.80665
 """[m/s2] One g of what the RVR tells."""
 
 
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "acceleration": ("x", "y", "z"),  # [m/s2]
+    "turning": ("x", "y", "z"),  # [rad/s]
+    "attitude": ("roll", "pitch", "yaw"),  # [rad]
+    "orientation": ("w", "x", "y", "z"),
+    "position": ("x", "y"),  # [m] along the axes at the start
+    "velocity": ("x", "y"),  # [m/s] along the axes at the start
+    "ground": ("red", "green", "blue"),  # 0 to 255
+    "ambient_light": ("lux",),
+    "proximity": tuple(f"distance_{k}" for k in range(8)),  # [m], in the hub's order
+}
+"""What is measured, by name, and the values of a sample.
+
+A distance is infinite where nothing is in sight, minus infinite where something is too near.
+"""
+
+
 class Sample(NamedTuple):
     """What a sensor told, and when it came [s]."""
 
@@ -40,12 +57,7 @@ STREAMED = tuple(_CONVERT)
 
 
 def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
-    """What an event measured, by name; nothing of most events.
-
-    acceleration [m/s2], turning [rad/s], attitude (roll, pitch, yaw) [rad], orientation (w, x, y, z), position [m] and
-    velocity [m/s] along the axes at the start, ground (red, green, blue of 0 to 255), ambient_light [lux], proximity
-    [m] in the order of the hub: infinite where nothing is in sight, minus infinity where something is too near.
-    """
+    """What an event measured, by the names of FIELDS; nothing of most events."""
     match event:
         case StreamData(is_valid=True):
             for service, values in event.values.items():

@@ -63,9 +63,9 @@ def measured(seconds=30.0, seed=1, noise=NOISE, centres=CENTRES):
     return found
 
 
-def turn(ranges):
-    """Readings of a turn: clockwise, and where the decoder's correction has them."""
-    raw = -np.arange(len(ranges)) * math.tau / len(ranges)
+def turn(ranges, front=0.0):
+    """Readings of a turn: clockwise from the lidar's front, and where the decoder's correction has them."""
+    raw = front - np.arange(len(ranges)) * math.tau / len(ranges)
     angles = [
         round((angle + (correction(r) if r > 0.0 else 0.0)) % math.tau, 5) for angle, r in zip(raw, ranges, strict=True)
     ]
@@ -79,21 +79,22 @@ def write(path, found, **start):
         "kind": "recording",
         "format": FORMAT,
         "robot": "tester",
-        "time": "today",
+        "time": "2026-01-01T12:00:00+00:00",
         "lidar_angle": 0.0,
+        **start,
     }
     events = []
     for sensor, (times, values) in found.items():
         for time, row in zip(times.tolist(), values.tolist(), strict=True):
             event = {"time": round(time, 4)}
             if sensor == "lidar":
-                event |= {"event": "turn", "readings": turn(row)}
+                event |= {"event": "turn", "readings": turn(row, begin["lidar_angle"])}
             elif sensor == "wheels":
                 event |= {"event": "wheels", "left": row[0], "right": row[1]}
             else:
                 event |= {"event": "sample", "sensor": sensor, "values": [*map(plain, row)]}
             events.append(event)
     events.sort(key=lambda event: event["time"])
-    lines = [begin | start, *events, {"event": "end", "why": "The duration is over"}]
+    lines = [begin, *events, {"event": "end", "why": "The duration is over"}]
     path.write_text("".join(map(to_line, lines)))
     return path

@@ -1,6 +1,7 @@
 """`mdesign calibrate`, on recordings whose noise is known. Seeds are fixed; bounds have chances below 1e-6."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -45,7 +46,8 @@ def only(sensor):
 
 
 def test_every_sensor(calibrate, mdesign, tmp_path):
-    scenes = [write(tmp_path / f"{seed}.jsonl", measured(seed=seed)) for seed in (1, 2)]
+    days = {seed: f"2026-01-0{seed}T12:00:00+00:00" for seed in (1, 2)}
+    scenes = [write(tmp_path / f"{seed}.jsonl", measured(seed=seed), time=day) for seed, day in days.items()]
     sensors, notes, err = calibrate(*scenes, "--plot", tmp_path / "noise.png", "--name", "ours")
     assert [*sensors] == [*MODEL]
     assert "left out" not in notes
@@ -83,7 +85,7 @@ def test_the_page_and_the_model_tell_what_was_found(mdesign, tmp_path):
     assert rows[0].split()[:4] == ["proximity", "1440", "1", "gaussian,"]
     assert "none: all samples of a channel are equal" in rows[1]
     text = (tmp_path / "model.yaml").read_text()
-    assert "still.jsonl: tester, today, 30 s" in text
+    assert "still.jsonl: tester, 2026-01-01T12:00:00+00:00, 30 s" in text
     assert "noise: {distribution: gaussian, sd: 0.0" in text
     assert "noise: null  # all samples of a channel are equal; 1800 samples" in text
     assert "velocity" not in text  # has none in the base either
@@ -125,6 +127,40 @@ def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
     assert [scene.name for scene in recording.scenes] == ["drive.jsonl, 0 to 14 s", "drive.jsonl, 23 to 40 s"]
 
 
+def test_yaw_goes_on_where_it_wraps(tmp_path):
+    found = measured(30.0, centres=only("attitude"))
+    times, values = found["attitude"]
+    values[:, 2] = (values[:, 2] + 0.002 * times - 0.03) % math.tau - math.pi
+    assert (values[0, 2] > 3.0, values[-1, 2] < -3.0) == (True, True)
+    assert not read_recording(write(tmp_path / "still.jsonl", found)).moves
+
+
+def test_beams_count_from_the_lidar_s_front(tmp_path):
+    ranges = 1.0 + 0.01 * np.arange(recordings.BEAMS)
+    found = {"lidar": (np.arange(40) / 7.0, np.tile(ranges, (40, 1)))}
+    for angle in (0.0, 0.5):
+        path = write(tmp_path / f"{angle}.jsonl", found, lidar_angle=angle)
+        (scene,) = read_recording(path).scenes
+        assert scene.sensors["lidar"].values == pytest.approx(np.tile([ranges[0], *ranges[:0:-1]], (40, 1)))
+        assert scene.sensors["lidar"].angles == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_drift_that_is_small_beside_the_noise_is_kept(calibrate, tmp_path):
+    """Though there is no doubt of it."""
+    found = measured(180.0, centres=only("ambient_light"))
+    times, values = found["ambient_light"]
+    values[:, 0] += 0.6 * 3.0 * times / 180.0
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "drift" not in notes
+    assert sensors["ambient_light"]["channels"] == 1
+
+
+def test_recordings_of_several_robots_are_told(calibrate, tmp_path):
+    files = [write(tmp_path / f"{k}.jsonl", measured(centres=only("turning")), robot=f"robot-{k}") for k in (1, 2)]
+    _, notes, _ = calibrate(*files)
+    assert "recordings of robot-1, robot-2: what is fitted is the noise of all of them together" in notes
+
+
 def test_what_is_left_out(calibrate, tmp_path):
     """What is cut off, drifts, or sees nothing; beams beside an edge and on a slanting wall."""
     centres = {name: [*CENTRES[name]] for name in ("ground", "proximity", "lidar")}
@@ -148,13 +184,50 @@ def test_what_is_left_out(calibrate, tmp_path):
     assert sensors["lidar"]["parameter"] == pytest.approx(0.005, rel=0.03)
 
 
+def test_wild_samples_are_no_noise(calibrate, tmp_path):
+    """Half a percent of them, anywhere, would widen it eightfold."""
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.005)}, centres=only("proximity"))
+    random, (_, distances) = np.random.default_rng(4), found["proximity"]
+    distances.flat[random.choice(distances.size, 15, replace=False)] = np.linspace(1.75, 1.9, 15).round(3)
+    distances[:4, 2] = 0.0  # too near to tell
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert "proximity, still.jsonl: 15 of 2876 samples left out: they lie far from the others" in notes
+    assert (sensors["proximity"]["samples"], sensors["proximity"]["channels"]) == (2861, 8)
+    assert sensors["proximity"]["parameter"] == pytest.approx(0.005, rel=0.1)
+
+
+@pytest.mark.parametrize("sd", [0.4, 0.8, 1.4, 2.1])
+def test_noise_of_few_steps_has_no_wild_samples(calibrate, tmp_path, sd):
+    """Where the median of distances is a whole step, and tells little."""
+    noise = {"ground": recordings.gaussian(sd)}
+    centres = {"ground": [100.0, 120.5, 140.3]}
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=centres)))
+    assert sensors["ground"]["samples"] == 3600, notes
+    assert sensors["ground"]["parameter"] == pytest.approx(sd, rel=0.12)
+
+
+def test_a_channel_that_is_noisier_than_others_has_no_wild_samples(calibrate, tmp_path):
+    found = measured(60.0, noise={"proximity": recordings.gaussian(0.003)}, centres=only("proximity"))
+    _, distances = found["proximity"]
+    distances[:, 3] += np.random.default_rng(4).normal(0.0, 0.03, len(distances)).round(3)
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert sensors["proximity"]["samples"] == 2880, notes
+
+
+def test_beams_of_a_short_scene_are_flat(calibrate, tmp_path):
+    """By chance, means of a few samples differ by more than by a slanting wall, and samples seem to drift."""
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(5.5, centres=only("lidar"))))
+    assert sensors["lidar"]["channels"] >= recordings.BEAMS - 16, notes
+    assert "drift" not in notes
+
+
 def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monkeypatch):
     """Where walls slant a little, ranges change with angles, here as much as by noise; that is no noise."""
     jitter, usual = np.random.default_rng(4), recordings.turn
 
-    def turn(ranges):
+    def turn(ranges, front):
         off = jitter.uniform(-0.02, 0.02)
-        return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges)]
+        return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges, front)]
 
     monkeypatch.setattr(recordings, "turn", turn)
     noise = {"lidar": recordings.gaussian(0.0005)}
@@ -221,6 +294,23 @@ def test_what_is_no_recording(mdesign, tmp_path):
     ):
         code, _, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
         assert (code, words in err) == (1, True), err
+
+
+def test_a_recording_counts_once(mdesign, tmp_path):
+    file = write(tmp_path / "still.jsonl", measured(centres=only("turning")))
+    again = tmp_path / "again.jsonl"
+    again.write_bytes(file.read_bytes())
+    for other in (file, again):
+        code, _, err = mdesign("calibrate", file, other, "-o", tmp_path / "model.yaml")
+        assert (code, f"{other} is the same recording as {file}" in err) == (1, True)
+
+
+def test_without_its_picture_no_model_is_written(mdesign, tmp_path):
+    file = write(tmp_path / "still.jsonl", measured(centres=only("turning")))
+    output, plot = tmp_path / "model.yaml", tmp_path / "none" / "noise.png"
+    code, _, err = mdesign("calibrate", file, "-o", output, "--plot", plot)
+    assert (code, err.splitlines()[-1]) == (1, f"Error: {plot}: cannot be written: No such file or directory")
+    assert not output.exists()
 
 
 def test_an_existing_file_is_kept(mdesign, tmp_path):

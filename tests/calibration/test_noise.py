@@ -54,6 +54,13 @@ def test_one_channel_is_fitted_as_scipy_fits_it():
     assert (fit.centres[0], fit.parameter) == pytest.approx((mean, sd), rel=1e-3)
 
 
+def test_both_families_have_one_parameter_so_akaike_compares_likelihoods():
+    levels = measured(GAUSSIAN, 3, 300, 1.0, 5.0)
+    noise = fit_noise(levels, np.random.default_rng(2))
+    difference = fit_gaussian(levels).log_likelihood - fit_uniform(levels).log_likelihood
+    assert noise.aic_difference == pytest.approx(2.0 * difference)
+
+
 @pytest.mark.parametrize("half_width", [0.8, 3.0])
 def test_the_uniform_fit_is_the_most_likely_one(half_width):
     levels = measured(UNIFORM, 1, 40, 1.0, half_width)

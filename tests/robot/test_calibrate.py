@@ -1,6 +1,7 @@
 """mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
 
 import contextlib
+import errno
 import math
 import os
 import random
@@ -10,10 +11,11 @@ import time
 
 import pytest
 
-from mercator_design.errors import RobotError
-from mercator_design.robot import ground_calibration, proximity_calibration
+from mercator_design.errors import MercatorError, RobotError
+from mercator_design.robot import ground_calibration, person, proximity_calibration, settings_file
 from mercator_design.robot.cli import main
-from mercator_design.robot.ground_calibration import confused, doubts, ground_sensor
+from mercator_design.robot.cli.calibrate import _give
+from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.multiflex import NOTHING
 from mercator_design.robot.ports import open_ports
@@ -113,6 +115,36 @@ class TestColor:
         assert not devices.drives()
         assert lamp(devices) == [True, False]
 
+    @pytest.mark.parametrize(
+        ("kind", "keys"),
+        [
+            (["color"], ["labels"]),
+            (["proximity"], ["proximity_angles"]),
+            (["proximity", "--distance", "0.3"], ["proximity_angles", "proximity_offsets"]),
+        ],
+    )
+    def test_before_anything_is_measured_the_file_is_tried(self, kind, keys, robot_command, tmp_path, monkeypatch):
+        def refuse(text, way, value):
+            raise ValueError
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(settings_file, "put", refuse)
+        words = f"Error: {file} is written in a way that cannot be changed; put {', '.join(keys)} there yourself\n"
+        assert robot_command("calibrate", *kind, "--robot", file) == (3, "", words)
+
+    def test_a_disk_that_is_full(self, tmp_path, monkeypatch, capsys):
+        def fail(_):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(os, "fsync", fail)
+        with pytest.raises(MercatorError, match=r"robot.yaml: cannot be written: No space left on device$"):
+            _give(file, labels=FLOOR)
+        assert capsys.readouterr().out.startswith("labels:\n  black: [7, 8, 6]\n")
+        assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
+
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
@@ -157,10 +189,23 @@ class TestColor:
 
         assert list(doubts("gray", gray(93.0))) == []
         assert "stand still" in next(doubts("gray", gray(80.0, 30) + gray(120.0, 30)))
-        assert "is the sensor's lamp on" in next(doubts("white", gray(1.0)))
         assert "darker than usual: brightness 100, not 255" in next(doubts("white", gray(100.0)))
         assert "brighter than usual: brightness 99, not 0" in next(doubts("black", gray(99.0)))
         assert list(doubts("black", gray(0.0))) == []
+
+    def test_without_light(self):
+        check_light("black", [(0.0, 0.0, 0.0)] * 60)
+        with pytest.raises(RobotError, match=r"^ground: white reads as nothing; is the sensor's lamp on"):
+            check_light("white", [(1.0, 1.0, 1.0)] * 60)
+
+    def test_colours_that_cannot_be_told_from_each_other_are_given_no_labels(self, devices):
+        levels = {"black": 7, "white": 8}
+
+        def put_on(line):
+            devices.sensed["color_detection"].update(dict.fromkeys("rgb", levels[line.split()[-1]]))
+
+        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="black and white are 2 levels"):
+            ground_calibration.calibrate(sensor, levels, {}, 1.0, put_on, lambda _said: None)
 
     def test_colours_that_would_be_confused(self):
         """The middle between 90 and 96 is one standard deviation from both; beyond it lies 15.9 % of a normal one."""
@@ -182,6 +227,24 @@ class TestColor:
         assert ", 1.0 standard deviations" in said  # of the wider of two
         (said,) = confused({"red": [(90.0, 90.0, 90.0)] * 60}, {"red": (90.0,) * 3, **labels} | {"white": (255.0,) * 3})
         assert said.startswith("red and gray are 0 levels apart, 0.0 standard deviations")
+
+
+def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
+    fingers, terminal = os.openpty()
+    monkeypatch.setattr(person, "_STDIN", terminal)
+    os.write(fingers, b"\n\n")
+    time.sleep(0.05)  # until the terminal has them
+    waited = []
+
+    def press():
+        waited.append(time.monotonic())
+        if len(waited) == 1:
+            os.write(fingers, b"\n")
+
+    person.ask("Wait", press)
+    assert len(waited) >= 2
+    os.close(fingers)
+    os.close(terminal)
 
 
 def counts(said):

@@ -28,6 +28,7 @@ def processes(tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.setattr(checking, "_PROCESSES", folder)
     monkeypatch.setattr(checking, "RULES", tmp_path / "99-mercator.rules")
+    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
 
     def run(*lines):
         for number, (name, *arguments) in enumerate(map(str.split, lines)):
@@ -115,11 +116,19 @@ def test_a_motor_that_does_not_turn(found, devices):
     assert wrong == {"lidar's turns": "0.0 a second; does its motor turn? It needs 5 V and 1 A, and a cable for both"}
 
 
-def test_a_clock_that_was_never_set():
+def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
+    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
     finding = check_clock(0.0)
     assert not finding.is_fine
     assert " is past; a Pi has no clock of its own" in finding.words
-    assert check_clock(Path(__file__).stat().st_mtime + 1e7).is_fine
+    later = Path(__file__).stat().st_mtime + 1e7
+    assert check_clock(later).is_fine
+    (tmp_path / "timesync").mkdir()
+    finding = check_clock(later)
+    assert not finding.is_fine
+    assert " was not set by a network since " in finding.words
+    (tmp_path / "timesync/synchronized").touch()
+    assert check_clock(later).is_fine
 
 
 @pytest.mark.parametrize(
@@ -191,8 +200,11 @@ class TestOtherPrograms:
         assert modems < login < braille
 
     def test_those_that_do_not(self, processes, tmp_path):
-        (tmp_path / "99-mercator.rules").touch()
+        rules = tmp_path / "99-mercator.rules"
+        rules.write_text('SYMLINK+="mercator-lidar"')
         processes("ModemManager", "agetty -o -p tty1 linux")
+        assert check_programs("/dev/ttyS0").words.startswith("ModemManager talks")
+        rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
         assert check_programs("/dev/ttyS0") == ("other programs", True, "none that takes ports")
 
     def test_one_that_reads_a_port_too(self, found, devices):

@@ -5,15 +5,15 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 
 import pytest
 
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
+from mercator_design.robot.swarm import Speaker
 from tests.robot.devices import Devices
-from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked
+from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
 RATES = {
     "ground": 20.0,
@@ -30,13 +30,13 @@ RATES = {
 
 
 @contextmanager
-def recording(folder, *options, lead=""):
+def recording(folder, *options, lead="", port="null"):
     """Devices, and `mercator-robot record` on them."""
     with Devices() as devices:
         names = devices.names
         (folder / "robot.yaml").write_text(
             f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
-            "name: tester\nlidar_angle: 0.5\nswarm: {port: null}\n"
+            f"name: tester\nlidar_angle: 0.5\nswarm: {{port: {port}}}\n"
         )
         process = subprocess.Popen(
             [
@@ -150,18 +150,22 @@ def test_it_is_whole_to_its_last_line_when_the_process_is_killed(tmp_path):
     assert not events(tmp_path, "end")
 
 
-def test_a_sensor_that_falls_silent_is_told_and_the_others_go_on(tmp_path):
+def test_sensors_that_fall_silent_are_told_and_the_others_go_on(tmp_path):
+    def told(name):
+        return [note["text"] for note in events(tmp_path, "note") if note["text"].startswith(f"{name}: nothing for")]
+
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
-        devices.silent.add("proximity")
-        time.sleep(2.0)
+        for name in ("proximity", "lidar"):
+            devices.silent.add(name)
+            devices.when(lambda name=name: told(name))
         before = len(events(tmp_path, "sample"))
-        time.sleep(1.0)
-        assert len(events(tmp_path, "sample")) > before
+        devices.when(lambda: len(events(tmp_path, "sample")) > before + 20)
         process.send_signal(signal.SIGINT)
         _, messages = process.communicate(timeout=10)
-    assert messages.count("Warning: proximity: nothing for") == 1
-    assert any(note["text"].startswith("proximity: nothing for") for note in events(tmp_path, "note"))
+    for name in ("proximity", "lidar"):
+        assert messages.count(f"Warning: {name}: nothing for") == 1
+        assert len(told(name)) == 1
 
 
 def test_the_battery_is_asked_after(tmp_path):
@@ -178,6 +182,16 @@ def test_a_device_that_is_not_well_ends_it(tmp_path):
     *_, told, end = events(tmp_path)
     assert (told["event"], told["text"]) == ("note", "did_sleep")
     assert end["why"] == "rvr: it fell asleep"
+
+
+def test_the_swarm_is_told_to_stop(tmp_path):
+    port = free_port()
+    with recording(tmp_path, port=port) as (devices, process), Speaker(["127.0.0.1"], port) as speaker:
+        until_it_records(devices, tmp_path)
+        assert speaker.stop() == (["tester (127.0.0.1)"], [])
+        _, messages = process.communicate(timeout=10)
+        assert (process.returncode, "swarm: told to stop by 127.0.0.1" in messages) == (4, True), messages
+    assert events(tmp_path)[-1]["why"] == "swarm: told to stop by 127.0.0.1"
 
 
 def test_an_existing_file_is_kept(tmp_path):

@@ -12,11 +12,12 @@ import sys
 import termios
 import threading
 import time
+import tty
 from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.robot.keyboard import keyboard, keys
+from mercator_design.robot.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.multiflex import NOTHING
@@ -40,6 +41,29 @@ class TestKeys:
 
     def test_all_others_stop(self):
         assert keys(b" \x1b[1;5A\x1b[3~\x1bOPx\n\xc3\x1b\x1b[A") == (["stop"] * 8 + ["forward"], b"")
+
+    @pytest.mark.parametrize(
+        "start", [b"\x1b[[A", b"\x1b[?1;2c", b"\x1b[0 q", b"\x1b]11;rgb:0/a/w\a", b"\x1bP>|wasd\x1b\\"]
+    )
+    def test_keys_of_consoles_and_what_terminals_say_are_one_key_that_stops(self, start):
+        assert keys(start + b"w") == (["stop", "forward"], b"")
+        for cut in range(1, len(start)):
+            assert keys(start[:cut]) == ([], start[:cut])
+
+    def test_nothing_that_begins_goes_on_for_ever(self):
+        pressed, rest = keys(b"\x1b]" + 300 * b" " + b"q")
+        assert (pressed[0], pressed[-1], rest) == ("stop", "quit", b"")
+
+    def test_escape_alone_stops(self):
+        fingers, terminal = os.openpty()
+        tty.setraw(terminal)
+        os.set_blocking(terminal, False)
+        keyboard = Keyboard(terminal)
+        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"w", ["stop", "forward"]), (b"", [])):
+            os.write(fingers, pressed)
+            assert keyboard.pressed() == found
+        os.close(fingers)
+        os.close(terminal)
 
     def test_a_key_that_comes_in_pieces(self):
         for cut in (1, 2):

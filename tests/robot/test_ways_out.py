@@ -82,6 +82,18 @@ def test_devices_that_fail(what, tmp_path):
     assert soonest(attempt) <= LATEST
 
 
+def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_path):
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.devices.deaf.add("rvr")
+            check(robot, 4, "rvr: it does not answer any more; is it switched on", zeros=False)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
+
+
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"])
 def test_signals(number, tmp_path):
     which = signal.Signals[number]
@@ -420,6 +432,13 @@ class TestSwarm:
             error = check(robot, 1, "swarm: no heartbeat; is `mercator-robot heartbeat` running")
             assert "Traceback" not in error
             assert not robot.devices.drives()
+
+    def test_stop_while_it_waits_for_a_heartbeat(self, tmp_path):
+        with running(tmp_path, GO, ", heartbeat: 0.4") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when((robot.folder / "log.jsonl").exists)
+            robot.devices.when(lambda: (robot.folder / "log.jsonl").stat().st_size)
+            speaker.stop()
+            check(robot, 4, "swarm: told to stop by 127.0.0.1")
 
     def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
         with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:

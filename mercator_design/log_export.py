@@ -120,7 +120,7 @@ class _Log:
         for event in self._events:
             if event["event"] == "end":
                 self._why = event["why"]
-            elif "time" in event:  # notes of older logs have none
+            elif event.get("time") is not None:  # notes of older logs have none
                 self.time = self._began + event["time"]
             self._count += event["event"] in self.counted[0]
             yield event

@@ -28,7 +28,7 @@ _PRESENT = 0.5  # of its measurements a channel must have
 _FAR = 6.0  # standard deviations from what a channel usually measures
 _MARGIN = 4.0  # standard deviations to the ends of the range
 _SLANT = 0.3  # standard deviations from one beam to the next ...
-_SIGNIFICANT = 3.0  # ... and standard errors of that, which are as large in a short scene
+_SIGNIFICANT = 3.0  # ... or standard errors of that, which are more in a short scene
 _SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
 _DRIFT = 1e-9  # chance of a drift where there is none
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
@@ -252,7 +252,7 @@ def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
     n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
-    limits = np.median(sd[use]) * (_SLANT + _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
+    limits = np.median(sd[use]) * np.maximum(_SLANT, _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
     like_before: NDArray[np.bool_] = steps <= limits
     return like_before & np.roll(like_before, -1)
 

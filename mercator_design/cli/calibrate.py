@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.cli.terminal import naming
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, naming, tell
 from mercator_design.errors import MercatorError
 
 

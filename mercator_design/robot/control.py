@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 
 from mercator_design.colours import RGB, ColourName
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, Stopped
 from mercator_design.robot.log import Log
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import open_ports
@@ -15,11 +15,64 @@ from mercator_design.robot.settings import Settings
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 
 
+class Control:
+    """Control of a robot that is started up.
+
+    robot: The robot.
+    """
+
+    def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
+        self.robot, self._watchdog, self._log = robot, watchdog, log
+
+    def arm(self) -> None:
+        """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+
+        Raises:
+            RobotError: if no first heartbeat comes, or as `wait`.
+        """
+        end = time.monotonic() + _FIRST_HEARTBEAT
+        while self._watchdog.awaits_heartbeat:
+            if time.monotonic() > end:
+                raise RobotError(
+                    "swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?"
+                )
+            self.wait(time.monotonic() + 0.1)
+        self._watchdog.arm()
+
+    def wait(self, until: float) -> float:
+        """Hear the devices until a time [s, of time.monotonic]; the time when that is over.
+
+        Raises:
+            Stopped: if something has stopped the wheels, a device says that they must not turn, or a port is lost.
+            RobotError: if the log cannot be written.
+        """
+        self.robot.attend(until)
+        if self.robot.brake.why:
+            raise Stopped(self.robot.brake.why)
+        if self._log is not None and self._log.failure:
+            raise RobotError(self._log.failure)
+        return time.monotonic()
+
+    def cycles(self, period: float) -> Iterator[float]:
+        """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
+
+        Args:
+            period: Of control [s].
+
+        Raises:
+            Stopped, RobotError: as `wait`.
+        """
+        due = time.monotonic()
+        while True:
+            yield self.wait(due)
+            due = max(due + period, time.monotonic())
+
+
 @contextlib.contextmanager
 def in_control(
     settings: Settings, reads: Iterable[str], labels: Mapping[ColourName, RGB], log: Log | None
-) -> Iterator[tuple[Mercator, Watchdog]]:
-    """Take control of a robot: the robot, and the watchdog, which is not armed yet.
+) -> Iterator[Control]:
+    """Take control of a robot; its watchdog is not armed yet.
 
     On the way out the wheels stop first; then the robot is shut down, and the log ends.
 
@@ -41,20 +94,6 @@ def in_control(
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
         with watchdog, robot, signals.until_stopped():
-            yield robot, watchdog
+            yield Control(robot, watchdog, log)
     if log is not None and log.failure:
         raise RobotError(log.failure)
-
-
-def arm(settings: Settings, robot: Mercator, watchdog: Watchdog) -> None:
-    """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
-
-    Raises:
-        RobotError: if no first heartbeat comes, or as the robot's `attend`.
-    """
-    end = time.monotonic() + _FIRST_HEARTBEAT
-    while settings.swarm.heartbeat is not None and watchdog.heard is None:
-        if time.monotonic() > end:
-            raise RobotError("swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?")
-        robot.attend(time.monotonic() + 0.1)
-    watchdog.arm()

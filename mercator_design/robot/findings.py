@@ -1,5 +1,6 @@
 """How things are with a robot, one by one: what is wrong with one keeps nobody from looking at the others."""
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, TypeAlias
 
@@ -20,11 +21,12 @@ Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
 """At a device, over its open port."""
 
 
-def of_devices(settings: Settings, looks: Mapping[DeviceName, Look]) -> Iterator[Finding]:
-    """What is found at each device, by name, or why it could not be looked at."""
+def of_devices(settings: Settings, looks: Mapping[DeviceName, Look], patience: float = 0.0) -> Iterator[Finding]:
+    """What is found at each device, by name, or why it could not be looked at; ports are waited for, for so long [s]."""
+    end = time.monotonic() + patience
     for device, look in looks.items():
         try:
-            with open_port(device, getattr(settings.ports, device)) as port:
+            with open_port(device, getattr(settings.ports, device), end) as port:
                 yield from look(settings, Line(device, port))
         except RobotError as error:
             yield Finding(device, is_fine=False, words=str(error).removeprefix(f"{device}: "))

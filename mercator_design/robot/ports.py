@@ -5,9 +5,11 @@ import errno
 import fcntl
 import getpass
 import grp
+import math
 import os
 import re
 import termios
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +29,7 @@ BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity":
 _NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
+_AGAIN = 0.05  # [s] until a port that could not be opened is tried again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +108,24 @@ class _Port(serial.Serial):
         super().close()
 
 
-def open_port(device: DeviceName, name: str) -> serial.Serial:
-    """One of the three ports, for this program alone; errors are those of `open_ports`."""
+def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial.Serial:
+    """One of the three ports, for this program alone; errors are those of `open_ports`.
+
+    Args:
+        device: Whose port it is.
+        name: Of the port.
+        until: When to give up, if it cannot be opened at once [s, of time.monotonic()].
+    """
+    while True:
+        try:
+            return _open(device, name)
+        except RobotError:
+            if time.monotonic() > until:
+                raise
+        time.sleep(_AGAIN)
+
+
+def _open(device: DeviceName, name: str) -> serial.Serial:
     path = find_port(device, name)
     try:
         port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)

@@ -18,7 +18,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mercator_design.errors import RobotError
 from mercator_design.robot.control import in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
@@ -84,25 +83,23 @@ def record(
         show: Called now and then with the time [s] and the number of samples and turns up to then.
 
     Raises:
-        Stopped: if a device says that the robot is not well.
+        Stopped: if the swarm is told to stop, or a device says that the robot is not well.
         RobotError: if a device cannot be used, or the recording cannot be written.
         Signalled: if a signal came.
     """
     log = Log(path)
-    with in_control(settings, _EVERYTHING, {}, log) as (robot, _):
+    with in_control(settings, _EVERYTHING, {}, log) as control:
+        robot = control.robot
         recorder = Recorder(log, robot, settings)
         robot.introduce(tell)
         begin = now = time.monotonic()
         end = math.inf if duration is None else begin + duration
-        silent = ""
+        silent: dict[str, str] = {}
         while now < end:
-            robot.attend(min(now + _SHOW, end))
-            now = time.monotonic()
-            if log.failure:
-                raise RobotError(log.failure)
+            now = control.wait(min(now + _SHOW, end))
             before, silent = silent, robot.stale(now)
-            if silent and not before:
-                tell(f"Warning: {silent}")
-                log.remark(silent)
+            for name in silent.keys() - before.keys():
+                tell(f"Warning: {silent[name]}")
+                log.remark(silent[name])
             robot.poll()
             show(now - begin, recorder.count)

@@ -1,12 +1,9 @@
 """Bring this robot to rest, whatever has happened to the program that drove it."""
 
-import contextlib
-import time
 from collections.abc import Iterator
 
-from mercator_design.errors import RobotError
 from mercator_design.robot.findings import Finding, of_devices
-from mercator_design.robot.ports import Line, open_port
+from mercator_design.robot.ports import Line
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import charge, halt, rest_rvr, stop_lidar, wake_rvr
 from mercator_design.robot.swarm import Speaker
@@ -17,23 +14,14 @@ _ENDING = 10.0  # [s] that a run which was told to stop may take to let go of th
 
 def rest(settings: Settings) -> Iterator[Finding]:
     """Stop the run that is in progress here, if it hears, then the RVR and the lidar, each by itself."""
+    patience = 0.0
     if settings.swarm.port is not None:
         with Speaker(["127.0.0.1"], settings.swarm.port) as speaker:
             stopped, _ = speaker.stop()
         if stopped:
             yield Finding("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
-            _await_port(settings.ports.rvr)
-    yield from of_devices(settings, {"rvr": _rest_rvr, "lidar": _rest_lidar})
-
-
-def _await_port(name: str) -> None:
-    """Wait until nobody has the RVR's port, which a run closes last; if that is in vain, opening it will say so."""
-    end = time.monotonic() + _ENDING
-    while time.monotonic() < end:
-        with contextlib.suppress(RobotError):
-            open_port("rvr", name).close()
-            return
-        time.sleep(0.05)
+            patience = _ENDING
+    yield from of_devices(settings, {"rvr": _rest_rvr, "lidar": _rest_lidar}, patience)
 
 
 def _rest_rvr(_: Settings, line: Line) -> Iterator[Finding]:

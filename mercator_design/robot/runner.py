@@ -8,12 +8,11 @@ from pathlib import Path
 from random import Random
 
 from mercator_design.colours import STATE_COLOURS
-from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.control import arm, in_control
+from mercator_design.robot.control import Control, in_control
 from mercator_design.robot.log import Log, finite, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.rvr_messages import LIGHTS
@@ -65,12 +64,12 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         tell(
             "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
         )
-    with in_control(settings, pfsm.reads, labels, log) as (robot, watchdog), until_stopping():
-        robot.facts["floor"] = " or ".join(labels)
-        _begin(log, settings, what, robot, tell)
-        arm(settings, robot, watchdog)
+    with in_control(settings, pfsm.reads, labels, log) as control, until_stopping():
+        control.robot.facts["floor"] = " or ".join(labels)
+        _begin(log, settings, what, control.robot, tell)
+        control.arm()
         notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-        _cycles(robot, Controller(pfsm, settings.reference_model), what, log)
+        _cycles(control, Controller(pfsm, settings.reference_model), what, log)
 
 
 def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
@@ -93,19 +92,15 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
     robot.introduce(tell)
 
 
-def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> None:
-    """Control cycles until the duration is over; one that comes late is not made up for."""
-    random = Random(what.seed)
-    start = due = time.monotonic()
+def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> None:
+    """Control cycles until the duration is over."""
+    robot, random = control.robot, Random(what.seed)
+    start = time.monotonic()
     most = math.inf if what.duration is None else what.duration - 0.5 * what.period
-    cycle, worked = 0, time.process_time()
-    while True:
-        robot.attend(due)
-        begin = time.monotonic()
+    worked = time.process_time()
+    for cycle, begin in enumerate(control.cycles(what.period)):
         if begin - start >= most:
             return
-        if log.failure:
-            raise RobotError(log.failure)
         state, readings = controller.state, robot.readings()
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
@@ -130,5 +125,3 @@ def _cycles(robot: Mercator, controller: Controller, what: Run, log: Log) -> Non
         notify(WATCHDOG=1)
         robot.poll()
         robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
-        cycle += 1
-        due = max(due + what.period, time.monotonic())

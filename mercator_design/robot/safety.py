@@ -135,6 +135,11 @@ class Watchdog(threading.Thread):
         self._armed, self._over = threading.Event(), threading.Event()
         self.heard: float | None = None
 
+    @property
+    def awaits_heartbeat(self) -> bool:
+        """Whether heartbeats are wanted, and none has come yet."""
+        return self._heartbeat is not None and self.heard is None
+
     def __enter__(self) -> Self:
         self.start()
         return self

@@ -19,7 +19,7 @@ _ANSWER = 0.3  # [s] that a device may take to answer, ...
 _TRIES = 5  # ... and how often it is asked
 _LOOK = 0.01  # [s]
 _REMEMBERED = 100
-_MUCH = 1000  # bytes without a meaning; a few are normal after a start
+_MUCH = 1000  # bytes without a meaning from a device that makes sense; a few are normal after a start
 _REMEDIES: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on)? Are TX and RX crossed? Is a login shell on the port (raspi-config)? Do its lamps flash yellow (more "
@@ -53,6 +53,7 @@ class Talk:
         self._host, self._lidar, self._hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
         self.said: deque[Said] = deque(maxlen=_REMEMBERED)
         self.is_ending = False
+        self._understood: set[DeviceName] = set()
 
     def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device.
@@ -111,8 +112,9 @@ class Talk:
     def remedy(self, device: DeviceName) -> str:
         """What to look at if a device says nothing, or nothing that makes sense."""
         lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
-        noise = f" ({lost} bytes from it make no sense: another device, or another baud rate)" if lost > _MUCH else ""
-        return _REMEDIES[device] + noise
+        if lost <= (_MUCH if device in self._understood else 0):
+            return _REMEDIES[device]
+        return f"{_REMEDIES[device]} ({lost} bytes from it make no sense: another device, or another baud rate)"
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Hear the devices until something is so, or for so long; whether it is. Errors are those of `attend`."""
@@ -155,6 +157,7 @@ class Talk:
             case _:
                 heard = self._hub.receive(data)
         for event in heard:
+            self._understood.add(line.device)
             if isinstance(event, Said):
                 self.said.append(event)
             self._take(event, now)

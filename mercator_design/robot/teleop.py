@@ -1,12 +1,10 @@
 """A person drives the robot with the keys of a terminal."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mercator_design.errors import RobotError
-from mercator_design.robot.control import arm, in_control
+from mercator_design.robot.control import Control, in_control
 from mercator_design.robot.keyboard import Key, Keyboard, keyboard
 from mercator_design.robot.log import Log
 from mercator_design.robot.mercator import Mercator
@@ -73,38 +71,28 @@ def teleop(
     """
     reads = ["proximity"] if guard is not None else []
     log = None if path is None else Log(path)
-    with in_control(settings, reads, settings.labels_of({}), log) as (robot, watchdog):
-        recorder = None if log is None else Recorder(log, robot, settings)
-
-        def record(event: str, now: float, **values: object) -> None:
-            if log is None or recorder is None:
-                return
-            if log.failure:
-                raise RobotError(log.failure)
-            recorder.note(event, now, **values)
-
-        robot.introduce(tell)
-        arm(settings, robot, watchdog)
+    with in_control(settings, reads, settings.labels_of({}), log) as control:
+        recorder = None if log is None else Recorder(log, control.robot, settings)
+        control.robot.introduce(tell)
+        control.arm()
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         with keyboard() as keys:
             try:
-                _drive(robot, keys, settings, speed, guard, record)
+                _drive(control, keys, settings, speed, guard, recorder)
             finally:
-                robot.brake.stop("the drive has ended")  # before anything waits for the terminal
+                control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
 
 
 def _drive(
-    robot: Mercator,
+    control: Control,
     keys: Keyboard,
     settings: Settings,
     speed: float,
     guard: float | None,
-    record: Callable[..., None],
+    recorder: Recorder | None,
 ) -> None:
-    stick, due, periods = Stick(), time.monotonic(), 0
-    while True:
-        robot.attend(due)
-        now = time.monotonic()
+    robot, stick = control.robot, Stick()
+    for period, now in enumerate(control.cycles(_PERIOD)):
         pressed = keys.pressed()
         if "quit" in pressed:
             return
@@ -120,11 +108,10 @@ def _drive(
         left, right = speed * left, speed * right
         robot.brake.drive(left, right)
         robot.poll()
-        record("wheels", now, left=left, right=right)
-        if periods % _STATUS == 0:
+        if recorder is not None:
+            recorder.note("wheels", now, left=left, right=right)
+        if period % _STATUS == 0:
             keys.show(f"{doing:<8} {_status(robot, settings, now)}")
-        periods += 1
-        due = max(due + _PERIOD, time.monotonic())
 
 
 def _status(robot: Mercator, settings: Settings, now: float) -> str:

@@ -210,8 +210,8 @@ class Terminals:
             if error.errno != errno.EIO:
                 raise
             self._note(fd, now, is_open=False)
-            self._unplug(number, device)  # who was killed had it to itself, and a pseudo-terminal would stay so
-            self._plug_in(number, device)
+            self._plug_in(number, device)  # who was killed had it to itself, and a pseudo-terminal would stay so
+            self._close(fd)
         else:
             self._send(fd, self._twin.robots[number].receive(device, data, now), now)
 
@@ -259,26 +259,31 @@ class Terminals:
         self._twin.robots[number].note_port(device, is_open=is_open, now=now)
 
     def _plug_in(self, number: int, device: DeviceName) -> None:
+        """Make a port, to which the link leads from one moment to the next, wherever it led before."""
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
         link = self._link(number, device)
-        link.unlink(missing_ok=True)
-        link.symlink_to(os.ttyname(slave))
+        fresh = link.with_name(f"{device}.new")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(os.ttyname(slave))
+        fresh.replace(link)
         os.close(slave)
         self._fds[number, device] = fd
         self._ports[fd] = number, device
         self._closed.register(fd, select.POLLIN)
 
     def _unplug(self, number: int, device: DeviceName) -> None:
-        fd = self._fds.pop((number, device))
+        self._close(self._fds.pop((number, device)))
+        if _is_left(link := self._link(number, device)):
+            link.unlink()
+
+    def _close(self, fd: int) -> None:
         del self._ports[fd]
         (self._open if fd in self._is_open else self._closed).unregister(fd)
         self._is_open.discard(fd)
         self._under_way.pop(fd, None)
         os.close(fd)
-        if _is_left(link := self._link(number, device)):
-            link.unlink()
 
     def _link(self, number: int, device: DeviceName) -> Path:
         return self._folder / str(number) / device

@@ -217,7 +217,8 @@ def test_a_channel_that_is_noisier_than_others_has_no_wild_samples(calibrate, tm
 def test_beams_of_a_short_scene_are_flat(calibrate, tmp_path):
     """By chance, means of a few samples differ by more than by a slanting wall, and samples seem to drift."""
     sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(5.5, centres=only("lidar"))))
-    assert sensors["lidar"]["channels"] >= recordings.BEAMS - 4, notes
+    assert sensors["lidar"]["channels"] >= recordings.BEAMS - 16, notes
+    assert "drift" not in notes
 
 
 def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monkeypatch):

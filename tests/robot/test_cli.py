@@ -144,19 +144,24 @@ def test_heartbeats_of_a_host_that_is_not_known(robot_command):
     assert (code, "Error: no..such..host: no such host" in err) == (1, True)
 
 
-def test_heartbeats_until_they_end_and_then_stop(robot):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_heartbeats_until_they_end_and_then_stop(robot, number):
+    """In the background of a script too, where SIGINT is ignored."""
     listening, port = robot
-    script = "from mercator_design.robot.cli import main; main()"
-    beating = subprocess.Popen(
+    ignoring = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+    script = f"{ignoring}; from mercator_design.robot.cli import main; main()"
+    with subprocess.Popen(
         [sys.executable, "-c", script, "heartbeat", "127.0.0.1", "--port", str(port)],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
         text=True,
-    )
-    listening.settimeout(20.0)
-    assert [listening.recvfrom(100)[0] for _ in range(5)] == [HEARTBEAT] * 5
-    beating.send_signal(signal.SIGINT)
-    while (told := listening.recvfrom(100)[0]) != STOP:
-        assert told == HEARTBEAT
-    assert "Interrupted." in beating.communicate()[1]
-    assert beating.returncode == 130
+    ) as beating:
+        try:
+            listening.settimeout(20.0)
+            assert [listening.recvfrom(100)[0] for _ in range(5)] == [HEARTBEAT] * 5
+            beating.send_signal(number)
+            assert STOP in (listening.recvfrom(100)[0] for _ in range(50))
+            assert f"Stopped by {number.name}." in beating.communicate(timeout=20)[1]
+        finally:
+            beating.kill()
+    assert beating.returncode == 128 + number

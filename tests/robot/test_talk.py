@@ -65,7 +65,7 @@ def test_an_rvr_that_takes_time_to_wake_up(talk, line):
         awake.set()
         line.say(line.robot.notify("did_wake"))
 
-    waking = threading.Timer(0.2, wake)
+    waking = threading.Timer(0.1, wake)
 
     def answer(commands):
         asked = commands[-1]
@@ -93,3 +93,16 @@ def test_an_answer_to_an_earlier_question_is_none(talk, line):
     late = line.robot.answer(first, Error.RESTRICTED)
     line.answer = lambda commands: late + line.robot.answer(commands[-1].frame)
     assert talk.ask("enable_color_detection", is_enabled=False) == {}
+
+
+def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(talk, line):
+    noise = b"\x00\xf8\x1c"
+    line.answer = lambda _commands: noise
+    with pytest.raises(RobotError, match=r"\(15 bytes from it make no sense: another device, or another baud rate\)$"):
+        talk.ask("get_battery_percentage")
+    line.answer = lambda commands: noise + line.robot.answer(commands[-1].frame, percentage=87)
+    talk.ask("get_battery_percentage")
+    assert "make no sense" not in talk.remedy("rvr")
+    line.say(400 * noise)
+    talk.attend(0.0)
+    assert "make no sense" in talk.remedy("rvr")

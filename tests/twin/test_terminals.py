@@ -15,11 +15,13 @@ import serial
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.ports import open_ports
+from mercator_design.robot.cli import main
+from mercator_design.robot.ports import open_port, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.settings import read_settings
 from mercator_design.robot.ydlidar import Packet
+from mercator_design.twin.arena import Arena
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, open_log
 from mercator_design.twin.twin import Twin
@@ -199,6 +201,31 @@ def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)
 
 
+def test_a_port_that_is_closed_has_its_name_all_the_time(tmp_path):
+    """Though it is another one then: who waits for a port must not be told that there is none."""
+    with running(tmp_path) as terminals:
+        name = Path(port_names(terminals.robots[0]).rvr)
+        over, missing = threading.Event(), []
+
+        def watch():
+            while not over.is_set():
+                if not name.is_symlink():
+                    missing.append(name)
+
+        watching = threading.Thread(target=watch)
+        watching.start()
+        try:
+            for k in range(10):
+                before = name.readlink()
+                with open_port("rvr", str(name)):
+                    wait_for(lambda: len(events(tmp_path, "port")) == 2 * k + 1)  # noqa: B023 - called at once
+                wait_for(lambda: name.readlink() != before)  # noqa: B023
+        finally:
+            over.set()
+            watching.join()
+    assert not missing
+
+
 def test_nothing_is_left_behind(tmp_path):
     def held():
         return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
@@ -287,6 +314,18 @@ class TestTheCommand:
         assert process.returncode == 0
         assert "of a core for each; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
+
+    def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
+        found = []
+
+        def rehearse(_, tell):
+            found.extend(map(signal.getsignal, (signal.SIGTERM, signal.SIGINT)))
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Arena, "rehearse", rehearse)
+        usual = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
+        assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
+        assert found == usual
 
     def test_it_ends_by_itself(self, tmp_path):
         with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:

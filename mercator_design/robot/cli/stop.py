@@ -10,6 +10,7 @@ from mercator_design.errors import RobotError, printable
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.rest import rest
+from mercator_design.robot.safety import Signals
 from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
 
@@ -55,7 +56,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
 @click.option("--port", type=click.IntRange(1, 65535), default=Swarm().port, show_default=True, help="Of UDP.")
 def heartbeat(hosts: tuple[str, ...], port: int) -> None:
     """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them."""
-    with Speaker(hosts, port) as speaker:
+    with Signals().caught(), Speaker(hosts, port) as speaker:
         tell("Robots may run. Ctrl-C stops them.")
         try:
             while True:

@@ -7,7 +7,7 @@ import click
 from mercator_design.command import FILE, tell
 
 
-@click.command()
+@click.command(short_help="Write mercator-robot as one file.")
 @click.option(
     "-o", "--output", type=FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE", help="File to write."
 )
@@ -16,9 +16,11 @@ def bundle(output: Path) -> None:
 
     What it needs, click, PyYAML and pyserial, is in it as it is installed here.
     """
+    from mercator_design.cli.terminal import naming
     from mercator_design.files import write_bytes
     from mercator_design.fleet.bundle import bundle as make
 
-    write_bytes(output, make())
-    output.chmod(0o755)
+    with naming(output):
+        write_bytes(output, make())
+        output.chmod(0o755)
     tell(f"{output} is written; on the robot: python3 {output.name} --help")

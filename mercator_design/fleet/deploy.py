@@ -30,7 +30,7 @@ _MOST = 100  # robots at a time
 _IS_RUNNING = f'pid=$(cat pid 2>/dev/null) && grep -qs {PROGRAM} "/proc/$pid/cmdline"'
 """Whether a run is in progress; a number in `pid` may since have become another process's."""
 _BE_IDLE = f"""
-if {_IS_RUNNING}; then echo "a run is in progress: stop it first" >&2; exit 1; fi
+if {_IS_RUNNING}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
 """
 _TAKE = f"mv new/{PROGRAM} new/{FSM} . && python3 {PROGRAM} --version"
 _START = f"""

@@ -62,6 +62,7 @@ class Node:
             self._rospy.init_node(NAME, disable_signals=True)
         except (self._rospy.ROSException, ValueError) as error:
             raise RobotError(f"ros: {error}") from None
+        self.name = str(self._rospy.get_name())
         self.namespace = str(self._rospy.get_namespace()).strip("/").replace("/", "_")
         self._publishers = {
             name: self._rospy.Publisher(name, self.types[topic.type], queue_size=topic.queue, latch=topic.latched)
@@ -226,6 +227,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         robot.report(tell)
         node.obey(robot.brake, orders)
         control.arm()
+        tell(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
         for now in control.cycles(PERIOD):
             robot.check_ages()
             robot.brake.drive(*orders.speeds(now))

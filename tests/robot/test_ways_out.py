@@ -385,7 +385,7 @@ class TestWhatStoppedIt:
             robot.devices.tell("motor_fault", is_fault=True)
             check(robot, 4, "rvr: a motor has a fault")
         *_, told, end = read(tmp_path / "log.jsonl")
-        assert (told["event"], told["text"]) == ("note", "motor_fault is_fault True")
+        assert (told["event"], told["text"]) == ("note", "rvr: motor fault is fault True")
         assert end["why"] == "rvr: a motor has a fault"
         assert told["time"] > 0.0
 

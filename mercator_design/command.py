@@ -1,11 +1,12 @@
-"""What the commands mdesign and mercator-robot share: messages, ways out with their exit codes, an fsm.txt as argument.
+"""What the commands mdesign and mercator-robot share: messages, files that cannot be written, exit codes, an fsm.txt.
 
 Results go to stdout or named files, messages to stderr.
 """
 
+import contextlib
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
@@ -97,6 +98,15 @@ def warn(doubts: Iterable[str]) -> None:
     """Say what may not be meant."""
     for doubt in doubts:
         tell(f"Warning: {doubt}")
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """What cannot be written is named as the user did."""
+    try:
+        yield
+    except OSError as error:
+        raise MercatorError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:

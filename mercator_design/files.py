@@ -3,6 +3,7 @@
 import contextlib
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -60,10 +61,23 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write that takes the place of a path's when it is whole; if something goes wrong, nothing is left."""
+    """A file to write that takes the place of a path's when it is whole; if something goes wrong, nothing is left.
+
+    It has the owner and the rights of the one before it. A link is followed, and a device or pipe written to.
+    """
+    path = Path(os.path.realpath(path))
+    before = path.stat() if path.exists() else None
+    if before is not None and not stat.S_ISREG(before.st_mode):
+        with path.open("wb") as file:
+            yield file
+        return
     draft = path.with_name(f".{path.name[:200]}-{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:
+            if before is not None:
+                with contextlib.suppress(OSError):  # who may not give files away keeps it
+                    os.fchown(file.fileno(), before.st_uid, before.st_gid)
+                os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
             yield file
             file.flush()
             os.fsync(file.fileno())

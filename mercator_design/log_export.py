@@ -102,12 +102,13 @@ class _Log:
     """A log event by event, with what follows from its start.
 
     columns: Of its table.
-    counted: Events that are, and as what.
+    counted, unit: Events that are counted, and as what.
     time: Of the latest event [s since 1970].
     """
 
     columns: Sequence[str]
-    counted: tuple[Sequence[str], str]
+    counted: Sequence[str]
+    unit: str
 
     def __init__(self, start: Event, events: Iterator[Event]) -> None:
         self.start, self._events = start, events
@@ -122,7 +123,8 @@ class _Log:
                 self._why = event["why"]
             elif "time" in event:  # notes of older logs have none
                 self.time = self._began + event["time"]
-            self._count += event["event"] in self.counted[0]
+            if event["event"] in self.counted:
+                self._count += 1
             yield event
 
     def rows(self, event: Event) -> Iterator[Row]:
@@ -139,7 +141,7 @@ class _Log:
 
     def summary(self) -> str:
         """How much there was, and why it ended."""
-        return f"{self._count} {self.counted[1]}; {self._why}"
+        return f"{self._count} {self.unit}; {self._why}"
 
 
 class _Run(_Log):
@@ -151,7 +153,8 @@ class _Run(_Log):
         "neighbour_places",
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
     )
-    counted = ("cycle",), "cycles"
+    counted = ("cycle",)
+    unit = "cycles"
 
     def __init__(self, start: Event, events: Iterator[Event]) -> None:
         super().__init__(start, events)
@@ -204,7 +207,8 @@ class _Run(_Log):
 
 class _Recording(_Log):
     columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
-    counted = ("sample", "turn"), "samples and turns"
+    counted = ("sample", "turn")
+    unit = "samples and turns"
     _yaw: float | None = None  # the latest
 
     def rows(self, event: Event) -> Iterator[Row]:

@@ -1,5 +1,6 @@
 """Each sensor of a robot model: what of its measurements in recordings counts, and the noise that fits them."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ _PRESENT = 0.5  # of its measurements a channel must have
 _FAR = 6.0  # standard deviations from what a channel usually measures
 _MARGIN = 4.0  # standard deviations to the ends of the range
 _SLANT = 0.3  # standard deviations from one beam to the next ...
-_SIGNIFICANT = 3.0  # ... and standard errors of that, which are as large in a short scene
+_SIGNIFICANT = 3.0  # ... or standard errors of that, which are more in a short scene
 _SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
 _DRIFT = 1e-9  # chance of a drift where there is none
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
@@ -110,9 +111,12 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
 
     Raises:
         RobotError: if a recording cannot be read, or is none.
-        MercatorError: if there is too little to learn from.
+        MercatorError: if there is too little to learn from, or a recording is there twice.
     """
     recordings = tuple(map(read_recording, paths))
+    for one, other in itertools.combinations(recordings, 2):
+        if one.start == other.start:
+            raise MercatorError(f"{other.path} is the same recording as {one.path}, which would count twice")
     scenes = [scene for recording in recordings for scene in recording.scenes]
     notes = [note for recording in recordings for note in _motion(recording)]
     robots = sorted({recording.start.get("robot", "?") for recording in recordings})
@@ -259,7 +263,7 @@ def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
     n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
-    limits = np.median(sd[use]) * (_SLANT + _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
+    limits = np.median(sd[use]) * np.maximum(_SLANT, _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
     like_before: NDArray[np.bool_] = steps <= limits
     return like_before & np.roll(like_before, -1)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, naming, tell
 
 
 @click.command(short_help="Write mercator-robot as one file.")
@@ -20,7 +20,9 @@ def bundle(output: Path) -> None:
     from mercator_design.files import write_bytes
     from mercator_design.fleet.bundle import bundle as make
 
+    data = make()
     with naming(output):
-        write_bytes(output, make())
-        output.chmod(0o755)
+        write_bytes(output, data)
+        if output.is_file():
+            output.chmod(0o755)
     tell(f"{output} is written; on the robot: python3 {output.name} --help")

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.cli.terminal import naming
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, naming, tell
 from mercator_design.errors import MercatorError
 
 
@@ -57,10 +56,10 @@ def calibrate(
     result = fit(recordings, load_robot_model(base), seed=seed)
     for note in result.notes:
         tell(f"Note: {note}")
-    beside = base if is_name(base) else os.path.relpath(base, output.parent)
-    with naming(output):
-        write_text(output, model_text(result, beside, name))
     if plot is not None:
         with naming(plot):
             save_noise(plot, result)
+    beside = base if is_name(base) else os.path.relpath(base, output.parent)
+    with naming(output):
+        write_text(output, model_text(result, beside, name))
     click.echo(calibration_json(result, seed) if as_json else calibration_page(result))

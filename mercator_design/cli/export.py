@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.cli.terminal import naming
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, naming, tell
 from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 

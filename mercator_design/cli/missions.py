@@ -7,7 +7,8 @@ import click
 
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
-from mercator_design.cli.terminal import naming, terminal_width
+from mercator_design.cli.terminal import terminal_width
+from mercator_design.command import naming
 from mercator_design.errors import MercatorError, MissionError
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import click
 
 from mercator_design.cli.inputs import mission_of, new_simulator
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.cli.terminal import naming, warn_of_doubts
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell
+from mercator_design.cli.terminal import warn_of_doubts
+from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, read_controller, tell
 from mercator_design.errors import printable
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
-from mercator_design.cli.terminal import Interrupt, naming, terminal_width
-from mercator_design.command import tell
+from mercator_design.cli.terminal import Interrupt, terminal_width
+from mercator_design.command import naming, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What the verbs share of talking to people: messages, Ctrl-C, and files that cannot be written."""
+"""What the verbs share of talking to people: messages and Ctrl-C."""
 
 import contextlib
 import shutil
@@ -6,12 +6,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from os import EX_TEMPFAIL
-from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
 from mercator_design.command import Signalled, tell, warn
-from mercator_design.errors import MercatorError
 
 if TYPE_CHECKING:
     from mercator_design.fsm.modules import Module
@@ -97,12 +95,3 @@ class Interrupt:
         if self._came is not None:
             tell(what)
             raise KeyboardInterrupt if self._came == signal.SIGINT else _terminated()
-
-
-@contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """What cannot be written is named as the user did."""
-    try:
-        yield
-    except OSError as error:
-        raise MercatorError(f"{path}: cannot be written: {error.strerror or error}") from None

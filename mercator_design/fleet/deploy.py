@@ -1,7 +1,7 @@
 """Control software on many robots at once, over the system's ssh and scp.
 
-A robot has in its folder the program, fsm.txt, its own robot.yaml if somebody has put one there, `logs`, and in `pid`
-the number of the process that runs.
+A robot has in its folder the program, fsm.txt, its own robot.yaml if somebody has put one there, `logs`, `lock`, which
+is held while something runs or is about to, and in `pid` the number of the process that runs.
 """
 
 import shlex
@@ -27,12 +27,15 @@ _OPTIONS = {
 }
 _MOST = 100  # robots at a time
 
-_IS_RUNNING = f'pid=$(cat pid 2>/dev/null) && grep -qs {PROGRAM} "/proc/$pid/cmdline"'
-"""Whether a run is in progress; a number in `pid` may since have become another process's."""
+_HOLD = "exec 9>lock && flock -n 9 && rm -f pid"
+"""Whether nothing is in progress; then nothing else begins before this script ends. A run keeps its start's lock."""
 _BE_IDLE = f"""
-if {_IS_RUNNING}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
+if ! {{ {_HOLD}; }}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
 """
-_TAKE = f"mv new/{PROGRAM} new/{FSM} . && python3 {PROGRAM} --version"
+_TAKE = f"""
+{_BE_IDLE}
+mv new/{PROGRAM} new/{FSM} . && python3 {PROGRAM} --version
+"""
 _START = f"""
 {_BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
@@ -49,13 +52,14 @@ echo "has not begun after 20 s, and was ended" >&2
 exit 1
 """
 _STOP = f"""
-if ! {{ {_IS_RUNNING}; }}; then echo "nothing runs"; exit 0; fi
-kill -TERM "$pid"
+if {_HOLD}; then echo "nothing runs"; exit 0; fi
+pid=
 for _ in $(seq 50); do
-    if ! {{ {_IS_RUNNING}; }}; then echo "stopped"; exit 0; fi
+    if [ -z "$pid" ] && [ -s pid ]; then pid=$(cat pid); kill -TERM "$pid"; fi
     sleep 0.1
+    if {_HOLD}; then echo "stopped"; exit 0; fi
 done
-echo "process $pid has not ended 5 s after SIGTERM" >&2
+echo "process ${{pid:-that copies or starts}} has not ended after 5 s" >&2
 exit 1
 """
 _COUNT_LOGS = "ls logs 2>/dev/null | wc -l"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mercator_design.robot.findings import Finding, Look, of_devices
-from mercator_design.robot.install import RULES
+from mercator_design.robot.install import NAMED, RULES
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr_messages import Processor
@@ -16,6 +16,7 @@ from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk
 from mercator_design.robot.ydlidar import Packet, Turns
 
+_TIMESYNC = Path("/run/systemd/timesync")  # of systemd's client of NTP, which most Pis have
 _KERNEL = Path("/proc/cmdline")
 _PROCESSES = Path("/proc")
 _CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first of newer systems
@@ -48,13 +49,17 @@ def _text(path: Path) -> str:
 
 
 def check_clock(now: float) -> Finding:
-    """Whether a clock [s since 1970] may be right: this program was not installed in the future."""
+    """Whether a clock [s since 1970] may be right: it has been set, and not to before this program was installed."""
     date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
     here = Path(__file__)
     installed = next(path for path in (here, *here.parents) if path.exists())  # this file, or the archive it is in
-    if now >= installed.stat().st_mtime:
+    if now < installed.stat().st_mtime:
+        found = "is past"
+    elif _TIMESYNC.exists() and not (_TIMESYNC / "synchronized").exists():
+        found = "was not set by a network since this computer was switched on"
+    else:
         return Finding("clock", is_fine=True, words=date)
-    return Finding("clock", is_fine=False, words=f"{date} is past; a Pi has no clock of its own: give it a network")
+    return Finding("clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: give it a network")
 
 
 def check_console(port: str, kernel: str) -> Finding:
@@ -90,10 +95,10 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
 
 def check_programs(port: str) -> Finding:
     """Whether programs run that take serial ports for theirs, as modems, Braille displays or terminals."""
-    found = set()
+    found, rules = set(), _text(RULES)
     for process in _PROCESSES.glob("[0-9]*"):
         match _text(process / "comm").strip():
-            case "ModemManager" if not RULES.exists():
+            case "ModemManager" if not all(f"mercator-{device}" in rules for device in NAMED):
                 found.add(
                     "ModemManager talks to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
                 )

@@ -21,7 +21,8 @@ _AWAKE = 10.0  # [s] between commands, as an RVR that is told nothing falls asle
 _SPREAD = 15.0  # levels, of a robot that stands still on one colour; noise of 5 in each channel is 9
 _STRANGE = 60.0  # levels by which a colour is brighter or darker than usual
 _DARK = 5.0  # levels without a lamp
-_APART = 3.0  # standard deviations from one colour to the middle between two
+_APART = 3.0  # standard deviations from one colour to the middle between two, ...
+_LEAST_APART = 1.0  # ... below which they cannot be told from each other
 _LEAST_DEVIATION = 1.0  # levels; more than a few seconds show
 
 
@@ -100,6 +101,9 @@ def calibrate(
         seconds: Of each measurement.
         ask: Called with what somebody is to do before each.
         tell: Called with what was measured, and with what is doubtful.
+
+    Raises:
+        RobotError: if the sensor cannot be used, sees nothing, or cannot tell two colours from each other.
     """
     measured: dict[ColourName, list[RGB]] = {}
     for name in names:
@@ -107,9 +111,12 @@ def calibrate(
         measured[name] = found = sensor.measure(seconds)
         levels = " ".join(f"{level:.1f}" for level in mean(found))
         tell(f"{name}: {levels}, spread {spread(found):.1f}, of {len(found)} measurements")
+        check_light(name, found)
         for doubt in doubts(name, found):
             tell(f"Warning: {doubt}")
     labels: dict[ColourName, Levels] = {name: _rounded(mean(found)) for name, found in measured.items()}
+    for doubt in confused(measured, {**kept, **labels}, _LEAST_APART):
+        raise RobotError(f"ground: {doubt}")
     for doubt in confused(measured, {**kept, **labels}):
         tell(f"Warning: {doubt}")
     return labels
@@ -127,24 +134,37 @@ def spread(found: Sequence[RGB]) -> float:
     return math.sqrt(fmean(math.dist(colour, middle) ** 2 for colour in found))
 
 
+def check_light(name: ColourName, found: Sequence[RGB]) -> None:
+    """See whether the sensor sees the floor.
+
+    Raises:
+        RobotError: if a colour that is not black reads as nothing.
+    """
+    if fmean(COLOURS[name]) > _DARK > fmean(mean(found)):
+        raise RobotError(f"ground: {name} reads as nothing; is the sensor's lamp on, and the robot on the floor?")
+
+
 def doubts(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
     """What is odd about the measurements of one colour."""
     if spread(found) > _SPREAD:
         yield f"{name} is not the same all the time; stand still, on one colour, and measure it again"
     brightness, usual = fmean(mean(found)), fmean(COLOURS[name])
-    if usual > _DARK and brightness < _DARK:
-        yield f"{name} reads as nothing; is the sensor's lamp on, and the robot on the floor?"
-    elif abs(brightness - usual) > _STRANGE:
+    if abs(brightness - usual) > _STRANGE:
         than = "darker" if brightness < usual else "brighter"
         yield f"{name} is {than} than usual: brightness {brightness:.0f}, not {usual:.0f}; is it {name}?"
 
 
-def confused(measured: Mapping[ColourName, Sequence[RGB]], labels: Mapping[ColourName, RGB]) -> Iterator[str]:
-    """Which two colours are read as each other too often: what was measured, as normal distributions, of labels."""
+def confused(
+    measured: Mapping[ColourName, Sequence[RGB]], labels: Mapping[ColourName, RGB], least: float = _APART
+) -> Iterator[str]:
+    """Which two colours are read as each other too often: what was measured, as normal distributions, of labels.
+
+    Those are less than `least` standard deviations from the middle between them.
+    """
     for one, other in itertools.combinations(labels, 2):
         far = math.dist(labels[one], labels[other])
         spreads = [_along(measured[name], labels[one], labels[other]) for name in (one, other) if name in measured]
-        if not spreads or (apart := 0.5 * far / max(*spreads, _LEAST_DEVIATION)) >= _APART:
+        if not spreads or (apart := 0.5 * far / max(*spreads, _LEAST_DEVIATION)) >= least:
             continue
         levels = "1 level" if round(far) == 1 else f"{far:.0f} levels"
         yield (

@@ -7,6 +7,7 @@ systemd.
 """
 
 import contextlib
+import os
 import pwd
 import re
 import subprocess
@@ -19,9 +20,9 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.files import write_text
+from mercator_design.files import Unreadable, read_small, replacing
 from mercator_design.robot.findings import Finding
-from mercator_design.robot.ports import usb_port
+from mercator_design.robot.ports import DeviceName, usb_port
 from mercator_design.robot.settings import Settings
 
 RULES = Path("/etc/udev/rules.d/99-mercator.rules")
@@ -30,6 +31,8 @@ IDLE, RUN = (Path("/etc/systemd/system", f"mercator-{name}.service") for name in
 _OURS = "# Written by `mercator-robot install`, removed by `mercator-robot install --uninstall`.\n"
 _READ_UNITS = ["systemctl daemon-reload"]
 _READ_RULES = ["udevadm control --reload", "udevadm trigger --subsystem-match=usb --subsystem-match=tty"]
+NAMED: tuple[DeviceName, ...] = ("lidar", "proximity")
+"""Devices that udev gives a name."""
 AFTERWARDS = [*_READ_UNITS, f"systemctl enable {IDLE.name}", *_READ_RULES]
 """Commands that let the system heed what was written."""
 
@@ -55,13 +58,17 @@ RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
 _IDLE = """
 [Unit]
 Description=Mercator robot at rest
-
+{after}
 [Service]
 Type=oneshot
 {service}ExecStart={program} stop
 
 [Install]
 WantedBy=multi-user.target
+"""
+_AFTER_LIDAR = """\
+Wants=dev-mercator\\x2dlidar.device
+After=dev-mercator\\x2dlidar.device
 """
 _RUN = """
 [Unit]
@@ -102,8 +109,9 @@ class Setup:
 
 def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:
     """The lidar and the hub, as they are connected now, and what is found of them."""
-    ports, findings = {}, []
-    for device in ("lidar", "proximity"):
+    ports: dict[str, ListPortInfo] = {}
+    findings = []
+    for device in NAMED:
         link = f"/dev/mercator-{device}"
         try:
             ports[device] = usb_port(device, getattr(settings.ports, device))
@@ -115,21 +123,23 @@ def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding
     return ports, findings
 
 
-def texts(ports: Mapping[str, ListPortInfo], setup: Setup) -> dict[Path, str]:
-    """The files.
+def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[Path, str]:
+    """The files; a device that is not among the ports keeps the rule that it has below the root.
 
     Raises:
-        RobotError: if there is no such user, or a path would mean something else in a unit.
+        RobotError: if there is no such user, a path would mean something else in a unit, or the rules cannot be read.
     """
+    rules = _rules(root) | {device: _rule(device, port) for device, port in ports.items()}
     with contextlib.suppress(KeyError):
         pwd.getpwnam(setup.user)
         program = " ".join(map(_plain, _program()))
         robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
+        after = _AFTER_LIDAR if "lidar" in rules else ""
         service = _SERVICE.format(user=_plain(setup.user), environment=robot)
         return {
-            RULES: _OURS + "".join(_rule(device, port) for device, port in ports.items()),
+            RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
             LIMITS: _OURS + _LIMITS,
-            IDLE: _OURS + _IDLE.format(service=service, program=program),
+            IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
             RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
         }
     raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot")
@@ -139,23 +149,33 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
     """Write the files below a root, and let the system heed them if it is this system's.
 
     Raises:
-        RobotError: if one cannot be written, or another's is in its place; then nothing is written.
+        RobotError: if one cannot be written, or another's is in its place; then none is.
     """
     _refuse_foreign(files, root)
-    for place, text in files.items():
-        path = _below(root, place)
-        with _permitted(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_text(path, text)
-            path.chmod(0o644)
-        yield Finding(str(path), is_fine=True, words="written")
+    with contextlib.ExitStack() as drafts:
+        for place, text in files.items():
+            path = _below(root, place)
+            with _permitted(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                file = drafts.enter_context(replacing(path))
+                file.write(text.encode())
+                file.flush()
+                os.fchmod(file.fileno(), 0o644)
+    for place in files:
+        yield Finding(str(_below(root, place)), is_fine=True, words="written")
     yield from _run_all(AFTERWARDS, root)
 
 
 def uninstall(root: Path) -> Iterator[Finding]:
-    """Remove the files that `install` has written, and no others; errors are those of `install`."""
+    """Remove the files that `install` has written, and no others.
+
+    Raises:
+        RobotError: as `install`, or if its service runs.
+    """
     there = [place for place in (RULES, LIMITS, IDLE, RUN) if _below(root, place).exists()]
     _refuse_foreign(there, root)
+    if RUN in there and root == Path("/") and _is_running():
+        raise RobotError(f"{RUN.name} runs; systemctl stop {RUN.name} first")
     for place in there:
         path = _below(root, place)
         if place == IDLE:
@@ -165,6 +185,14 @@ def uninstall(root: Path) -> Iterator[Finding]:
         yield Finding(str(path), is_fine=True, words="removed")
     if there:
         yield from _run_all([*_READ_UNITS, *_READ_RULES], root)
+
+
+def _rules(root: Path) -> dict[str, str]:
+    """Those that were written below a root, by device."""
+    path = _below(root, RULES)
+    with _permitted(path):
+        text = path.read_text(errors="replace") if path.exists() else ""
+    return {device: rule for rule, device in re.findall(r"(\n# (\w+): (?:.+\n)+)", text)}
 
 
 def _rule(device: str, port: ListPortInfo) -> str:
@@ -213,9 +241,18 @@ def _below(root: Path, place: Path) -> Path:
 def _refuse_foreign(places: Iterable[Path], root: Path) -> None:
     for place in places:
         path = _below(root, place)
+        if not Path(os.path.realpath(path)).is_relative_to(root):
+            raise RobotError(f"{path}: a link leads out of {root}")
         with _permitted(path):
-            if path.exists() and not path.read_text(errors="replace").startswith(_OURS):
+            if path.exists() and not _is_ours(path):
                 raise RobotError(f"{path}: is not of mercator-robot's making; move it away")
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return read_small(path, 2**20).startswith(_OURS.encode())
+    except Unreadable:
+        return False
 
 
 @contextlib.contextmanager
@@ -226,6 +263,14 @@ def _permitted(path: Path) -> Iterator[None]:
         raise RobotError(f"{path}: no permission; use sudo") from None
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from None
+
+
+def _is_running() -> bool:
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+        asked = ["systemctl", "is-active", RUN.name]
+        found = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+        return found.stdout.strip() in {"active", "activating", "deactivating"}
+    return False
 
 
 def _run_all(commands: Iterable[str], root: Path) -> Iterator[Finding]:

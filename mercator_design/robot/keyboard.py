@@ -22,8 +22,9 @@ _KEYS: dict[bytes, Key] = {
     b"\x04": "quit",
     **{start + letter: key for start in (b"\x1b[", b"\x1bO") for letter, key in _ARROWS.items()},
 }
-_KEY = re.compile(rb"\x1b(?:\[[0-9;]*[@-~]|O.)|.", re.DOTALL)
-_BEGUN = re.compile(rb"\x1b(?:\[[0-9;]*|O)?\Z")  # of a key whose other bytes are on their way
+# Keys, among them those of the Linux console with [[, and what a terminal says of itself, which begins with ] or P.
+_KEY = re.compile(rb"\x1b(?:\[\[.|\[[0-?]*[ -/]*[@-~]|O.|[]P][^\a\x1b]{0,200}(?:\a|\x1b\\))|.", re.DOTALL)
+_BEGUN = re.compile(rb"\x1b(?:\[(?:\[|[0-?]*[ -/]*)|O|[]P][^\a\x1b]{0,200}\x1b?)?\Z")  # its other bytes may follow
 _CLEAR_LINE = "\r\x1b[K"
 
 
@@ -50,7 +51,7 @@ class Keyboard:
         try:
             data = os.read(self._terminal, 1000)
         except BlockingIOError:
-            return []
+            return ["stop"] if self._rest else []  # Escape is the beginning of a key, of which no more may come
         except OSError:  # as Linux has it when the other end of a pseudo-terminal is closed
             data = b""
         if not data:

@@ -24,21 +24,20 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, TypeAlias
+from typing import Any, Self
 
 from mercator_design import __version__
 from mercator_design.checked_lines import Event, from_line, to_line
 from mercator_design.errors import FsmError, RobotError
 from mercator_design.files import sync_folder
 from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
+from mercator_design.robot.log_events import FORMAT, Checker, Kind
 
-Kind: TypeAlias = Literal["run", "recording"]
-
-FORMAT = 1
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
 _WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
 _ROUNDING = 1e-9  # of wheels that are decided again
+_LONGEST = 1 << 20  # bytes of a line
 _LAST = 10.0  # [s] that the end may take to be written
 
 
@@ -150,20 +149,25 @@ def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
         kind: It is expected to be of; None: of any.
 
     Raises:
-        RobotError: if it cannot be read, is no log, is one of another kind, or is damaged before its end.
+        RobotError: if it cannot be read, is no log, is one of another kind, has other events than this version writes,
+            or is damaged before its end.
     """
     try:
+        if path.exists() and not path.is_file():  # opening a pipe would wait, reading a device might never end
+            raise RobotError(f"{path}: expected a robot's log, found a folder, device or pipe")
         with path.open("rb") as file:
-            for number, line in enumerate(file, start=1):
+            checker = Checker(kind)
+            lines = iter(lambda: file.readline(_LONGEST), b"")
+            for number, line in enumerate(lines, start=1):
                 try:
                     event = from_line(line)
-                    if number == 1 and (event.get("event"), event.get("format")) != ("start", FORMAT):
-                        raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")  # noqa: TRY301
-                    if number == 1 and kind not in (None, event.get("kind")):
-                        raise ValueError(f"expected the log of a {kind}, found that of a {event.get('kind')}")  # noqa: TRY301
                 except ValueError as error:
-                    if number > 1 and next(file, None) is None:
+                    if number > 1 and next(lines, None) is None:
                         return
+                    raise RobotError(f"{path}, line {number}: {error}") from None
+                try:
+                    checker.check(event)
+                except ValueError as error:
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 yield event
             if file.tell() == 0:
@@ -174,14 +178,14 @@ def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
 
 @contextlib.contextmanager
 def understanding(path: Path) -> Iterator[None]:
-    """What takes events of a log for what this version writes.
+    """What computes with events of a log, whose values have been checked one by one.
 
     Raises:
-        RobotError: if they are not.
+        RobotError: if together they cannot be what this version writes.
     """
     try:
         yield
-    except (KeyError, TypeError, ValueError, IndexError, FsmError) as error:
+    except (KeyError, ValueError, IndexError, ArithmeticError, FsmError) as error:
         raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
 
 

@@ -34,7 +34,8 @@ PERIOD = 0.05
 """[s] of the RVR's streaming."""
 
 _BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
-_POLL = 10.0  # [s] between questions after the battery
+_POLL = 1.0  # [s] between questions after the battery
+_UNANSWERED = 2  # times that it was asked
 _SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _NOTES = 100
 _CRITICAL = 3  # state of the battery
@@ -87,7 +88,7 @@ class Mercator:
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self._is_blind = self._do_commands_end = False
-        self._polled = -math.inf
+        self._polled, self._unanswered = -math.inf, 0
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
@@ -214,13 +215,16 @@ class Mercator:
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def poll(self) -> None:
-        """Ask after the battery if that was long ago, which also keeps the RVR awake.
+        """Ask after the battery if that was long ago: keeps the RVR awake, and tells whether it still hears.
 
         Raises:
-            Stopped: if the port is lost.
+            Stopped: if it does not answer, or the port is lost.
         """
         if time.monotonic() - self._polled > _POLL:
+            if self._unanswered == _UNANSWERED:
+                raise Stopped(f"rvr: it does not answer any more; {self._talk.remedy('rvr')}")
             self._polled = time.monotonic()
+            self._unanswered += 1
             self._talk.tell("get_battery_voltage_state")
             self._talk.tell("get_battery_percentage")
 
@@ -299,6 +303,7 @@ class Mercator:
                     self.samples["lidar"] = Sample(now, ())
                     self._note_sight()
             case Response():
+                self._unanswered = 0
                 if event.error:
                     self._note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
@@ -319,8 +324,9 @@ class Mercator:
         """Stop if the RVR says that it must not drive."""
         match name:
             case "get_battery_percentage" if values:
-                self.facts["battery"] = charge(values["percentage"])
-                self._note(f"battery {self.facts['battery']}")
+                before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
+                if before != self.facts["battery"]:
+                    self._note(f"battery {self.facts['battery']}")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
                 raise Stopped("rvr: the battery is critical; charge it")
             case "did_sleep":

@@ -2,6 +2,7 @@
 
 import os
 import select
+import termios
 from collections.abc import Callable
 
 from mercator_design.command import tell
@@ -21,6 +22,8 @@ def ask(what: str, meanwhile: Callable[[], None]) -> None:
     Raises:
         RobotError: at the end of the input.
     """
+    if os.isatty(_STDIN):
+        termios.tcflush(_STDIN, termios.TCIFLUSH)  # Enter that was pressed too often is no answer
     tell(f"{what}, then press Enter.")
     while True:
         while not select.select([_STDIN], [], [], _LOOK)[0]:

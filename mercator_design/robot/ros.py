@@ -1,13 +1,15 @@
 """A node of ROS 1 in the place of those that drove Mercator: publishes what the robot senses, obeys two topics."""
 
+import http.client
 import importlib
 import math
-import socket
 import threading
 import time
+import xmlrpc.client
 from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlsplit
+from xml.parsers.expat import ExpatError
 
 from mercator_design.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
@@ -38,7 +40,9 @@ _LIGHTS_OF = (
 _OF_RVR = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
 """Samples."""
 _MASTER_LOOK = 0.5  # [s] between looks after the master
-_MASTER_ANSWER = 2.0  # [s] that it may take to let us in
+_MASTER_ANSWER = 2.0  # [s] that it may take to answer
+_REGISTER = 5.0  # [s] that ROS's client may take to tell the master of us, ...
+_LEAVE = 2.0  # ... and that we are gone; it would try for ever
 
 
 class Node:
@@ -57,17 +61,20 @@ class Node:
         except ImportError as error:
             raise RobotError(_ABSENT.format(error)) from None
         try:
-            self._master = urlsplit(_module("rosgraph").get_master_uri())
+            self._master: str = _module("rosgraph").get_master_uri()
             self._reach_master()
-            self._rospy.init_node(NAME, disable_signals=True)
+            self._publishers: dict[str, Any] = {}
+            self._register(self._begin)
         except (self._rospy.ROSException, ValueError) as error:
             raise RobotError(f"ros: {error}") from None
         self.name = str(self._rospy.get_name())
         self.namespace = str(self._rospy.get_namespace()).strip("/").replace("/", "_")
-        self._publishers = {
-            name: self._rospy.Publisher(name, self.types[topic.type], queue_size=topic.queue, latch=topic.latched)
-            for name, topic in PUBLISHED.items()
-        }
+
+    def close(self) -> None:
+        """Be a node no more; a master that does not answer is not waited for."""
+        leaving = threading.Thread(target=self._rospy.signal_shutdown, args=("it has ended",), daemon=True)
+        leaving.start()
+        leaving.join(_LEAVE)
 
     def publish(self, topic: str, fields: Fields) -> None:
         """Send a message."""
@@ -81,11 +88,15 @@ class Node:
         Raises:
             RobotError: if the master has gone.
         """
-        self._reach_master()  # else to subscribe would wait for it
+        self._reach_master()
         self._rospy.on_shutdown(lambda: brake.stop("ros: the node was told to shut down"))
         threading.Thread(target=self._watch_master, args=(brake,), daemon=True).start()
-        for topic, take in ((WHEELS, orders.take_speeds), (LEDS, orders.take_colours)):
-            self._rospy.Subscriber(topic, self.types[OBEYED[topic]], take, queue_size=10)
+
+        def subscribe() -> None:
+            for topic, take in ((WHEELS, orders.take_speeds), (LEDS, orders.take_colours)):
+                self._rospy.Subscriber(topic, self.types[OBEYED[topic]], take, queue_size=10)
+
+        self._register(subscribe)
 
     def now(self) -> float:
         """The time of ROS [s]."""
@@ -99,14 +110,49 @@ class Node:
         package, _, kind = name.partition("/")
         return getattr(_module(f"{package}.msg"), kind)
 
-    def _reach_master(self) -> None:
-        uri = self._master.geturl()
+    def _begin(self) -> None:
+        self._rospy.init_node(NAME, disable_signals=True)
+        for name, topic in PUBLISHED.items():
+            self._publishers[name] = self._rospy.Publisher(
+                name, self.types[topic.type], queue_size=topic.queue, latch=topic.latched
+            )
+
+    def _register(self, register: Callable[[], None]) -> None:
+        """Let ROS's client tell the master something; in a thread, as it would try for ever.
+
+        Raises:
+            RobotError: if that takes too long.
+            Exception: whatever the client raises.
+        """
+        ended: list[Exception | None] = []
+
+        def attempt() -> None:
+            try:
+                register()
+                ended.append(None)
+            except Exception as error:  # noqa: BLE001 - raised again below
+                ended.append(error)
+
+        thread = threading.Thread(target=attempt, daemon=True)
+        thread.start()
         try:
-            if self._master.hostname is None:
-                raise RobotError(f"ros: ROS_MASTER_URI: expected http://HOST:PORT/, found {uri}")
-            socket.create_connection((self._master.hostname, self._master.port or 80), _MASTER_ANSWER).close()
-        except OSError as error:
-            raise RobotError(f"ros: no master at {uri}: {error}; does roscore run there?") from None
+            thread.join(_REGISTER)
+        finally:
+            if not ended:
+                self.close()
+        if not ended:
+            raise RobotError(f"ros: the master at {self._master} does not answer any more; does roscore run there?")
+        if ended[0] is not None:
+            raise ended[0]
+
+    def _reach_master(self) -> None:
+        if urlsplit(self._master).hostname is None:
+            raise RobotError(f"ros: ROS_MASTER_URI: expected http://HOST:PORT/, found {self._master}")
+        try:
+            with xmlrpc.client.ServerProxy(self._master, _Impatient()) as master:
+                master.getPid(f"/{NAME}")
+        except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError) as error:
+            raise RobotError(f"ros: no master at {self._master}: {error}; does roscore run there?") from None
 
     def _watch_master(self, brake: Brake) -> None:
         """A node is not told that its master has gone."""
@@ -116,6 +162,15 @@ class Node:
             except RobotError as error:
                 brake.stop(str(error))
             time.sleep(_MASTER_LOOK)
+
+
+class _Impatient(xmlrpc.client.Transport):
+    """One that does not wait for ever."""
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:  # noqa: ANN401 - as the base has it
+        connection = super().make_connection(host)
+        connection.timeout = _MASTER_ANSWER
+        return connection
 
 
 def _module(name: str) -> Any:  # noqa: ANN401 - ROS's have no types

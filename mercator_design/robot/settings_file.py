@@ -1,7 +1,8 @@
 """Changing values in a robot.yaml where they stand: all else stays as somebody wrote it, with its comments."""
 
 import dataclasses
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,24 @@ def change(path: Path, **values: object) -> None:
 
     Raises:
         SettingsError: if the file, or what would become of it, is not valid; then it stays as it is.
+        OSError: if it cannot be written; then it stays as well.
     """
+    write_text(path, _changed(path, values))
+
+
+def rehearse(path: Path, **values: object) -> None:
+    """See whether a file could be changed, before somebody takes the trouble of measuring the true values.
+
+    Raises:
+        SettingsError: if it could not.
+    """
+    _changed(path, values)
+    if not os.access(path.resolve().parent, os.W_OK):
+        raise SettingsError(f"{path}: cannot be written: nothing can be written to its folder")
+
+
+def _changed(path: Path, values: Mapping[str, object]) -> str:
+    """The text of a file with other values; errors are those of `change`."""
     old, text = read_settings(path), text_of(path, error=SettingsError)
     wanted: dict[str, Any] = {}
     changes: dict[tuple[str, ...], object]
@@ -35,13 +53,18 @@ def change(path: Path, **values: object) -> None:
         else:
             wanted[key], changes = value, {(key,): value}
         for way, each in changes.items():
-            text = put(text, way, plain(each))
+            try:
+                text = put(text, way, plain(each))
+            except (yaml.YAMLError, ValueError):
+                raise _unchangeable(path, values) from None
     new = parse(text, Settings, error=SettingsError, label=f"{path}, changed", folder=path.parent)
     if new != dataclasses.replace(old, **wanted):
-        raise SettingsError(
-            f"{path} is written in a way that cannot be changed; put {', '.join(values)} there yourself"
-        )
-    write_text(path.resolve(), text)
+        raise _unchangeable(path, values)
+    return text
+
+
+def _unchangeable(path: Path, values: Iterable[str]) -> SettingsError:
+    return SettingsError(f"{path} is written in a way that cannot be changed; put {', '.join(values)} there yourself")
 
 
 def put(text: str, keys: tuple[str, ...], value: object) -> str:

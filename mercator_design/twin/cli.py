@@ -58,8 +58,8 @@ def twin(
     model = load_robot_model(robot_model or loaded.robot_model)
     if no_noise:
         model = without_noise(model)
+    Arena(loaded, model, seed).rehearse(tell)  # compiles, which signals may end at once
     with Interrupt() as interrupt, open_log(folder) as log:
-        Arena(loaded, model, seed).rehearse(tell)
         running = Twin(Arena(loaded, model, seed), script, log)
         with Terminals(running, folder) as terminals:
             for number, file in enumerate(terminals.robots):

@@ -24,6 +24,8 @@ from mercator_design.twin.twin import Log, Twin
 
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
+_BEGINS = {ROBOT: b"# A twin's, which takes this file away when it ends.\n", LOG: b'{"time": 0.0, "event": "'}
+"""By which the files of a twin that was killed are known."""
 _CHUNK = 4096
 _RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
@@ -51,9 +53,10 @@ def open_log(folder: Path) -> Iterator[Log]:
     """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
 
     Raises:
-        RobotError: if another twin has the folder.
+        RobotError: if another twin has the folder, or somebody else's file is in the place of the log.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    _check_free(folder / LOG)
     with (folder / LOG).open("a", encoding="utf-8") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -61,6 +64,27 @@ def open_log(folder: Path) -> Iterator[Log]:
             raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
         stream.truncate(0)
         yield lambda event: _write(stream, event)
+
+
+def _check_free(path: Path) -> None:
+    """Make sure that a twin may write or replace a file, because there is none, or a twin has left it.
+
+    Raises:
+        RobotError: if it may not.
+    """
+    if os.path.lexists(path) and not _is_left(path):
+        raise RobotError(f"{path} is there, and is no twin's; move it, or choose another folder")
+
+
+def _is_left(path: Path) -> bool:
+    """Whether a file is a twin's."""
+    if path.is_symlink():
+        return path.name in DEVICES and str(path.readlink()).startswith("/dev/pts/")
+    if not path.is_file() or path.name not in _BEGINS:
+        return False
+    begins = _BEGINS[path.name]
+    with path.open("rb") as file:
+        return file.read(len(begins)) in (begins, b"")
 
 
 def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
@@ -88,7 +112,11 @@ class Terminals:
     """The ports of all robots: in `folder`/N, for robot N, links to them, and robot.yaml, which names them."""
 
     def __init__(self, twin: Twin, folder: Path) -> None:
-        """No ports yet: entering makes them, and leaving takes them away."""
+        """No ports yet: entering makes them, and leaving takes them away.
+
+        Raises:
+            RobotError: on entering, if somebody else's file is in the place of one of them.
+        """
         self._twin, self._folder = twin, folder.resolve()
         self._fds: dict[tuple[int, DeviceName], int] = {}
         self._ports: dict[int, tuple[int, DeviceName]] = {}
@@ -103,11 +131,14 @@ class Terminals:
         return [self._folder / str(number) / ROBOT for number in range(len(self._twin.robots))]
 
     def __enter__(self) -> Self:
+        for file in self.robots:
+            for name in (ROBOT, *DEVICES):
+                _check_free(file.with_name(name))
         for number, file in enumerate(self.robots):
             file.parent.mkdir(exist_ok=True)
             for device in DEVICES:
                 self._plug_in(number, device)
-            file.write_text(dump(self._settings(number)))
+            file.write_bytes(_BEGINS[ROBOT] + dump(self._settings(number)).encode())
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -115,7 +146,8 @@ class Terminals:
             self._unplug(number, device)
         for file in self.robots:
             with contextlib.suppress(OSError):  # somebody else's files may be there
-                file.unlink()
+                if _is_left(file):
+                    file.unlink()
                 file.parent.rmdir()
 
     def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
@@ -243,7 +275,8 @@ class Terminals:
 
     def _unplug(self, number: int, device: DeviceName) -> None:
         self._close(self._fds.pop((number, device)))
-        self._link(number, device).unlink(missing_ok=True)
+        if _is_left(link := self._link(number, device)):
+            link.unlink()
 
     def _close(self, fd: int) -> None:
         del self._ports[fd]

@@ -79,7 +79,7 @@ def write(path, found, **start):
         "kind": "recording",
         "format": FORMAT,
         "robot": "tester",
-        "time": "today",
+        "time": "2026-01-01T12:00:00+00:00",
         "lidar_angle": 0.0,
         **start,
     }

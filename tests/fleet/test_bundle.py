@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+import threading
 import tomllib
 import venv
 import zipfile
@@ -181,3 +182,19 @@ def test_what_is_installed_in_another_way(mdesign, tmp_path, monkeypatch):
     code, _, err = mdesign("bundle", "-o", tmp_path / "robot.pyz")
     assert (code, err) == (1, "Error: no-such-distribution: its files are not known; install it with pip\n")
     assert not list(tmp_path.iterdir())
+
+
+class TestTheCommand:
+    def test_where_it_cannot_be_written(self, mdesign):
+        words = "Error: nowhere/robot.pyz: cannot be written: No such file or directory\n"
+        assert mdesign("bundle", "-o", "nowhere/robot.pyz") == (1, "", words)
+
+    def test_a_pipe_keeps_its_rights(self, mdesign, tmp_path):
+        pipe, read = tmp_path / "pipe", []
+        os.mkfifo(pipe, 0o600)
+        reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+        reader.start()
+        assert mdesign("bundle", "-o", pipe)[0] == 0
+        reader.join()
+        assert read == [bundle()]
+        assert pipe.stat().st_mode & 0o777 == 0o600

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design import __version__
+from mercator_design.fleet import deploy as fleet
 from tests.robot.devices import Devices
 
 FAKE = """#!{python}
@@ -124,6 +125,26 @@ def test_runs_stops_and_collects(deploy, field):
     assert "Stopped by SIGTERM." in last
 
 
+def test_of_two_starts_at_once_one_is_refused(deploy, field):
+    """And what runs is what is stopped, however long each start takes to begin."""
+    date = field / "bin/date"
+    date.write_text('#!/bin/sh\nsleep 0.5\nexec /bin/date "$@"\n')
+    date.chmod(0o755)
+    (field / "r1/mercator").mkdir()
+    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
+    assert deploy("fsm.txt")[0] == 0
+    (field / "twice.yaml").write_text("robots: [{name: a, host: r1}, {name: b, host: r1, folder: mercator/.}]\n")
+    with Devices() as devices:
+        ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
+        (field / "r1/mercator/robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n{LATE}")
+        results = sorted(fleet.start(fleet.read_fleet(field / "twice.yaml"), [], 60.0), key=lambda each: each.is_done)
+        assert [each.is_done for each in results] == [False, True]
+        assert results[0].words == "a run is in progress: stop it first"
+        devices.when(devices.drives)
+        assert deploy("--stop")[1] == "ok      r1               stopped\n"
+        assert devices.rests_since() < time.monotonic()
+
+
 def test_a_robot_that_does_not_start(deploy, field):
     for name in ("r1", "r2"):
         (field / name / "mercator").mkdir()
@@ -162,7 +183,6 @@ def test_a_process_that_is_another_s_is_left_alone(deploy, field):
     (field / "r1/mercator/pid").write_text(f"{other.pid}\n")
     assert deploy("--stop")[1].count("nothing runs") == 2
     assert other.poll() is None
-    (field / "r1/mercator/pid").unlink()
     other.kill()
     other.wait()
 

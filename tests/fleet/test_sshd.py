@@ -17,7 +17,7 @@ import pytest
 
 from mercator_design import __version__
 from mercator_design.robot.log import read
-from tests.twin.test_runs import events, twin
+from tests.twin.processes import events, twin
 
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ.get("PATH", ""))
 SSH, SCP, KEYGEN = map(shutil.which, ("ssh", "scp", "ssh-keygen"))

@@ -30,6 +30,7 @@ class Devices(threading.Thread):
     battery, percentage: State, of which 3 is critical, and charge.
     firmware: Of the RVR.
     mask: Of the hub's sensors in use.
+    measuring: Time [s] from one measurement of the hub to the next.
     stuck: Whether the lidar's motor does not turn.
     health: Of the lidar; 2 is an error.
     silent: Names of lines, and of services, that tell nothing.
@@ -50,7 +51,7 @@ class Devices(threading.Thread):
         self.sensed = {name: dict(values) for name, values in QUIET.items()}
         self.millimetres = [multiflex.NOTHING] * 8
         self.robots = []
-        self.battery = 1
+        self.battery, self.measuring = 1, 0.1
         self.silent, self.deaf = set(), set()
         self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
         self.stuck, self.damage, self._draw = False, 0.0, random.Random(1)
@@ -63,6 +64,7 @@ class Devices(threading.Thread):
         self._scans = False
         self._angle = 0
         self._over = threading.Event()
+        self._rounds = 0
 
     def __enter__(self):
         for _, port in self._pairs.values():
@@ -81,7 +83,7 @@ class Devices(threading.Thread):
     def unplug(self, line):
         """Whoever has the port loses it."""
         end = self._ends.pop(line)
-        time.sleep(0.02)  # until the loop has turned
+        self.settle()
         os.close(end)
 
     def tell(self, name, **values):
@@ -95,9 +97,18 @@ class Devices(threading.Thread):
             assert time.monotonic() < end, "waited in vain"
             time.sleep(0.005)
 
+    def settle(self):
+        """Wait until what was told before is on its way, and all that follows is as the test has set it."""
+        rounds = self._rounds
+        self.when(lambda: self._rounds >= rounds + 2 or not self.is_alive())
+
     def drives(self):
         """Whether the wheels have been turned."""
-        return any(left or right for _, left, right in self.wheels)
+        return self.driven() > 0
+
+    def driven(self):
+        """How often they have."""
+        return sum(bool(left or right) for _, left, right in self.wheels)
 
     def rests_since(self):
         """When the wheels came to rest for good [s]."""
@@ -108,6 +119,7 @@ class Devices(threading.Thread):
     def run(self):
         streamed = turned = measured = time.monotonic()
         while not self._over.is_set():
+            self._rounds += 1
             self._hear()
             now = time.monotonic()
             if now > self._runs_out and self.forgets:
@@ -121,7 +133,7 @@ class Devices(threading.Thread):
                 turned = now
             elif not self._scans:
                 turned = now
-            if now - measured >= 0.1:
+            if now - measured >= self.measuring:
                 measured = now
                 self._send("proximity", Distances(tuple(self.millimetres), self.mask).encode())
 

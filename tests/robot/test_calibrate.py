@@ -1,35 +1,39 @@
 """mercator-robot calibrate: sensors are measured while somebody, here a test, puts robot and hand in their places."""
 
 import contextlib
+import errno
 import math
 import os
 import random
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from mercator_design.errors import RobotError
-from mercator_design.robot import ground_calibration, proximity_calibration
+from mercator_design.errors import MercatorError, RobotError
+from mercator_design.robot import ground_calibration, person, proximity_calibration, settings_file
 from mercator_design.robot.cli import main
-from mercator_design.robot.ground_calibration import confused, doubts, ground_sensor
+from mercator_design.robot.cli.calibrate import _give
+from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.multiflex import NOTHING
 from mercator_design.robot.ports import open_ports
 from mercator_design.robot.proximity_calibration import direction, hub
 from mercator_design.robot.settings import Settings, read_settings
 from tests.robot.devices import Devices
+from tests.robot.ways import MAIN, ROOT, SOON
 
-ROOT = Path(__file__).parents[2]
 RING = Settings().proximity_angles
-COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()", "calibrate"]
+OFTEN = "from mercator_design.robot import ground_calibration; ground_calibration._PERIOD = 33\n"
+"""The RVR tells more in less time."""
+COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 
 
 @pytest.fixture
 def devices():
     with Devices() as devices:
+        devices.measuring = 0.01
         yield devices
 
 
@@ -40,7 +44,7 @@ def calibrate(folder, devices, *arguments, settings=""):
     ports = f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
     (folder / "robot.yaml").write_text(f"# mine\n{ports}{settings}")
     process = subprocess.Popen(
-        [*COMMAND, *arguments, "--robot", "robot.yaml", "--seconds", "1"],
+        [*COMMAND, *arguments, "--robot", "robot.yaml"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdin=subprocess.PIPE,
@@ -55,14 +59,20 @@ def calibrate(folder, devices, *arguments, settings=""):
         process.communicate()
 
 
-def answer(process, act):
+def settle(devices):
+    """Until what was measured before has come to the program."""
+    devices.settle()
+    time.sleep(0.03)
+
+
+def answer(process, devices, act):
     """Press Enter at every question, once `act` has done what it says; the lines that were said."""
     said = []
     for line in process.stderr:
         said.append(line.rstrip("\n"))
         if line.endswith(", then press Enter.\n"):
             act(line)
-            time.sleep(0.15)  # until what was measured before is on its way
+            settle(devices)
             process.stdin.write("\n")
             process.stdin.flush()
     process.wait()
@@ -84,8 +94,10 @@ class TestColor:
             devices.sensed["color_detection"].update(zip("rgb", FLOOR[name], strict=True))
 
         kept = "labels: {red: [90, 10, 10]}  # by hand\n"
-        with calibrate(tmp_path, devices, "color", "black", "gray", "white", settings=kept) as process:
-            said = answer(process, put_on)
+        with calibrate(
+            tmp_path, devices, "color", "black", "gray", "white", "--seconds", "0.6", settings=kept
+        ) as process:
+            said = answer(process, devices, put_on)
             assert process.returncode == 0, said
             printed = process.stdout.read()
         assert printed == "labels:\n  black: [7, 8, 6]\n  gray: [93, 99, 90]\n  white: [214, 220, 205]\n"
@@ -104,39 +116,69 @@ class TestColor:
         assert lamp(devices) == [True, False]
 
     def test_a_robot_that_knows_one_colour_only_is_told(self, devices, tmp_path):
+        devices.sensed["color_detection"].update(zip("rgb", FLOOR["gray"], strict=True))
         with calibrate(tmp_path, devices, "color", "gray") as process:
             said = answer(process, lambda _: None)
         assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
 
+    @pytest.mark.parametrize(
+        ("kind", "keys"),
+        [
+            (["color"], ["labels"]),
+            (["proximity"], ["proximity_angles"]),
+            (["proximity", "--distance", "0.3"], ["proximity_angles", "proximity_offsets"]),
+        ],
+    )
+    def test_before_anything_is_measured_the_file_is_tried(self, kind, keys, robot_command, tmp_path, monkeypatch):
+        def refuse(text, way, value):
+            raise ValueError
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(settings_file, "put", refuse)
+        words = f"Error: {file} is written in a way that cannot be changed; put {', '.join(keys)} there yourself\n"
+        assert robot_command("calibrate", *kind, "--robot", file) == (3, "", words)
+
+    def test_a_disk_that_is_full(self, tmp_path, monkeypatch, capsys):
+        def fail(_):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        file = tmp_path / "robot.yaml"
+        file.write_text("name: r7\n")
+        monkeypatch.setattr(os, "fsync", fail)
+        with pytest.raises(MercatorError, match=r"robot.yaml: cannot be written: No space left on device$"):
+            _give(file, labels=FLOOR)
+        assert capsys.readouterr().out.startswith("labels:\n  black: [7, 8, 6]\n")
+        assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
+
     def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "color") as process:
+        with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
         assert (process.returncode, out) == (1, "")
         assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
-        time.sleep(0.1)
-        assert lamp(devices) == [True, False]
+        devices.when(lambda: lamp(devices) == [True, False])
 
     def test_a_signal_puts_out_the_lamp(self, devices, tmp_path):
         with calibrate(tmp_path, devices, "color") as process:
             assert process.stderr.readline() == "Put the robot on black, then press Enter.\n"
             process.terminate()
             assert process.wait(10) == 143
-        time.sleep(0.1)
-        assert lamp(devices) == [True, False]
+        devices.when(lambda: lamp(devices) == [True, False])
 
     def test_a_sensor_that_is_silent(self, devices):
         devices.silent.add("color_detection")
         with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="ground: 0 measurements in"):
             sensor.measure(0.2)
 
-    def test_what_was_measured_before_does_not_count(self, devices):
+    def test_what_was_measured_before_does_not_count(self, devices, monkeypatch):
+        monkeypatch.setattr(ground_calibration, "_PERIOD", 33)
         with ground_sensor(devices.names) as sensor:
             devices.sensed["color_detection"]["r"] = 200
-            time.sleep(0.3)
+            time.sleep(0.1)
             devices.sensed["color_detection"]["r"] = 100
-            time.sleep(0.2)
-            assert {red for red, _, _ in sensor.measure(1.0)} == {100.0}
+            settle(devices)
+            assert {red for red, _, _ in sensor.measure(0.5)} == {100.0}
 
     def test_it_is_kept_awake(self, devices, monkeypatch):
         monkeypatch.setattr(ground_calibration, "_AWAKE", 0.0)
@@ -153,10 +195,23 @@ class TestColor:
 
         assert list(doubts("gray", gray(93.0))) == []
         assert "stand still" in next(doubts("gray", gray(80.0, 30) + gray(120.0, 30)))
-        assert "is the sensor's lamp on" in next(doubts("white", gray(1.0)))
         assert "darker than usual: brightness 100, not 255" in next(doubts("white", gray(100.0)))
         assert "brighter than usual: brightness 99, not 0" in next(doubts("black", gray(99.0)))
         assert list(doubts("black", gray(0.0))) == []
+
+    def test_without_light(self):
+        check_light("black", [(0.0, 0.0, 0.0)] * 60)
+        with pytest.raises(RobotError, match=r"^ground: white reads as nothing; is the sensor's lamp on"):
+            check_light("white", [(1.0, 1.0, 1.0)] * 60)
+
+    def test_colours_that_cannot_be_told_from_each_other_are_given_no_labels(self, devices):
+        levels = {"black": 7, "white": 8}
+
+        def put_on(line):
+            devices.sensed["color_detection"].update(dict.fromkeys("rgb", levels[line.split()[-1]]))
+
+        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="black and white are 2 levels"):
+            ground_calibration.calibrate(sensor, levels, {}, 1.0, put_on, lambda _said: None)
 
     def test_colours_that_would_be_confused(self):
         """The middle between 90 and 96 is one standard deviation from both; beyond it lies 15.9 % of a normal one."""
@@ -174,8 +229,28 @@ class TestColor:
         share = float(said.split()[-4].rstrip("%"))
         assert share == pytest.approx(15.9, abs=0.6)
         assert list(confused({"black": [(7.0, 7.0, 7.0)] * 60}, labels)) == []
+        (said,) = confused({"gray": [(90.0,) * 3] * 60, "white": around(90.0 + 6.0 * sd)}, labels)
+        assert ", 1.0 standard deviations" in said  # of the wider of two
         (said,) = confused({"red": [(90.0, 90.0, 90.0)] * 60}, {"red": (90.0,) * 3, **labels} | {"white": (255.0,) * 3})
         assert said.startswith("red and gray are 0 levels apart, 0.0 standard deviations")
+
+
+def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
+    fingers, terminal = os.openpty()
+    monkeypatch.setattr(person, "_STDIN", terminal)
+    os.write(fingers, b"\n\n")
+    time.sleep(0.05)  # until the terminal has them
+    waited = []
+
+    def press():
+        waited.append(time.monotonic())
+        if len(waited) == 1:
+            os.write(fingers, b"\n")
+
+    person.ask("Wait", press)
+    assert len(waited) >= 2
+    os.close(fingers)
+    os.close(terminal)
 
 
 def counts(said):
@@ -209,16 +284,16 @@ def find(devices, ask, distance=None):
 
     def question(text):
         ask(text)
-        time.sleep(0.15)
+        settle(devices)
 
     with hub(devices.names) as sensors:
-        return proximity_calibration.calibrate(sensors, RING, distance, 0.6, question, said.append), said
+        return proximity_calibration.calibrate(sensors, RING, distance, 0.2, question, said.append), said
 
 
 class TestProximity:
     def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3") as process:
-            said = answer(process, Hand(devices))
+        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3", "--seconds", "0.2") as process:
+            said = answer(process, devices, Hand(devices))
             assert process.returncode == 0, said
             printed = process.stdout.read()
         assert "sensor 1 looks front left (+45 degrees), and reads -0.001 m too much" in said

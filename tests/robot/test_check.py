@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.robot import check as checking
+from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
 from tests.robot.devices import Devices
 
@@ -14,6 +15,7 @@ from tests.robot.devices import Devices
 @pytest.fixture
 def devices():
     with Devices() as devices:
+        devices.measuring = 0.02
         devices.robots = [(1.0, 2.0)]
         devices.millimetres = [500, 65535, 20, *[65535] * 5]
         yield devices
@@ -26,6 +28,7 @@ def processes(tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.setattr(checking, "_PROCESSES", folder)
     monkeypatch.setattr(checking, "RULES", tmp_path / "99-mercator.rules")
+    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
 
     def run(*lines):
         for number, (name, *arguments) in enumerate(map(str.split, lines)):
@@ -37,8 +40,10 @@ def processes(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def found(robot_command, devices, tmp_path, processes):
+def found(robot_command, devices, tmp_path, processes, monkeypatch):
     """Run it; gives exit code, what is fine, what is wrong, and messages."""
+
+    monkeypatch.setattr(checking, "_LISTEN", 0.5)
 
     def run(**ports):
         names = {name: getattr(devices.names, name) for name in ("rvr", "lidar", "proximity")} | ports
@@ -52,7 +57,8 @@ def found(robot_command, devices, tmp_path, processes):
     return run
 
 
-def test_a_robot_that_is_well(found, devices):
+def test_a_robot_that_is_well(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_LISTEN", 1.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.1.462"
@@ -80,7 +86,9 @@ def test_one_that_is_not(found, devices):
     assert (code, err) == (1, "Error: 5 wrong\n")
 
 
-def test_each_device_by_itself(found, devices):
+def test_each_device_by_itself(found, devices, monkeypatch):
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
@@ -90,6 +98,16 @@ def test_each_device_by_itself(found, devices):
     assert places == sorted(places)
     assert wrong["lidar"].startswith("/dev/no_such_port: no such port")
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
+
+
+@pytest.mark.parametrize(
+    ("firmware", "is_fine"), [((8, 3, 432), True), ((10, 0, 1), True), ((8, 10, 0), True), ((8, 3, 431), False)]
+)
+def test_firmware_is_compared_by_numbers(found, devices, monkeypatch, firmware, is_fine):
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.firmware = firmware
+    _, fine, _, _ = found()
+    assert ("firmware nordic" in fine) == is_fine
 
 
 def test_a_motor_that_does_not_turn(found, devices):
@@ -105,11 +123,19 @@ def test_rates_are_of_what_lies_between():
     assert (checking._rate([0.1]), checking._rate([])) == (0.0, 0.0)
 
 
-def test_a_clock_that_was_never_set():
+def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
+    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
     finding = check_clock(0.0)
     assert not finding.is_fine
     assert " is past; a Pi has no clock of its own" in finding.words
-    assert check_clock(Path(__file__).stat().st_mtime + 1e7).is_fine
+    later = Path(__file__).stat().st_mtime + 1e7
+    assert check_clock(later).is_fine
+    (tmp_path / "timesync").mkdir()
+    finding = check_clock(later)
+    assert not finding.is_fine
+    assert " was not set by a network since " in finding.words
+    (tmp_path / "timesync/synchronized").touch()
+    assert check_clock(later).is_fine
 
 
 @pytest.mark.parametrize(
@@ -181,8 +207,11 @@ class TestOtherPrograms:
         assert modems < login < braille
 
     def test_those_that_do_not(self, processes, tmp_path):
-        (tmp_path / "99-mercator.rules").touch()
+        rules = tmp_path / "99-mercator.rules"
+        rules.write_text('SYMLINK+="mercator-lidar"')
         processes("ModemManager", "agetty -o -p tty1 linux")
+        assert check_programs("/dev/ttyS0").words.startswith("ModemManager talks")
+        rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
         assert check_programs("/dev/ttyS0") == ("other programs", True, "none that takes ports")
 
     def test_one_that_reads_a_port_too(self, found, devices):

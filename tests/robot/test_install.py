@@ -1,6 +1,7 @@
 """mercator-robot install: udev rules for what is connected, systemd's services, and their removal."""
 
 import getpass
+import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,8 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from mercator_design.errors import RobotError
+from mercator_design.files import replacing
 from mercator_design.robot import install as installation
 from mercator_design.robot.install import IDLE, LIMITS, RULES, RUN
 
@@ -148,6 +151,16 @@ class TestRules:
         assert "WRONG  /dev/mercator-lidar        usb:10c4:ea60 is not connected; connected are none; then" in out
         assert rules(root) == []
 
+    def test_what_is_not_connected_any_more_keeps_its_own(self, install, connected, root):
+        install()
+        before = rules(root)
+        connected[:] = [usb("/dev/ttyACM0", 0x0483, 0x5740, "4000", "1-1.3:1.0")]
+        code, out, _ = install()
+        assert (code, "usb:10c4:ea60 is not connected" in out) == (1, True)
+        assert rules(root)[:2] == before[:2]
+        assert [rule[3] for rule in rules(root)[2:]] == ['ATTRS{serial}=="4000"', 'ATTR{idProduct}=="5740"']
+        assert len(rules(root)) == 4
+
     def test_again_by_the_names_that_it_gave(self, install, root, robot, monkeypatch):
         """As a robot.yaml has them afterwards."""
         install()
@@ -182,12 +195,23 @@ class TestServices:
         for line in (
             "Type=notify",
             f"WorkingDirectory={tmp_path}",
+            f"ReadWritePaths={tmp_path}",
             "Restart=no",
             "KillSignal=SIGTERM",
             "WatchdogSec=2",
         ):
             assert f"\n{line}\n" in run
+        assert "ReadWritePaths" not in idle
         assert "[Install]" not in run  # nothing that starts it by itself
+
+    def test_rest_waits_for_a_lidar_that_has_a_name(self, install, connected, root):
+        waits = "After=dev-mercator\\x2dlidar.device\n"
+        install()
+        assert f"Wants{waits[5:]}{waits}\n[Service]\n" in files(root)[IDLE]
+        install("--uninstall")
+        connected.remove(LIDAR)
+        install()
+        assert "\nDescription=Mercator robot at rest\n\n[Service]\n" in files(root)[IDLE]
 
     def test_without_a_robot_s_file(self, install, root, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
@@ -267,12 +291,40 @@ class TestFiles:
         assert set(files(root)) == {RUN}
 
     def test_no_permission(self, install, root, monkeypatch):
-        def refuse(path, _):
-            raise PermissionError(13, "Permission denied", path)
+        def refuse(path):
+            if path == root / RUN.relative_to("/"):
+                raise PermissionError(13, "Permission denied", path)
+            return replacing(path)
 
-        monkeypatch.setattr(installation, "write_text", refuse)
+        monkeypatch.setattr(installation, "replacing", refuse)
         code, _, err = install()
-        assert (code, err) == (1, f"Error: {root}{RULES}: no permission; use sudo\n")
+        assert (code, err) == (1, f"Error: {root}{RUN}: no permission; use sudo\n")
+        assert not files(root)
+
+    def test_a_folder_that_cannot_be_made(self, install, root):
+        (root / "etc/security").mkdir(parents=True)
+        (root / "etc/systemd").write_text("")
+        code, _, err = install()
+        assert (code, err) == (1, f"Error: {root}{IDLE}: Not a directory\n")
+        assert set(files(root)) == {Path("/etc/systemd")}
+
+    @pytest.mark.parametrize("option", [[], ["--uninstall"]])
+    def test_a_pipe_in_the_place(self, install, root, option):
+        path = root / LIMITS.relative_to("/")
+        path.parent.mkdir(parents=True)
+        os.mkfifo(path)
+        code, _, err = install(*option)
+        assert (code, err) == (1, f"Error: {path}: is not of mercator-robot's making; move it away\n")
+
+    @pytest.mark.parametrize("option", [[], ["--uninstall"]])
+    def test_a_link_that_leads_out_of_the_root(self, install, root, tmp_path, option):
+        install()
+        (root / "etc").rename(tmp_path / "etc")
+        (root / "etc").symlink_to(tmp_path / "etc")
+        before = files(tmp_path)
+        code, _, err = install(*option)
+        assert (code, err) == (1, f"Error: {root}{RULES}: a link leads out of {root}\n")
+        assert files(tmp_path) == before
 
     def test_a_dry_run(self, install, root):
         code, out, err = install("--dry-run")
@@ -284,6 +336,22 @@ class TestFiles:
 
     def test_wrong_usage(self, install):
         assert install("--uninstall", "--dry-run")[0] == 2
+
+
+@pytest.mark.parametrize("state", ["active", "activating", "deactivating", "inactive"])
+def test_what_runs_is_not_removed(tmp_path, monkeypatch, state):
+    for name in ("RULES", "LIMITS", "IDLE", "RUN"):
+        monkeypatch.setattr(installation, name, tmp_path / name)
+    (tmp_path / "systemctl").write_text(f'#!/bin/sh\n[ "$*" = "is-active RUN" ] && echo {state}\n')
+    (tmp_path / "systemctl").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert all(finding.what for finding in installation.install({tmp_path / "RUN": installation._OURS}, Path("/")))
+    if state == "inactive":
+        assert f"{tmp_path}/RUN" in [finding.what for finding in installation.uninstall(Path("/"))]
+        return
+    with pytest.raises(RobotError, match=r"^RUN runs; systemctl stop RUN first$"):
+        list(installation.uninstall(Path("/")))
+    assert (tmp_path / "RUN").exists()
 
 
 def test_commands_are_run_where_the_root_is_this_system_s(tmp_path, monkeypatch):

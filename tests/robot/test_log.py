@@ -58,6 +58,9 @@ def log(tmp_path):
                 readings=readings,
                 draws=draws,
                 wheels=wheels,
+                cpu=0.001,
+                neighbours=[],
+                sensed={},
             )
     return tmp_path / "log.jsonl"
 

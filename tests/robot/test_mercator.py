@@ -34,6 +34,19 @@ PREPARATIONS = (
 NEAR = ReferenceModel().neighbour_range
 
 
+@pytest.fixture(autouse=True)
+def soon(request, monkeypatch):
+    """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
+    monkeypatch.setattr(talk, "_LOOK", 0.001)
+    if "whole_start" not in request.fixturenames:
+        monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
+
+
+@pytest.fixture
+def whole_start():
+    """Nothing of the start is left out."""
+
+
 @contextmanager
 def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
@@ -106,7 +119,7 @@ class TestReadings:
     def robots(self, devices, robot):
         """One in front, over the end of the ring; one to the left and behind; one that is too far."""
         devices.robots = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
-        readings = told(robot, 1.0)
+        readings = told(robot, 0.6)
         assert readings.neighbours == 2
         places = sorted(robot.neighbours)
         assert places[0] == pytest.approx((0.4, 0.01), abs=0.01)
@@ -141,7 +154,7 @@ class TestReadings:
     def robots_after_a_turn(self, devices, robot):
         """What was seen before the robot turned is still where it was."""
         devices.robots = [(0.0, 0.4)]
-        told(robot, 1.0)
+        told(robot, 0.6)
         devices.silent = {"lidar"}
         devices.sensed["imu"]["yaw"] += 30.0
         told(robot)
@@ -166,9 +179,9 @@ class TestReadings:
 @pytest.fixture
 def impatient(monkeypatch):
     """Devices that say nothing are given up soon."""
-    monkeypatch.setattr(mercator, "_BEGIN", 1.0)
+    monkeypatch.setattr(mercator, "_BEGIN", 0.6)
     monkeypatch.setattr(talk, "_TRIES", 2)
-    monkeypatch.setattr(start, "_WAKING", 0.5)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
 
 
 def tell_that_it_stopped(devices):
@@ -181,6 +194,7 @@ def tell_that_it_stopped(devices):
 
 
 class TestStart:
+    @pytest.mark.usefixtures("whole_start")
     def test_commands(self, devices):
         with robot_on(devices) as robot:
             assert robot.facts["firmware_st"] == "9.1.462"
@@ -204,6 +218,7 @@ class TestStart:
             (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d]).start(), True),
         ],
     )
+    @pytest.mark.usefixtures("whole_start")
     def test_whether_commands_end(self, devices, prepare, is_seen):
         """However that is known; if it is not, people are warned."""
         prepare(devices)
@@ -286,9 +301,9 @@ def test_damaged_bytes(devices):
     devices.damage = 0.001
     devices.robots = [(0.5, 0.5)]
     with robot_on(devices) as robot:
-        found = [told(robot, 0.1).neighbours for _ in range(40)]
+        found = [told(robot, 0.1).neighbours for _ in range(25)]
         robot.drive(Wheels(0.5, 0.5))
-    assert set(found[10:]) | {0.0} == {0.0, 1.0}
+    assert set(found[5:]) | {0.0} == {0.0, 1.0}
 
 
 def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
@@ -306,7 +321,7 @@ def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
 
 def test_a_lidar_that_sees_nothing_is_noted(devices):
     def lidar_notes(robot):
-        robot.attend(time.monotonic() + 1.0)
+        robot.attend(time.monotonic() + 0.5)
         return [note for note in robot.notes if note.startswith("lidar")]
 
     with robot_on(devices, ()) as robot:

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -14,10 +13,8 @@ from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from mercator_design.robot.swarm import Speaker
 from tests.robot.devices import Devices
-from tests.robot.ways import OFTEN, asked, free_port
+from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
-ROOT = Path(__file__).parents[2]
-MAIN = "from mercator_design.robot.cli import main; main()"
 RATES = {
     "ground": 20.0,
     "acceleration": 20.0,
@@ -45,7 +42,7 @@ def recording(folder, *options, lead="", port="null"):
             [
                 sys.executable,
                 "-c",
-                lead + MAIN,
+                SOON + lead + MAIN,
                 "record",
                 "--robot",
                 "robot.yaml",
@@ -76,7 +73,7 @@ def until_it_records(devices, folder):
 
 
 def test_every_sample_of_every_sensor(tmp_path):
-    with recording(tmp_path, "--duration", 3) as (devices, process):
+    with recording(tmp_path, "--duration", 1.5) as (devices, process):
         devices.sensed["color_detection"].update(r=200, g=100, b=50)
         devices.sensed["accelerometer"].update(x=0.0, y=1.0, z=1.0)
         devices.millimetres[:3] = [20, 500, 1999]
@@ -92,16 +89,16 @@ def test_every_sample_of_every_sensor(tmp_path):
     samples = {name: [each for each in rest if each.get("sensor") == name] for name in RATES}
     for name, rate in RATES.items():
         times = [each["time"] for each in samples[name]]
-        assert 0.5 * 3 * rate <= len(times) <= 1.2 * 3 * rate, name
+        assert 0.5 * 1.5 * rate <= len(times) <= 1.2 * 1.5 * rate, name
         assert times == sorted(times)
-        assert 0.0 <= times[0] <= times[-1] <= 3.2
+        assert 0.0 <= times[0] <= times[-1] <= 1.7
     assert samples["ground"][-1]["values"] == [200, 100, 50]
     ahead, aside, up = samples["acceleration"][-1]["values"]
     assert (ahead, up) == pytest.approx((STANDARD_GRAVITY, STANDARD_GRAVITY), abs=1e-4)
     assert aside == pytest.approx(0.0, abs=1e-4)
     assert samples["proximity"][-1]["values"] == [0.0, 0.5, 1.999, *[None] * 5]
     turns = [each for each in rest if each["event"] == "turn"]
-    assert 10 <= len(turns) <= 25
+    assert 5 <= len(turns) <= 13
     assert {len(turn["readings"]) for turn in turns} == {721}
 
 

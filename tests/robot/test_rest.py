@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +13,7 @@ from mercator_design.robot.ports import open_port
 from mercator_design.robot.rvr import Host
 from mercator_design.robot.ydlidar import encode_command
 from tests.robot.devices import Devices
-from tests.robot.test_ways_out import LAST, free_port, running
+from tests.robot.ways import LAST, SOON, free_port, running
 
 
 @pytest.fixture
@@ -71,8 +72,35 @@ def test_after_a_program_that_was_killed(stop, devices):
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+SLOW = """
+import time
+from mercator_design.robot.mercator import Mercator
+close = Mercator.close
+Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
+"""
+"""Lets a run keep its ports for a while after its end."""
+
+
+def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices, tmp_path):
+    names = devices.names
+    (tmp_path / "robot.yaml").write_text(f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}}}\nswarm: {{port: null}}\n")
+    leave_running(devices)
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mercator_design.robot", "stop", "--robot", tmp_path / "robot.yaml"],
+            cwd=Path(__file__).parents[2],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, "Error: [Errno 28] No space left on device\n")
+    devices.rests_since()
+    devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
+
+
 def test_a_run_in_progress(robot_command, tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
         assert (code, err) == (0, "")

@@ -1,18 +1,18 @@
 """The robot as a node of ROS, with plain objects in the place of ROS; tests/twin/test_ros.py has the real one."""
 
-import contextlib
 import math
 import socket
 import threading
 import time
 from types import SimpleNamespace
+from xmlrpc.server import SimpleXMLRPCServer
 
 import numpy as np
 import pytest
 
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.robot import control, mercator, ros, ros_messages, safety
-from mercator_design.robot.ros import Node, Orders, serve
+from mercator_design.robot.ros import Node, Orders, Reports, serve
 from mercator_design.robot.ros_messages import PUBLISHED
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData
@@ -192,6 +192,30 @@ class TestOrders:
         assert said == [f"rvr/rgb_leds: expected levels from 0 to 255, found (0.0, {level}, 0.0); ignored"]
 
 
+class TestReports:
+    """What is due, of a robot that is given."""
+
+    @pytest.fixture
+    def robot(self):
+        lidar, hub = Sample(0.9, ()), Sample(0.9, (0.5,) * 8)
+        return SimpleNamespace(
+            samples={**sampled(), "lidar": lidar, "proximity": hub}, label=lambda: "white", turn=lambda: [1.0] * BINS
+        )
+
+    def test_a_scan_has_the_time_of_its_beginning(self, robot):
+        reports = Reports(robot, "", 5.0)
+        assert "scan" not in dict(reports.due(1.0, 1001.0))  # nobody knows when this one began
+        robot.samples["lidar"] = Sample(1.05, ())
+        found = dict(reports.due(1.1, 1001.1))["scan"]
+        assert found["header"]["stamp"]["secs"] + 1e-9 * found["header"]["stamp"]["nsecs"] == pytest.approx(1000.9)
+        assert found["scan_time"] == pytest.approx(0.15)
+
+    def test_a_rate_that_is_no_part_of_the_cycles(self, robot):
+        reports = Reports(robot, "", 4.0)
+        told = [topic for k in range(100) for topic, _ in reports.due(0.1 * k, 0.1 * k)]
+        assert told.count("rvr/imu") == pytest.approx(40, abs=1)
+
+
 class FakeNode:
     """In the place of `Node`: what a thread of a test wants is done, then the robot is stopped."""
 
@@ -329,8 +353,10 @@ class FakeRos:
     ROSException = RuntimeError
 
     def __init__(self):
-        self.master = socket.create_server(("127.0.0.1", 0))
-        self.port = self.master.getsockname()[1]
+        self.master = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+        self.master.register_function(lambda _: (1, "", 1234), "getPid")
+        self.port = self.master.server_address[1]
+        threading.Thread(target=self.master.serve_forever, args=(0.01,)).start()
         self.made, self.published, self.subscribed, self.hooks, self.definitions = {}, [], {}, [], {}
         self.on_shutdown = self.hooks.append
         self.message = self.dynamic = self.msg = self
@@ -356,6 +382,13 @@ class FakeRos:
     def get_time(self):
         return 5.0
 
+    def go(self):
+        self.master.shutdown()
+        self.master.server_close()
+
+    def signal_shutdown(self, reason):
+        self.is_shut_down = True
+
     def init_node(self, name, *, disable_signals):
         assert (name, disable_signals) == ("mercator_robot", True)
 
@@ -379,8 +412,8 @@ def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "_module", fake.module)
     monkeypatch.setattr(ros, "go_first", lambda _: None)
-    with contextlib.closing(fake.master):
-        yield fake
+    yield fake
+    fake.go()
 
 
 class TestNode:
@@ -423,7 +456,7 @@ class TestNode:
         Node().obey(orders._brake, orders)
         time.sleep(0.1)
         assert not orders._brake.why
-        fake.master.close()
+        fake.go()
         end = time.monotonic() + 5.0
         while not orders._brake.why:
             assert time.monotonic() < end
@@ -432,13 +465,13 @@ class TestNode:
 
     def test_a_master_that_goes_while_the_robot_starts(self, fake, orders):
         node = Node()
-        fake.master.close()
+        fake.go()
         with pytest.raises(RobotError, match="ros: no master at "):
             node.obey(orders._brake, orders)
         assert not fake.subscribed
 
     def test_no_master(self, fake):
-        fake.master.close()
+        fake.go()
         with pytest.raises(RobotError, match=r"ros: no master at http://127\.0\.0\.1:.*; does roscore run there\?"):
             Node()
 
@@ -446,6 +479,55 @@ class TestNode:
     def test_a_master_s_address_that_is_none(self, fake, uri):
         fake.get_master_uri = lambda: uri
         with pytest.raises(RobotError, match="ros: "):
+            Node()
+
+
+class TestMastersThatDoNotAnswer:
+    @pytest.fixture
+    def silent(self, fake, monkeypatch):
+        """One that accepts, and says no more."""
+        monkeypatch.setattr(ros, "_MASTER_ANSWER", 0.3)
+        with socket.create_server(("127.0.0.1", 0)) as master:
+            yield f"http://127.0.0.1:{master.getsockname()[1]}/"
+
+    def test_at_the_start(self, fake, silent):
+        fake.get_master_uri = lambda: silent
+        with pytest.raises(RobotError, match=r"ros: no master at .*: timed out; does roscore run there\?"):
+            Node()
+
+    def test_later(self, fake, silent, orders):
+        node = Node()
+        node.obey(orders._brake, orders)
+        node._master = silent
+        end = time.monotonic() + 5.0
+        while not orders._brake.why:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert orders._brake.why.startswith(f"ros: no master at {silent}: timed out")
+
+    @pytest.mark.parametrize("what", ["init_node", "Publisher", "Subscriber"])
+    def test_rospy_that_keeps_trying(self, fake, orders, monkeypatch, what):
+        over = threading.Event()
+        monkeypatch.setattr(ros, "_REGISTER", 0.2)
+        setattr(fake, what, lambda *_, **__: over.wait(20))
+        with pytest.raises(RobotError, match=r"ros: the master at .* does not answer any more"):
+            Node().obey(orders._brake, orders)
+        over.set()
+        assert fake.is_shut_down
+
+    def test_rospy_that_cannot_leave(self, fake, monkeypatch):
+        over = threading.Event()
+        monkeypatch.setattr(ros, "_LEAVE", 0.2)
+        node = Node()
+        fake.signal_shutdown = lambda _: over.wait(20)
+        began = time.monotonic()
+        node.close()
+        assert 0.2 <= time.monotonic() - began < 10
+        over.set()
+
+    def test_what_answers_is_no_master(self, fake):
+        fake.master.funcs.clear()
+        with pytest.raises(RobotError, match=r"ros: no master at .*getPid"):
             Node()
 
 

@@ -9,13 +9,17 @@ import time
 import pytest
 
 from mercator_design.robot.service import notify
-from tests.robot.test_ways_out import running
+from tests.robot.ways import IMPATIENT, SOON, running
 
 
-@pytest.fixture(params=["path", "abstract"])
-def manager(request, tmp_path, monkeypatch):
+@pytest.fixture
+def address(tmp_path):
+    return str(tmp_path / "notify")
+
+
+@pytest.fixture
+def manager(address, monkeypatch):
     """The socket that a service is told of."""
-    address = str(tmp_path / "notify") if request.param == "path" else f"\0mercator-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(address)
         listening.settimeout(20.0)
@@ -54,19 +58,25 @@ def test_a_run_that_hangs_is_not_said_to_be_alive(manager, tmp_path):
         manager.setblocking(False)
         while drain(manager):
             pass
-        time.sleep(1.0)
+        time.sleep(0.5)
         assert not drain(manager)
 
 
 def test_a_start_that_fails_is_never_ready(manager, tmp_path):
-    with running(tmp_path, settings=", heartbeat: 0.5") as robot:
+    with running(tmp_path, settings=", heartbeat: 0.5", lead=SOON + IMPATIENT) as robot:
         assert "no heartbeat" in robot.ended(20.0)[1]
     assert heard(manager)["STOPPING"] == "1"
 
 
-@pytest.mark.parametrize("address", ["", "/no/such/socket"])
-def test_nobody_listens(monkeypatch, address):
-    monkeypatch.setenv("NOTIFY_SOCKET", address)
+@pytest.mark.parametrize("address", [f"\0mercator-{os.getpid()}"])
+def test_a_socket_without_a_file(manager):
+    notify(READY=1, STATUS="runs")
+    assert heard(manager) == {"READY": "1", "STATUS": "runs"}
+
+
+@pytest.mark.parametrize("nowhere", ["", "/no/such/socket"])
+def test_nobody_listens(monkeypatch, nowhere):
+    monkeypatch.setenv("NOTIFY_SOCKET", nowhere)
     notify(READY=1)
 
 

@@ -1,11 +1,13 @@
 """Values in a robot.yaml are changed where they stand, and all else stays."""
 
+import os
+
 import pytest
 
 from mercator_design.errors import SettingsError
 from mercator_design.robot import settings_file
 from mercator_design.robot.settings import Settings, read_settings
-from mercator_design.robot.settings_file import change, put
+from mercator_design.robot.settings_file import change, put, rehearse
 
 LABELS = {"black": (7, 8, 6), "gray": (93, 99, 90)}
 
@@ -75,6 +77,26 @@ def test_what_would_not_be_valid_is_not_written(tmp_path):
     with pytest.raises(SettingsError, match=r"robot.yaml, changed:3: labels.black\[2\]: expected"):
         change(file, labels={"black": (0, 0, 256)})
     assert file.read_text() == "name: r7\n"
+
+
+@pytest.mark.parametrize("before", ["? labels\nname: r7\n", "name: r7\n? labels\n", "? labels\n? swarm\n: {port: 1}\n"])
+def test_a_key_whose_value_stands_nowhere(tmp_path, before):
+    file = tmp_path / "robot.yaml"
+    file.write_text(before)
+    for attempt in (change, rehearse):
+        with pytest.raises(SettingsError, match="cannot be changed; put labels there yourself"):
+            attempt(file, labels=LABELS)
+    assert file.read_text() == before
+
+
+def test_a_rehearsal(tmp_path, monkeypatch):
+    file = tmp_path / "robot.yaml"
+    file.write_text("name: r7\n")
+    rehearse(file, labels=LABELS)
+    assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
+    monkeypatch.setattr(os, "access", lambda path, _: path != tmp_path)
+    with pytest.raises(SettingsError, match=r"robot.yaml: cannot be written: nothing can be written to its folder"):
+        rehearse(file, labels=LABELS)
 
 
 def test_a_change_that_fails_is_not_written(tmp_path, monkeypatch):

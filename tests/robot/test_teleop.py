@@ -12,11 +12,12 @@ import sys
 import termios
 import threading
 import time
-from pathlib import Path
+import tty
+from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.robot.keyboard import keys
+from mercator_design.robot.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.multiflex import NOTHING
@@ -24,9 +25,8 @@ from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, OFTEN, asked, free_port, soonest
+from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
-ROOT = Path(__file__).parents[2]
 RING = Settings().proximity_angles
 UP = b"\x1b[A"
 
@@ -42,11 +42,51 @@ class TestKeys:
     def test_all_others_stop(self):
         assert keys(b" \x1b[1;5A\x1b[3~\x1bOPx\n\xc3\x1b\x1b[A") == (["stop"] * 8 + ["forward"], b"")
 
+    @pytest.mark.parametrize(
+        "start", [b"\x1b[[A", b"\x1b[?1;2c", b"\x1b[0 q", b"\x1b]11;rgb:0/a/w\a", b"\x1bP>|wasd\x1b\\"]
+    )
+    def test_keys_of_consoles_and_what_terminals_say_are_one_key_that_stops(self, start):
+        assert keys(start + b"w") == (["stop", "forward"], b"")
+        for cut in range(1, len(start)):
+            assert keys(start[:cut]) == ([], start[:cut])
+
+    def test_nothing_that_begins_goes_on_for_ever(self):
+        pressed, rest = keys(b"\x1b]" + 300 * b" " + b"q")
+        assert (pressed[0], pressed[-1], rest) == ("stop", "quit", b"")
+
+    def test_escape_alone_stops(self):
+        fingers, terminal = os.openpty()
+        tty.setraw(terminal)
+        os.set_blocking(terminal, False)
+        keyboard = Keyboard(terminal)
+        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"w", ["stop", "forward"]), (b"", [])):
+            os.write(fingers, pressed)
+            assert keyboard.pressed() == found
+        os.close(fingers)
+        os.close(terminal)
+
     def test_a_key_that_comes_in_pieces(self):
         for cut in (1, 2):
             pressed, rest = keys(b"a" + UP[:cut])
             assert (pressed, rest) == (["left"], UP[:cut])
             assert keys(rest + UP[cut:]) == (["forward"], b"")
+
+
+def test_what_was_pressed_before_is_not_meant(monkeypatch):
+    fingers, terminal = os.openpty()
+    try:
+        os.write(fingers, b"ww")
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: terminal))
+        with keyboard() as opened:
+            os.write(fingers, b"d")
+            end, pressed = time.monotonic() + 10.0, []
+            while "right" not in pressed:
+                assert time.monotonic() < end
+                pressed += opened.pressed()
+        assert pressed == ["right"]
+    finally:
+        os.close(fingers)
+        os.close(terminal)
 
 
 class TestStick:
@@ -96,7 +136,6 @@ def faulty(self, now):
     return way(self, now)
 Stick.way = faulty
 """
-MAIN = "from mercator_design.robot.cli import main; main()"
 OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
 
 
@@ -114,7 +153,7 @@ class Drive:
         self.fingers, self.terminal = os.openpty()
         self.usual = termios.tcgetattr(self.terminal)
         self.process = subprocess.Popen(
-            [sys.executable, "-c", f"{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
+            [sys.executable, "-c", f"{SOON}{lead}{MAIN}", "teleop", "--robot", "robot.yaml", *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stdin=self.terminal,
@@ -143,9 +182,8 @@ class Drive:
         finger = threading.Thread(target=repeat)
         finger.start()
         try:
-            self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
+            self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
             assert self.process.poll() is None, self.process.stderr.read()
-            time.sleep(0.25)
             yield
         finally:
             over.set()
@@ -284,7 +322,7 @@ WAYS = {
     },
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
-    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 1, "proximity: /dev/pts/"),
+    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 4, "proximity: /dev/pts/"),
     "battery": (
         lambda drive: drive.devices.tell("battery_voltage_state_change", state=3),
         0.0,

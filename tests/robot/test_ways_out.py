@@ -6,12 +6,9 @@
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import suppress
 
 import pytest
 
@@ -20,78 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.devices import Devices
-from tests.robot.ways import LATEST, OFTEN, asked, free_port, in_time, soonest
-
-ROOT = Path(__file__).parents[2]
-GO = "--nstates 1 --s0 0 --rwm0 20"
-ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
-"""Drives, and reads every sense."""
-LAST = "disable_notifications_and_active_commands"
-"""What an RVR is told when nobody uses it any more."""
-
-# What a controller does from the moment on at which there is a file "fault"; it prints when that is.
-FAULTS = """
-import math, os, sys, time
-from mercator_design.fsm import Controller, Wheels
-step = Controller.step
-def faulty(self, readings, draws):
-    if os.path.exists("fault"):
-        print(time.monotonic(), flush=True)
-        {fault}
-    return step(self, readings, draws)
-Controller.step = faulty
-"""
-
-
-class Robot:
-    """A run of `mercator-robot` on devices that a test has in hand."""
-
-    def __init__(self, folder, devices, fsm, settings, fault, options):
-        self.folder, self.devices, self.port = folder, devices, free_port()
-        names = devices.names
-        (folder / "fsm.txt").write_text(fsm)
-        (folder / "robot.yaml").write_text(
-            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
-            f"swarm: {{port: {self.port}{settings}}}\n"
-        )
-        script = (FAULTS.format(fault=fault) if fault else "") + "from mercator_design.robot.cli import main; main()"
-        arguments = ["run", "fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1", *options]
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", script, *arguments],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def drives(self):
-        self.devices.when(lambda: self.devices.drives() or self.process.poll() is not None)
-        assert self.process.poll() is None, self.process.stderr.read()
-        time.sleep(0.25)
-
-    def fault(self):
-        """Let the controller's fault begin; when it has [s]."""
-        (self.folder / "fault").touch()
-        return float(self.process.stdout.readline())
-
-    def ended(self, seconds=10.0):
-        """The exit code, and what was said."""
-        _, error = self.process.communicate(timeout=seconds)
-        return self.process.returncode, error
-
-
-@contextmanager
-def running(folder, fsm=GO, settings="", fault="", *options):
-    folder.mkdir(exist_ok=True)
-    with Devices() as devices:
-        robot = Robot(folder, devices, fsm, settings, fault, options)
-        try:
-            yield robot
-        finally:
-            robot.process.kill()
-            robot.process.communicate()
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, in_time, running, soonest
 
 
 def check(robot, code, words, *, zeros=True):
@@ -154,6 +80,18 @@ def test_devices_that_fail(what, tmp_path):
             return robot.devices.rests_since() - began - allowed
 
     assert soonest(attempt) <= LATEST
+
+
+def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_path):
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.devices.deaf.add("rvr")
+            check(robot, 4, "rvr: it does not answer any more; is it switched on", zeros=False)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"])
@@ -243,7 +181,7 @@ STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
 
 @pytest.mark.parametrize("command", STARTING)
 def test_a_signal_during_the_start(command, tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead="") as robot:
         robot.devices.when(lambda: command in [name for _, name, _ in robot.devices.commands])
         robot.process.terminate()
         returned, error = robot.ended()
@@ -419,7 +357,7 @@ def test_the_battery_is_asked_after(tmp_path):
 
 def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
     busy = "import threading; threading.Thread(target=sum, args=[range(10**6)]).start()"
-    with running(tmp_path, GO, "", busy, "--duration", "3") as robot:
+    with running(tmp_path, GO, "", busy, "--duration", "1.5") as robot:
         robot.drives()
         robot.fault()
         began = time.process_time()
@@ -454,7 +392,7 @@ class TestSwarm:
         assert soonest(attempt) <= LATEST
 
     def test_stop_during_the_start(self, tmp_path):
-        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+        with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.devices.when(lambda: robot.devices.commands)
             speaker.stop()
             returned, error = robot.ended()
@@ -487,7 +425,7 @@ class TestSwarm:
         assert soonest(attempt) <= LATEST
 
     def test_without_a_heartbeat_it_does_not_begin(self, tmp_path):
-        with running(tmp_path, GO, ", heartbeat: 0.4") as robot:
+        with running(tmp_path, GO, ", heartbeat: 0.4", lead=SOON + IMPATIENT) as robot:
             error = check(robot, 1, "swarm: no heartbeat; is `mercator-robot heartbeat` running")
             assert "Traceback" not in error
             assert not robot.devices.drives()

@@ -1,17 +1,103 @@
-"""How soon wheels come to rest, whatever drove them, and runs that go on as long as they should.
+"""A run on devices that a test has in hand; how soon wheels come to rest, whatever drove them.
 
 Time that this machine takes to get to a process when it has much else to do is not the program's, so of three attempts
 the best counts.
 """
 
 import itertools
+import os
 import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.robot.devices import Devices
 
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""
 ATTEMPTS = 3
-OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.0\n"
-"""Lets a program ask after the battery whenever it thinks of it."""
+GO = "--nstates 1 --s0 0 --rwm0 20"
+ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
+"""Drives, and reads every sense."""
+LAST = "disable_notifications_and_active_commands"
+"""What an RVR is told when nobody uses it any more."""
+
+ROOT = Path(__file__).parents[2]
+MAIN = "from mercator_design.robot.cli import main; main()"
+SOON = """
+from mercator_design.robot import mercator, talk
+mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
+talk._LOOK = 0.001
+"""
+"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about."""
+IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
+"""Lets a program not wait long for a first heartbeat."""
+OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.5\n"
+"""Lets a program ask after the battery more often."""
+
+# What a controller does from the moment on at which there is a file "fault"; it prints when that is.
+FAULTS = """
+import math, os, sys, time
+from mercator_design.fsm import Controller, Wheels
+step = Controller.step
+def faulty(self, readings, draws):
+    if os.path.exists("fault"):
+        print(time.monotonic(), flush=True)
+        {fault}
+    return step(self, readings, draws)
+Controller.step = faulty
+"""
+
+
+class Robot:
+    """A run of `mercator-robot` on devices."""
+
+    def __init__(self, folder, devices, fsm, settings, fault, options, lead):
+        self.folder, self.devices, self.port = folder, devices, free_port()
+        names = devices.names
+        (folder / "fsm.txt").write_text(fsm)
+        (folder / "robot.yaml").write_text(
+            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
+            f"swarm: {{port: {self.port}{settings}}}\n"
+        )
+        script = lead + (FAULTS.format(fault=fault) if fault else "") + MAIN
+        arguments = ["run", "fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1", *options]
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", script, *arguments],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def drives(self):
+        """Wait until it has driven for some cycles."""
+        self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
+        assert self.process.poll() is None, self.process.stderr.read()
+
+    def fault(self):
+        """Let the controller's fault begin; when it has [s]."""
+        (self.folder / "fault").touch()
+        return float(self.process.stdout.readline())
+
+    def ended(self, seconds=10.0):
+        """The exit code, and what was said."""
+        _, error = self.process.communicate(timeout=seconds)
+        return self.process.returncode, error
+
+
+@contextmanager
+def running(folder, fsm=GO, settings="", fault="", *options, lead=SOON):
+    folder.mkdir(exist_ok=True)
+    with Devices() as devices:
+        robot = Robot(folder, devices, fsm, settings, fault, options, lead)
+        try:
+            yield robot
+        finally:
+            robot.process.kill()
+            robot.process.communicate()
 
 
 def in_time(attempt):

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from tests.twin.test_runs import start
+from tests.twin.processes import start
 
 KNOWN = """\
 schema: 1

@@ -14,6 +14,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import threading
 import time
 from pathlib import Path
 from xmlrpc.client import ServerProxy
@@ -23,8 +24,8 @@ import pytest
 import yaml
 
 from mercator_design.fleet.bundle import bundle
+from tests.twin.processes import events, twin
 from tests.twin.ros_client import COLOURS, TOPICS
-from tests.twin.test_runs import events, twin
 
 PYTHON = "/usr/bin/python3"
 CLIENT = Path(__file__).parent / "ros_client.py"
@@ -286,6 +287,13 @@ def roscore_ends(ros, process, client):
     return time.monotonic()
 
 
+def roscore_is_suspended(ros, process, client):
+    pid, began = asked(ros.uri, "getPid"), time.monotonic()
+    os.kill(pid, signal.SIGSTOP)
+    threading.Timer(12.0, os.kill, (pid, signal.SIGCONT)).start()  # long after the node has ended; roscore ends awake
+    return began
+
+
 def tells(*values):
     def act(ros, process, client):
         with ros.client("say", *values) as other:
@@ -313,6 +321,7 @@ WAYS = {
     # what happens: how, seconds that it may go on, exit code, what is said
     "rosnode kill": (killed_by_its_name, 0.0, 4, "ros: the node was told to shut down"),
     "roscore ends": (roscore_ends, MASTER_LOOK, 4, "ros: no master at http://127.0.0.1:"),
+    "roscore suspended": (roscore_is_suspended, MASTER_LOOK + 2.0, 4, "ros: no master at http://127.0.0.1:"),
     "not a number": (tells("nan", 0.1), 0.0, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.1"),
     "too fast": (tells(0.1, 0.31), 0.0, 4, "found 0.1, 0.31"),
     "too many": (tells(0.1, 0.1, 0.1), 0.0, 4, "rvr/wheels_speed: expected 2 speeds, found 3"),
@@ -334,7 +343,7 @@ def test_ways_to_stop(ros, pyz, folder, what):
         began = act(ros, process, client)
         until(lambda: wheels(folder)[-1] == (0.0, 0.0))
         if code is not None:
-            _, error = process.communicate(timeout=30)
+            _, error = process.communicate(timeout=10)
             assert (process.returncode, words in error, "Traceback" in error) == (code, True, False), error
         else:
             time.sleep(0.5)

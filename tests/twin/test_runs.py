@@ -2,13 +2,9 @@
 
 import contextlib
 import itertools
-import json
-import os
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,33 +14,13 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.robot.log import replay
 from mercator_design.robot.settings import read_settings
 from mercator_design.sim.simulate import Simulator
-from mercator_design.twin.terminals import LOG
 from tests.robot.ways import in_time
 from tests.twin.arenas import QUIET
+from tests.twin.processes import EXPLORE, events, start, twin
 
-ROOT = Path(__file__).parents[2]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
-EXPLORE = "--nstates 1 --s0 0 --rwm0 20\n"
 GATHER = "--nstates 1 --s0 2 --att0 5\n"
 APART = "{shape: poses, poses: [[0.36, 0, 0], [-0.18, 0.32, 2], [-0.18, -0.32, 4]]}"
 PIPES = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
-
-
-def start(*arguments, **streams):
-    return subprocess.Popen([*COMMAND, *map(str, arguments)], env=ENVIRONMENT, text=True, **streams)
-
-
-@contextlib.contextmanager
-def twin(folder, robots, *arguments):
-    line = ["twin", "aggregation", "--no-noise", "--folder", folder, "--set", f"robots={robots}", *arguments]
-    with start(*line, stdout=subprocess.PIPE) as process:
-        try:
-            for _ in range(robots):
-                assert process.stdout.readline().startswith("robot ")
-            yield process
-        finally:
-            process.terminate()
 
 
 @contextlib.contextmanager
@@ -57,11 +33,6 @@ def run(folder, number, fsm, duration):
             yield process
         finally:
             process.kill()
-
-
-def events(folder, kind):
-    lines = map(json.loads, (folder / LOG).read_text().splitlines())
-    return [event for event in lines if event["event"] == kind]
 
 
 def spread(poses):
@@ -83,7 +54,7 @@ def test_a_run_from_start_to_end(tmp_path):
 
 def a_run_from_start_to_end(folder):
     folder.mkdir()
-    with twin(folder, 1), run(folder, 0, EXPLORE, 3) as process:
+    with twin(folder, 1), run(folder, 0, EXPLORE, 1.5) as process:
         _, messages = process.communicate(timeout=60)
         assert process.returncode == 0, messages
         assert "commands end seen after 0.3 s" in messages
@@ -91,18 +62,18 @@ def a_run_from_start_to_end(folder):
     assert {event["left"] for event in told} >= {0.0, 0.3}
     assert (told[-1]["left"], told[-1]["right"], told[-1]["by"]) == (0.0, 0.0, "drive_stop")
     decisions = [decision for _, decision in replay(folder / "run0.jsonl")]
-    assert len(decisions) == 30
+    assert len(decisions) == 15
     assert not any(decision.differs for decision in decisions)
 
 
 def test_a_colour_is_measured(tmp_path):
     with twin(tmp_path, 1):
         file = tmp_path / "0" / "robot.yaml"
-        with start("calibrate", "color", "gray", "--robot", file, **PIPES) as process:
+        with start("calibrate", "color", "gray", "--seconds", 1, "--robot", file, **PIPES) as process:
             labels, said = process.communicate("\n", timeout=60)
         assert read_settings(file).labels == {"gray": (127, 127, 127)}, said
     assert (process.returncode, labels) == (0, "labels:\n  gray: [127, 127, 127]\n"), said
-    assert "gray: 127.0 127.0 127.0, spread 0.0, of 6" in said
+    assert "gray: 127.0 127.0 127.0, spread 0.0, of " in said
     assert len(events(tmp_path, "wheels")) == 1
 
 

@@ -29,7 +29,7 @@ from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.settings import Limits
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
-from tests.twin.test_runs import EXPLORE, events, start, twin
+from tests.twin.processes import EXPLORE, events, start, twin
 
 SECONDS = float(os.environ.get("SOAK_SECONDS", "1800"))
 SEED = int(os.environ.get("SOAK_SEED", "1"))

@@ -15,11 +15,13 @@ import serial
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.cli import main
 from mercator_design.robot.ports import open_port, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_streaming import StreamData, streaming
 from mercator_design.robot.settings import read_settings
 from mercator_design.robot.ydlidar import Packet
+from mercator_design.twin.arena import Arena
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, open_log
 from mercator_design.twin.twin import Twin
@@ -243,10 +245,39 @@ def test_nothing_is_left_behind(tmp_path):
 def test_links_of_a_twin_that_was_killed_are_replaced(tmp_path):
     (tmp_path / "0").mkdir()
     (tmp_path / "0" / "rvr").symlink_to("/dev/pts/no_longer")
-    (tmp_path / LOG).write_text("what was before\n")
+    (tmp_path / "0" / "robot.yaml").touch()
+    (tmp_path / LOG).write_text('{"time": 0.0, "event": "what was before"}\n')
     with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])):
         pass
     assert "before" not in (tmp_path / LOG).read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("1/robot.yaml", "name: mercator-1\n"),
+        ("1/rvr", "mine"),
+        ("1/lidar", None),
+        (LOG, '{"event":"start","kind":"run"}\n'),
+    ],
+)
+def test_somebody_else_s_file_is_left_alone(tmp_path, name, text):
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    file.symlink_to("/dev/serial0") if text is None else file.write_text(text)
+    with pytest.raises(RobotError, match=f"{name} is there, and is no twin's"), running(tmp_path):
+        pass
+    assert str(file.readlink()) == "/dev/serial0" if text is None else file.read_text() == text
+    assert not (tmp_path / "0").exists()
+
+
+def test_what_somebody_puts_in_the_place_of_a_twin_s_file_stays(tmp_path):
+    with running(tmp_path) as terminals:
+        mine = [terminals.robots[0], terminals.robots[0].with_name("rvr")]
+        for file in mine:
+            file.unlink()
+            file.write_text("mine")
+    assert [file.read_text() for file in mine] == ["mine", "mine"]
 
 
 def test_a_folder_is_one_twins(tmp_path):
@@ -283,6 +314,18 @@ class TestTheCommand:
         assert process.returncode == 0
         assert "of a core for each; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
+
+    def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
+        found = []
+
+        def rehearse(_, tell):
+            found.extend(map(signal.getsignal, (signal.SIGTERM, signal.SIGINT)))
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Arena, "rehearse", rehearse)
+        usual = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
+        assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
+        assert found == usual
 
     def test_it_ends_by_itself(self, tmp_path):
         with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:

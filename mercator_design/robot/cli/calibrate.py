@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.colours import COLOURS, ColourName
-from mercator_design.command import tell
+from mercator_design.command import naming, tell
 from mercator_design.loading import dump
 from mercator_design.robot import ground_calibration, proximity_calibration
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -14,11 +14,11 @@ from mercator_design.robot.ground_calibration import ground_sensor
 from mercator_design.robot.person import ask
 from mercator_design.robot.proximity_calibration import hub
 from mercator_design.robot.safety import Signals
-from mercator_design.robot.settings_file import change
+from mercator_design.robot.settings_file import change, rehearse
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(
-    "--seconds", type=click.FloatRange(1.0, 60.0), default=3.0, show_default=True, help="Of each measurement."
+    "--seconds", type=click.FloatRange(0.2, 60.0), default=3.0, show_default=True, help="Of each measurement."
 )
 
 
@@ -44,6 +44,8 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
     settings = settings_of(robot)
     kept = settings.labels_of({}) if settings.labels else {}
     names = dict.fromkeys(colours or settings.labels or _USUAL)
+    if robot is not None:
+        rehearse(robot, labels=dict.fromkeys(names, (0, 0, 0)))
     with Signals().caught(), ground_sensor(settings.ports) as sensor:
         labels = ground_calibration.calibrate(sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), tell)
     known = {**kept, **labels}
@@ -67,6 +69,9 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
     Somebody holds a hand, or a box, before the robot, in each direction in turn.
     """
     settings = settings_of(robot)
+    if robot is not None:
+        offsets = {} if distance is None else {"proximity_offsets": settings.proximity_offsets}
+        rehearse(robot, proximity_angles=settings.proximity_angles, **offsets)
     with Signals().caught(), hub(settings.ports) as sensors:
         found = proximity_calibration.calibrate(
             sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), tell
@@ -79,5 +84,6 @@ def _give(robot: Path | None, **values: object) -> None:
     """Print settings, and put them into a robot.yaml."""
     click.echo(dump(values), nl=False)
     if robot is not None:
-        change(robot, **values)
+        with naming(robot):
+            change(robot, **values)
         tell(f"{robot} has it now")

@@ -20,7 +20,7 @@ from mercator_design.robot.cli.rows import show
     type=click.Path(path_type=Path, file_okay=False, exists=True, resolve_path=True),
     default="/",
     show_default=True,
-    help="Write below a folder, such as the image of a card; then no command is run.",
+    help="Write below a folder, and run no command; the files are for this system nevertheless.",
 )
 @click.option("--dry-run", is_flag=True, help="Print the files and commands, and do nothing.")
 @click.option("--uninstall", is_flag=True, help="Remove what was installed.")
@@ -45,7 +45,7 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         folder=(robot.parent if robot else Path()).resolve(),
         robot=robot and robot.resolve(),
     )
-    files = installation.texts(ports, setup)
+    files = installation.texts(ports, setup, root)
     if dry_run:
         for path, text in files.items():
             click.echo(f"==> {path}\n{text}")

@@ -1,5 +1,7 @@
 """mercator-robot ros: a node of ROS."""
 
+import contextlib
+
 import click
 
 from mercator_design.command import tell
@@ -36,4 +38,5 @@ def ros(names: tuple[str, ...], settings: Settings, rate: float, silence: float)
     """
     if wrong := [name for name in names if ":=" not in name]:
         raise click.UsageError(f"expected a remapping, NAME:=NAME, found '{wrong[0]}'")
-    serve(settings, Node(), rate, silence, tell)
+    with contextlib.closing(Node()) as node:
+        serve(settings, node, rate, silence, tell)

@@ -9,14 +9,21 @@ from mercator_design.robot.findings import Finding
 
 
 def show(findings: Iterable[Finding]) -> None:
-    """Print a row for each, as soon as it is there.
+    """Print a row for each, as soon as it is there; what is done goes on if that cannot be written.
 
     Raises:
+        OSError: in the end, if a row was not written.
         RobotError: in the end, if something is wrong.
     """
-    wrong = 0
+    wrong, unwritten = 0, None
     for finding in findings:
         wrong += not finding.is_fine
-        click.echo(printable(f"{'ok   ' if finding.is_fine else 'WRONG'}  {finding.what:<26} {finding.words}"))
+        row = f"{'ok   ' if finding.is_fine else 'WRONG'}  {finding.what:<26} {finding.words}"
+        try:
+            click.echo(printable(row))
+        except OSError as error:
+            unwritten = error
+    if unwritten is not None:
+        raise unwritten
     if wrong:
         raise RobotError(f"{wrong} wrong")

@@ -1,0 +1,171 @@
+"""What the events of logs and recordings must be: whoever reads them relies on it, whoever wrote them.
+
+What they mean: log.py, recording.py.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from mercator_design import schema
+from mercator_design.checked_lines import Event
+from mercator_design.errors import excerpt
+from mercator_design.fsm import Readings, ReferenceModel
+from mercator_design.fsm.control import DRAWS
+
+Kind: TypeAlias = Literal["run", "recording"]
+
+FORMAT = 1
+_LARGEST = 1e9  # number, of any unit
+_LONGEST = 1e6  # [s], eleven days
+_YEARS = range(1970, 2100)
+
+
+class _Form(NamedTuple):
+    """What a value of an event must be, in words, and whether it is."""
+
+    words: str
+    fits: Callable[[Any], bool]
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - what JSON can hold, here and below
+    return type(value) in {int, float} and -_LARGEST <= value <= _LARGEST
+
+
+def _is_number_or_null(value: Any) -> bool:  # noqa: ANN401
+    return value is None or _is_number(value)
+
+
+def _is_count(value: Any) -> bool:  # noqa: ANN401
+    return type(value) is int and 0 <= value <= _LARGEST
+
+
+def _is_draw(value: Any) -> bool:  # noqa: ANN401
+    return _is_number(value) and 0.0 <= value < 1.0
+
+
+def _is_time(value: Any) -> bool:  # noqa: ANN401
+    return _is_number(value) and 0.0 <= value <= _LONGEST
+
+
+def _is_text(value: Any) -> bool:  # noqa: ANN401
+    return isinstance(value, str) and value.encode(errors="replace").decode() == value
+
+
+def _is_moment(value: Any) -> bool:  # noqa: ANN401
+    try:
+        return isinstance(value, str) and datetime.fromisoformat(value).year in _YEARS
+    except ValueError:
+        return False
+
+
+def _is_model(value: Any) -> bool:  # noqa: ANN401
+    constants = schema.fields_of(ReferenceModel)
+    return isinstance(value, dict) and all(
+        name in constants
+        and _is_number(number)
+        and all(rule.allows(number) for rule in schema.unwrapped(constants[name][0])[1])
+        for name, number in value.items()
+    )
+
+
+def _list(words: str, fits: Callable[[Any], bool], length: int | None = None) -> _Form:
+    """A list of so many, or of however many, each of which fits."""
+    return _Form(
+        f"a list of {words}",
+        lambda value: isinstance(value, list) and length in (None, len(value)) and all(map(fits, value)),
+    )
+
+
+def _is_sensed(value: Any) -> bool:  # noqa: ANN401
+    return isinstance(value, dict) and all(
+        _VALUES.fits(sample) and sample and _is_number(sample[0]) for sample in value.values()
+    )
+
+
+_COUNT = _Form("a whole number from 0 on", _is_count)
+_NUMBER = _Form("a number", _is_number)
+_TEXT = _Form("text", _is_text)
+_TIME = _Form(f"seconds from 0 to {_LONGEST:g}", _is_time)
+_VALUES = _list("numbers or null", _is_number_or_null)
+_PAIRS = _list("pairs of numbers", _list("", _is_number, 2).fits)
+
+_START = {"robot": _TEXT, "time": _Form(f"a date and time from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
+_STARTS: Mapping[Kind, Mapping[str, _Form]] = {
+    "run": {"fsm": _TEXT, "flavour": _TEXT, "reference_model": _Form("a reference model's constants", _is_model)},
+    "recording": {"lidar_angle": _NUMBER},
+}
+_EVENTS: Mapping[Kind, Mapping[str, Mapping[str, _Form]]] = {
+    "run": {
+        "cycle": {
+            "cycle": _COUNT,
+            "time": _TIME,
+            "state": _COUNT,
+            "next_state": _COUNT,
+            "readings": _list(f"{len(Readings._fields)} numbers", _is_number, len(Readings._fields)),
+            "draws": _list(f"{DRAWS} numbers from 0 to below 1", _is_draw, DRAWS),
+            "wheels": _list("two numbers or null", _is_number_or_null, 2),
+            "cpu": _NUMBER,
+            "neighbours": _PAIRS,
+            "sensed": _Form("the age and values of samples by sensor", _is_sensed),
+        }
+    },
+    "recording": {
+        "sample": {"time": _TIME, "sensor": _TEXT, "values": _VALUES},
+        "turn": {"time": _TIME, "readings": _PAIRS},
+        "wheels": {"time": _TIME, "left": _NUMBER, "right": _NUMBER},
+    },
+}
+_ENDS = {"note": {"time": _TIME, "text": _TEXT}, "end": {"why": _TEXT}}
+"""By kind of log and event, the values that are relied on."""
+
+
+class Checker:
+    """Checks the events of a log one after the other."""
+
+    def __init__(self, kind: Kind | None) -> None:
+        """Of a log of this kind; None: of any."""
+        self._kind = kind
+        self._events: Mapping[str, Mapping[str, _Form]] = {}  # that may come
+        self._cycles = 0
+
+    def check(self, event: Event) -> None:
+        """Make sure that a log begins or goes on with an event.
+
+        Raises:
+            ValueError: saying what was expected, and what was found.
+        """
+        name = event.get("event")
+        if not self._events:
+            self._begin(event)
+        elif not isinstance(name, str) or name not in self._events:
+            raise ValueError(f"event: expected {schema.one_of([*self._events])}, found {_found(name)}")
+        else:
+            _check_values(event, self._events[name])
+        if name == "cycle":
+            if event["cycle"] != self._cycles:
+                raise ValueError(f"expected cycle {self._cycles}, found {event['cycle']}: lines are missing")
+            self._cycles += 1
+
+    def _begin(self, event: Event) -> None:
+        if (event.get("event"), event.get("format")) != ("start", FORMAT):
+            raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")
+        kinds = [*_EVENTS] if self._kind is None else [self._kind]
+        kind = event.get("kind")
+        if kind not in kinds:
+            raise ValueError(f"expected the log of a {' or '.join(kinds)}, found that of a {kind}")
+        _check_values(event, {**_START, **_STARTS[kind]})
+        self._events = {**_EVENTS[kind], **_ENDS}
+
+
+def _check_values(event: Event, forms: Mapping[str, _Form]) -> None:
+    for key, form in forms.items():
+        if not form.fits(event.get(key)):
+            raise ValueError(f"{event['event']}.{key}: expected {form.words}, found {_found(event.get(key))}")
+
+
+def _found(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, list | dict):
+        return "another list" if isinstance(value, list) else "another mapping"
+    return "none" if value is None else excerpt(json.dumps(value))

@@ -16,7 +16,6 @@ def bundle(output: Path) -> None:
 
     What it needs, click, PyYAML and pyserial, is in it as it is installed here.
     """
-    from mercator_design.cli.terminal import naming
     from mercator_design.files import write_bytes
     from mercator_design.fleet.bundle import bundle as make
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -10,6 +9,7 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.errors import FsmError, MissionError, printable
+from mercator_design.yaml_tree import Fault, Node, compose, read_text
 
 
 @click.command(short_help="Check missions, robot models and FSM files.")
@@ -50,7 +50,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             raise MissionError(
                 f"{file}: this is what one robot is told, robot.yaml: mercator-robot check --robot {file}"
             )
-        if isinstance(content.get("robots"), list):
+        if "robots" in content and isinstance(content["robots"].content, list):
             raise MissionError(f"{file}: this is where robots are reached, robots.yaml: mdesign deploy --robots {file}")
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
@@ -66,10 +66,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 
 
-def _content(file: Path) -> dict[str, Any]:
+def _content(file: Path) -> dict[str, Node]:
     """Of a YAML file; empty if it has no keys, or is no such file."""
-    from mercator_design.yaml_tree import Fault, compose, read_text
-
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:

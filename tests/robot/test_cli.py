@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.errors import MercatorError
 from mercator_design.robot import swarm
 from mercator_design.robot.cli import cli
 from mercator_design.robot.cli.options import new_file
@@ -95,7 +96,10 @@ class TestRun:
         assert new_file("there/", "run", "r2").parent == Path("there")
         assert new_file("there", "run", "r2").parent == Path("there")
         assert new_file("not_there", "run", "r2") == Path("not_there")
-        assert [path.name for path in tmp_path.iterdir()] == ["there"]
+        (tmp_path / "file").touch()
+        with pytest.raises(MercatorError, match=r"^file: cannot be written: File exists$"):
+            new_file("file/", "run", "r2")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there"]
 
     @pytest.mark.parametrize("options", [["--duration", "-1"], ["--seed", "x"], ["--speed", "1"]])
     def test_wrong_usage(self, robot_command, fsm, options):

@@ -299,7 +299,8 @@ def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
     def attempt(number):
         with running(tmp_path / str(number), GO, "", "", "--duration", "1", "--dry-run") as robot:
-            check(robot, 0, "The duration is over")
+            said = check(robot, 0, "The duration is over").splitlines()
+            assert (said[0], said[-1]) == ("Dry run: the wheels do not turn.", "The log is log.jsonl")
             assert not robot.devices.drives()
             cycles = [event for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
             assert cycles[0]["wheels"] == [1.0, 1.0]
@@ -311,7 +312,8 @@ def test_a_dry_run_is_stopped_by_what_would_stop_another(tmp_path):
     with running(tmp_path, GO, "", "return Wheels(math.nan, 1.0)", "--dry-run") as robot:
         robot.devices.when(lambda: (tmp_path / "log.jsonl").exists() and (tmp_path / "log.jsonl").stat().st_size)
         robot.fault()
-        check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        said = check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        assert "The log is log.jsonl\n" in said
 
 
 class TestWhatStoppedIt:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from mercator_design.command import FILE
+from mercator_design.command import FILE, naming
 from mercator_design.robot.settings import Settings, read_settings
 
 FC = TypeVar("FC", bound=Callable[..., Any])
@@ -29,7 +29,8 @@ def new_file(given: str | None, kind: str, robot: str) -> Path:
     """
     path = Path(given or "")
     if given is not None and given.endswith("/"):
-        path.mkdir(parents=True, exist_ok=True)
+        with naming(path):
+            path.mkdir(parents=True, exist_ok=True)
     name = "-".join([kind, *robot.split(), time.strftime("%Y%m%d-%H%M%S.jsonl")])
     return path / name if path.is_dir() else path
 

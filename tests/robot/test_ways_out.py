@@ -298,7 +298,8 @@ def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
 @made_in_time
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
     with running(tmp_path, GO, "", "", "--duration", "1", "--dry-run") as robot:
-        check(robot, 0, "The duration is over")
+        said = check(robot, 0, "The duration is over").splitlines()
+        assert (said[0], said[-1]) == ("Dry run: the wheels do not turn.", "The log is log.jsonl")
         assert not robot.devices.drives()
         cycles = [event for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle"]
         assert cycles[0]["wheels"] == [1.0, 1.0]
@@ -309,7 +310,8 @@ def test_a_dry_run_is_stopped_by_what_would_stop_another(tmp_path):
     with running(tmp_path, GO, "", "return Wheels(math.nan, 1.0)", "--dry-run") as robot:
         robot.devices.when(lambda: (tmp_path / "log.jsonl").exists() and (tmp_path / "log.jsonl").stat().st_size)
         robot.fault()
-        check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        said = check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        assert "The log is log.jsonl\n" in said
 
 
 class TestWhatStoppedIt:
@@ -322,7 +324,7 @@ class TestWhatStoppedIt:
             robot.devices.tell("motor_fault", is_fault=True)
             check(robot, 4, "rvr: a motor has a fault")
         *_, told, end = read(tmp_path / "log.jsonl")
-        assert (told["event"], told["text"]) == ("note", "motor_fault is_fault True")
+        assert (told["event"], told["text"]) == ("note", "rvr: motor fault is fault True")
         assert end["why"] == "rvr: a motor has a fault"
         assert told["time"] > 0.0
 

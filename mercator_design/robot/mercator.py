@@ -82,8 +82,7 @@ class Mercator:
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model
         self._labels = labels
-        self._sweep = Sweep(settings.lidar_angle)  # in the robot's frame ...
-        self._around = Sweep(settings.lidar_angle)  # ... and in one that does not turn
+        self._sweep = Sweep(settings.lidar_angle)  # in a frame that does not turn
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
@@ -167,7 +166,7 @@ class Mercator:
         n = 0
         if self.age("lidar", now) <= self._settings.limits.lidar:
             front = -heading(self.samples, now)
-            n = lidar_neighbours(self._model, self._around.ranges(), front, STEP, *self._found)
+            n = lidar_neighbours(self._model, self._sweep.ranges(), front, STEP, *self._found)
         distances, x, y = self._found
         self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
         return n
@@ -185,10 +184,6 @@ class Mercator:
         """Of the floor: the one whose colour is nearest to the ground's."""
         red, green, blue = self.samples["ground"].values
         return nearest(self._labels, (red, green, blue))
-
-    def turn(self) -> list[float]:
-        """The lidar's last turn, as it saw it: ranges [m] in steps of sweep.STEP counter-clockwise; 0: nothing."""
-        return self._sweep.ranges()
 
     def age(self, name: str, now: float) -> float:
         """Of a sample [s]; infinite if there is none."""
@@ -298,8 +293,7 @@ class Mercator:
         match event:
             case Packet():
                 began = now - (len(event.samples) - 1) / SAMPLE_RATE
-                self._around.add(event, heading(self.samples, began), heading(self.samples, now))
-                if self._sweep.add(event):
+                if self._sweep.add(event, heading(self.samples, began), heading(self.samples, now)):
                     self.samples["lidar"] = Sample(now, ())
                     self._note_sight()
             case Response():

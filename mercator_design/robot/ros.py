@@ -20,6 +20,9 @@ from mercator_design.robot.ros_messages import LEDS, MADE_HERE, OBEYED, PUBLISHE
 from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.safety import Brake, go_first
 from mercator_design.robot.settings import Settings
+from mercator_design.robot.sweep import Sweep
+from mercator_design.robot.talk import Event
+from mercator_design.robot.ydlidar import Packet
 
 NAME = "mercator_robot"
 """Of the node."""
@@ -234,9 +237,9 @@ class Orders:
 class Reports:
     """What is to be published: of the RVR at a rate, of the lidar each turn, of the hub each measurement."""
 
-    def __init__(self, robot: Mercator, namespace: str, rate: float) -> None:
+    def __init__(self, robot: Mercator, sweep: Sweep, namespace: str, rate: float) -> None:
         """Begin; `rate` is the RVR's [Hz], and `namespace` that of the node, without slashes."""
-        self._robot, self._namespace, self._period = robot, namespace, 1.0 / rate
+        self._robot, self._sweep, self._namespace, self._period = robot, sweep, namespace, 1.0 / rate
         self._due = self._turned = self._measured = -math.inf
 
     def due(self, now: float, ros_now: float) -> Iterator[tuple[str, Fields]]:
@@ -252,8 +255,8 @@ class Reports:
             yield "rvr/imu", messages.imu(later + samples["attitude"].time, samples)
             yield "rvr/odom", messages.odometry(later + samples["position"].time, samples)
         before, self._turned = self._turned, samples["lidar"].time
-        if math.isfinite(before) and before < self._turned:
-            yield "scan", messages.scan(later + before, self._robot.turn(), self._turned - before)
+        if self._sweep.is_whole and math.isfinite(before) and before < self._turned:
+            yield "scan", messages.scan(later + before, self._sweep.ranges(), self._turned - before)
         before, self._measured = self._measured, samples["proximity"].time
         if before < self._measured:
             distances = samples["proximity"].values
@@ -278,7 +281,14 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
     with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
         robot = control.robot
         robot.introduce(tell)
-        orders, reports = Orders(robot.brake, silence, tell), Reports(robot, node.namespace, rate)
+        sweep = Sweep(settings.lidar_angle)  # as the robot saw it, wherever it turned
+
+        def listen(event: Event, _: float) -> None:
+            if isinstance(event, Packet):
+                sweep.add(event)
+
+        robot.listen = listen
+        orders, reports = Orders(robot.brake, silence, tell), Reports(robot, sweep, node.namespace, rate)
         robot.report(tell)
         node.obey(robot.brake, orders)
         control.arm()

@@ -97,14 +97,15 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> No
     robot, random = control.robot, Random(what.seed)
     start = time.monotonic()
     most = math.inf if what.duration is None else what.duration - 0.5 * what.period
-    worked = time.process_time()
+    program = time.process_time()
     for cycle, begin in enumerate(control.cycles(what.period)):
         if begin - start >= most:
             return
+        thread = time.thread_time()
         state, readings = controller.state, robot.readings()
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
-        before, worked = worked, time.process_time()
+        before, program = program, time.process_time()
         log.note(
             "cycle",
             cycle=cycle,
@@ -114,7 +115,8 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> No
             readings=readings,
             draws=draws,
             wheels=finite(wheels),
-            cpu=round(worked - before, 6),
+            cpu=round(time.thread_time() - thread, 6),
+            program_cpu=round(program - before, 6),
             neighbours=robot.neighbours,
             sensed={
                 name: [round(begin - sample.time, 4), *map(plain, sample.values)]

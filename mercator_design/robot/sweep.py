@@ -36,6 +36,11 @@ class Sweep:
         self._last: int | None = None  # angle of the last packet's last sample
         self._began: int | None = None  # how far the lidar had swept at the last ring start
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether a whole turn has been seen."""
+        return self._swept >= _TURN
+
     def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
         """Take in a packet; whether it ends a turn. Ring starts of a lidar that does not get round end none.
 
@@ -52,10 +57,11 @@ class Sweep:
             self._swept += ahead if ahead < _TURN - _BACKWARDS else 0
         span = (packet.last - packet.first) % _TURN
         for angle, distance in packet.points():
+            if distance <= 0.0:
+                continue
             k = round((angle + self._front) / STEP) % BINS
             # Corrected angles of what is near and far overlap: the nearer hides the other.
-            hidden = 0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS
-            if distance > 0.0 and not hidden:
+            if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
         ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= _TURN // 2

@@ -18,7 +18,8 @@ from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, Sample, converted
 from mercator_design.robot.settings import Settings, Swarm
-from mercator_design.robot.sweep import BINS
+from mercator_design.robot.sweep import BINS, Sweep
+from mercator_design.robot.ydlidar import Packet
 from tests.robot.devices import QUIET, Devices
 from tests.robot.ways import asked
 
@@ -198,20 +199,23 @@ class TestReports:
     @pytest.fixture
     def robot(self):
         lidar, hub = Sample(0.9, ()), Sample(0.9, (0.5,) * 8)
-        return SimpleNamespace(
-            samples={**sampled(), "lidar": lidar, "proximity": hub}, label=lambda: "white", turn=lambda: [1.0] * BINS
-        )
+        return SimpleNamespace(samples={**sampled(), "lidar": lidar, "proximity": hub}, label=lambda: "white")
 
     def test_a_scan_has_the_time_of_its_beginning(self, robot):
-        reports = Reports(robot, "", 5.0)
+        sweep = Sweep()
+        reports = Reports(robot, sweep, "", 5.0)
         assert "scan" not in dict(reports.due(1.0, 1001.0))  # nobody knows when this one began
         robot.samples["lidar"] = Sample(1.05, ())
-        found = dict(reports.due(1.1, 1001.1))["scan"]
-        assert found["header"]["stamp"]["secs"] + 1e-9 * found["header"]["stamp"]["nsecs"] == pytest.approx(1000.9)
+        assert "scan" not in dict(reports.due(1.1, 1001.1))  # not all of a turn was heard
+        for k in range(10):
+            sweep.add(Packet(0, 360 * 64 - 64, (4000,) * 40, is_ring_start=k == 0))
+        robot.samples["lidar"] = Sample(1.2, ())
+        found = dict(reports.due(1.3, 1001.3))["scan"]
+        assert found["header"]["stamp"]["secs"] + 1e-9 * found["header"]["stamp"]["nsecs"] == pytest.approx(1001.05)
         assert found["scan_time"] == pytest.approx(0.15)
 
     def test_a_rate_that_is_no_part_of_the_cycles(self, robot):
-        reports = Reports(robot, "", 4.0)
+        reports = Reports(robot, Sweep(), "", 4.0)
         told = [topic for k in range(100) for topic, _ in reports.due(0.1 * k, 0.1 * k)]
         assert told.count("rvr/imu") == pytest.approx(40, abs=1)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.log import read, understanding
+from mercator_design.robot.log import read
 from mercator_design.robot.ydlidar import correction
 
 Floats = NDArray[np.float64]
@@ -80,19 +80,18 @@ def read_recording(path: Path) -> Recording:
     """
     told: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
     start: Mapping[str, Any] = {}
-    with understanding(path):
-        for event in read(path, "recording"):
-            match event["event"]:
-                case "start":
-                    start = event
-                case "sample":
-                    told[event["sensor"]].append((event["time"], np.array(event["values"], dtype=float)))
-                case "turn":
-                    readings = np.array(event["readings"], dtype=float).reshape(-1, 2)
-                    told["lidar"].append((event["time"], readings))
-                case "wheels":
-                    told["wheels"].append((event["time"], np.array([event["left"], event["right"]])))
-        series = {name: _series(name, rows, start) for name, rows in told.items()}
+    for event in read(path, "recording"):
+        match event["event"]:
+            case "start":
+                start = event
+            case "sample":
+                told[event["sensor"]].append((event["time"], np.array(event["values"], dtype=float)))
+            case "turn":
+                readings = np.array(event["readings"], dtype=float).reshape(-1, 2)
+                told["lidar"].append((event["time"], readings))
+            case "wheels":
+                told["wheels"].append((event["time"], np.array([event["left"], event["right"]])))
+    series = {name: _series(name, rows, start) for name, rows in told.items()}
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
     duration = max(float(each.times[-1]) for each in series.values())

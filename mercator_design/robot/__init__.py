@@ -15,6 +15,7 @@
     safety      what keeps the wheels from turning when nobody is in control of them
     swarm       what is told to all robots
     log         what happened in a run, and the same decisions again
+    log_events  what the events of logs and recordings must be
     recording   what sensors measure, as it comes
     control     a robot that somebody has control of
     runner      a run

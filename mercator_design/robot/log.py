@@ -185,7 +185,7 @@ def understanding(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (KeyError, ValueError, IndexError, ArithmeticError, FsmError) as error:
+    except (IndexError, ArithmeticError, UnicodeError, FsmError) as error:
         raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
 
 
@@ -212,7 +212,7 @@ def controller_of(start: Mapping[str, Any]) -> tuple[Pfsm, Controller]:
     """What the start of a log says was run.
 
     Raises:
-        KeyError, TypeError, FsmError: if it does not.
+        FsmError: if that is no PFSM.
     """
     pfsm = parse(start["fsm"], start["flavour"], tolerate=lambda _: None)
     return pfsm, Controller(pfsm, ReferenceModel(**start["reference_model"]))

@@ -13,6 +13,7 @@ from mercator_design.checked_lines import Event
 from mercator_design.errors import excerpt
 from mercator_design.fsm import Readings, ReferenceModel
 from mercator_design.fsm.control import DRAWS
+from mercator_design.robot.samples import FIELDS
 
 Kind: TypeAlias = Literal["run", "recording"]
 
@@ -78,9 +79,21 @@ def _list(words: str, fits: Callable[[Any], bool], length: int | None = None) ->
     )
 
 
+def _is_sensor(value: Any) -> bool:  # noqa: ANN401
+    return isinstance(value, str) and value in FIELDS
+
+
 def _is_sensed(value: Any) -> bool:  # noqa: ANN401
-    return isinstance(value, dict) and all(
-        _VALUES.fits(sample) and sample and _is_number(sample[0]) for sample in value.values()
+    return isinstance(value, dict) and all(_is_aged_sample(*item) for item in value.items())
+
+
+def _is_aged_sample(sensor: str, value: Any) -> bool:  # noqa: ANN401
+    return (
+        sensor in _SENSED
+        and isinstance(value, list)
+        and value != []
+        and _is_number(value[0])
+        and _SENSED[sensor].fits(value[1:])
     )
 
 
@@ -88,8 +101,14 @@ _COUNT = _Form("a whole number from 0 on", _is_count)
 _NUMBER = _Form("a number", _is_number)
 _TEXT = _Form("text", _is_text)
 _TIME = _Form(f"seconds from 0 to {_LONGEST:g}", _is_time)
-_VALUES = _list("numbers or null", _is_number_or_null)
 _PAIRS = _list("pairs of numbers", _list("", _is_number, 2).fits)
+
+_SAMPLES: Mapping[str, _Form] = {
+    name: _list(f"{len(fields)} numbers", _is_number_or_null if name == "proximity" else _is_number, len(fields))
+    for name, fields in FIELDS.items()
+}
+"""The values of a sample by sensor; nothing in sight is null."""
+_SENSED = {**_SAMPLES, "lidar": _list("nothing", _is_number, 0)}
 
 _START = {"robot": _TEXT, "time": _Form(f"a date and time from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
 _STARTS: Mapping[Kind, Mapping[str, _Form]] = {
@@ -112,12 +131,15 @@ _EVENTS: Mapping[Kind, Mapping[str, Mapping[str, _Form]]] = {
         }
     },
     "recording": {
-        "sample": {"time": _TIME, "sensor": _TEXT, "values": _VALUES},
+        "sample": {"time": _TIME, "sensor": _Form(schema.one_of([*FIELDS]), _is_sensor)},
         "turn": {"time": _TIME, "readings": _PAIRS},
         "wheels": {"time": _TIME, "left": _NUMBER, "right": _NUMBER},
     },
 }
-_ENDS = {"note": {"time": _TIME, "text": _TEXT}, "end": {"why": _TEXT}}
+_ENDS = {
+    "note": {"time": _Form(f"{_TIME.words} or null", lambda value: value is None or _is_time(value)), "text": _TEXT},
+    "end": {"why": _TEXT},
+}
 """By kind of log and event, the values that are relied on."""
 
 
@@ -143,9 +165,11 @@ class Checker:
             raise ValueError(f"event: expected {schema.one_of([*self._events])}, found {_found(name)}")
         else:
             _check_values(event, self._events[name])
+        if name == "sample":
+            _check_values(event, {"values": _SAMPLES[event["sensor"]]})
         if name == "cycle":
             if event["cycle"] != self._cycles:
-                raise ValueError(f"expected cycle {self._cycles}, found {event['cycle']}: lines are missing")
+                raise ValueError(f"expected cycle {self._cycles}, found cycle {event['cycle']}: lines are missing")
             self._cycles += 1
 
     def _begin(self, event: Event) -> None:

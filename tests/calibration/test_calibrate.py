@@ -287,13 +287,14 @@ def test_what_is_no_recording(mdesign, tmp_path):
     run = tmp_path / "run.jsonl"
     run.write_text(to_line({"event": "start", "kind": "run", "format": FORMAT}))
     other = tmp_path / "other.jsonl"
-    start = {"event": "start", "kind": "recording", "format": FORMAT}
+    start = {"event": "start", "kind": "recording", "format": FORMAT, "robot": "tester", "lidar_angle": 0.0}
+    start["time"] = "2026-01-01T12:00:00+00:00"
     other.write_text("".join(map(to_line, [start, {"event": "sample", "sensor": "ground"}])))
     empty = tmp_path / "empty.jsonl"
     empty.write_text(to_line(start))
     for file, words in (
         (run, "line 1: expected the log of a recording, found that of a run"),
-        (other, "expected what this version writes, found other events: KeyError('time')"),
+        (other, "line 2: sample.time: expected seconds from 0 to 1e+06, found none"),
         (empty, "expected a recording of sensors, found no sample"),
         (tmp_path / "none.jsonl", "cannot be read: No such file or directory"),
     ):

@@ -146,7 +146,7 @@ def test_damage_before_the_end_is_named(log, number):
         ("", "expected a robot's log, found nothing"),
         ("nonsense\n", "line 1: expected an event"),
         (to_line({"event": "start", "format": 2}), "line 1: expected the start of a robot's log, of format 1"),
-        (to_line({"event": "start", "format": 1, "kind": "run"}), "expected what this version writes"),
+        (to_line({"event": "start", "format": 1, "kind": "run"}), "line 1: start.robot: expected text, found none"),
     ],
 )
 def test_what_is_no_log(tmp_path, robot_command, text, words):
@@ -154,6 +154,49 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
     file.write_text(text)
     code, _, err = robot_command("replay", file)
     assert (code, words in err) == (1, True), err
+
+
+@pytest.mark.parametrize(
+    ("number", "change", "words"),
+    [
+        (1, {"fsm": 7}, "start.fsm: expected text, found 7"),
+        (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time from 1970 to 2099"),
+        (1, {"reference_model": {"hue_period": 0.0}}, "start.reference_model: expected a reference model's constants"),
+        (1, {"kind": "walk"}, "expected the log of a run, found that of a walk"),
+        (2, {"event": "circle"}, 'event: expected one of cycle, note, end, found "circle"'),
+        (2, {"event": "start"}, 'event: expected one of cycle, note, end, found "start"'),
+        (3, {"time": [0.1]}, "cycle.time: expected seconds from 0 to 1e+06, found another list"),
+        (3, {"time": -0.1}, "cycle.time: expected seconds from 0 to 1e+06, found -0.1"),
+        (3, {"cycle": "1"}, 'cycle.cycle: expected a whole number from 0 on, found "1"'),
+        (3, {"readings": [0.5] * 11}, "cycle.readings: expected a list of 10 numbers, found another list"),
+        (3, {"draws": [1.0] * DRAWS}, "cycle.draws: expected"),
+        (3, {"sensed": {"position": [0.1, None, 0.0]}}, "cycle.sensed: expected the age and values of samples"),
+        (CYCLES + 2, {"why": None}, "end.why: expected text, found none"),
+    ],
+)
+def test_a_value_that_no_log_has_is_named(log, robot_command, number, change, words):
+    events = [*read(log)]
+    events[number - 1] |= change
+    log.write_text("".join(map(to_line, events)))
+    code, _, err = robot_command("replay", log)
+    assert (code, err.startswith(f"Error: {log}, line {number}: {words}")) == (1, True), err
+
+
+def test_a_line_that_is_missing_is_named(log):
+    log.write_bytes(b"".join(lines(log)[:50] + lines(log)[51:]))
+    with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected cycle 49, found cycle 50: lines are missing"):
+        [*read(log)]
+
+
+def test_what_has_no_end_is_not_read_to_it(log):
+    """A pipe that nobody writes to, and a line as long as the disk."""
+    os.mkfifo(log.with_name("pipe"))
+    with pytest.raises(RobotError, match="pipe: expected a robot's log, found a folder, device or pipe"):
+        [*read(log.with_name("pipe"))]
+    with log.open("ab") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(RobotError, match=f"line {CYCLES + 3}: expected an event"):
+        [*read(log)]
 
 
 def test_a_log_is_never_written_over(log):
@@ -192,21 +235,21 @@ def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
 def test_it_can_be_read_while_it_is_written(tmp_path):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:
-        log.begin("run", "mercator")
+        log.begin("recording", "mercator", lidar_angle=0.0)
         while not path.stat().st_size:
             pass
-        assert [event["event"] for event in read(path)] == ["start"]
+        assert [event["event"] for event in read(path, "recording")] == ["start"]
 
 
 def test_why_it_ended(tmp_path):
     def fail():
         with Log(tmp_path / "log.jsonl") as log:
-            log.begin("run", "mercator")
+            log.begin("recording", "mercator", lidar_angle=0.0)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         fail()
-    assert [*read(tmp_path / "log.jsonl")][-1]["why"] == "ZeroDivisionError"
+    assert [*read(tmp_path / "log.jsonl", "recording")][-1]["why"] == "ZeroDivisionError"
 
 
 def test_every_verb_has_help(robot_command):

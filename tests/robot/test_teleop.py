@@ -172,7 +172,7 @@ class Drive:
     @contextlib.contextmanager
     def holding(self, data=b"w"):
         """A key is held, and has been for a while."""
-        over = threading.Event()
+        over, before = threading.Event(), self.devices.driven()
 
         def repeat():
             while not over.wait(0.04):
@@ -182,7 +182,7 @@ class Drive:
         finger = threading.Thread(target=repeat)
         finger.start()
         try:
-            self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
+            self.devices.when(lambda: self.devices.driven() > before + 2 or self.process.poll() is not None)
             assert self.process.poll() is None, self.process.stderr.read()
             yield
         finally:

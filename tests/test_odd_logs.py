@@ -1,0 +1,99 @@
+"""Logs and recordings whose checksums are right, and whose values nobody would write: never a traceback."""
+
+import copy
+import io
+import json
+import math
+import zlib
+
+import pytest
+
+from mercator_design.calibration.scenes import read_recording
+from mercator_design.errors import RobotError
+from mercator_design.log_export import write_csv, write_mcap
+from mercator_design.robot.cli.replay import _show
+from mercator_design.robot.log import read, replay
+from tests.calibration.recordings import CENTRES, measured, write
+from tests.twin.recorded import unpack
+
+ODD = (None, "x", "\ud800", True, -1, 1e18, -1e308, math.inf, math.nan, 10**23, [], {}, [[[]]], [1.0] * 20)
+GONE = object()
+
+
+def line(event):
+    """As `to_line`, which refuses what is no number."""
+    text = json.dumps(event)
+    return f'{text[:-1]},"crc":"{zlib.crc32(text.encode()):08x}"}}\n'
+
+
+def places(value, way=()):
+    """The ways to what is in a value; of lists and mappings only to the first and last item."""
+    if way:
+        yield way
+    if isinstance(value, dict | list) and value:
+        keys = [*value] if isinstance(value, dict) else range(len(value))
+        for key in {keys[0], keys[-1]} if way else keys:
+            yield from places(value[key], (*way, key))
+
+
+def changed(event, way, value):
+    """An event with another value somewhere, or with none."""
+    event = inner = copy.deepcopy(event)
+    for step in way[:-1]:
+        inner = inner[step]
+    if value is GONE:
+        del inner[way[-1]]
+    else:
+        inner[way[-1]] = value
+    return event
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """The events of a short run, and of a recording, by what reads them."""
+    folder = tmp_path_factory.mktemp("logs")
+    start, *run, end = read(unpack(folder) / "run0.jsonl")
+    cycles = [event for event in run if event["event"] == "cycle"][:3]
+    note = {"event": "note", "time": 0.1, "text": "battery 80 %"}
+    centres = {name: CENTRES[name] for name in ("proximity", "attitude", "position", "lidar")}
+    recording = [*read(write(folder / "still.jsonl", measured(0.4, centres=centres)), "recording")]
+    drive = {"event": "wheels", "time": 0.2, "left": 0.1, "right": 0.0}
+    return {"run": [start, note, *cycles, end], "recording": [*recording[:-1], drive, note, recording[-1]]}
+
+
+def show(path):
+    for decided in replay(path):
+        _show(decided)
+
+
+READERS = {
+    "replay": ("run", show),
+    "table": ("run", lambda path: write_csv(path, io.BytesIO())),
+    "messages": ("run", lambda path: write_mcap(path, io.BytesIO())),
+    "recorded table": ("recording", lambda path: write_csv(path, io.BytesIO())),
+    "recorded messages": ("recording", lambda path: write_mcap(path, io.BytesIO())),
+    "calibration": ("recording", read_recording),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_odd_values_are_refused_or_told(kinds, tmp_path, reader):
+    kind, run = READERS[reader]
+    events, path = kinds[kind], tmp_path / "log.jsonl"
+    path.write_text("".join(map(line, events)))
+    run(path)  # as it is
+    lines = [*map(line, events)]
+    seen, refused = set(), 0
+    for k, event in enumerate(events):
+        what = event["event"], event.get("sensor")
+        if what in seen:
+            continue
+        seen.add(what)
+        for way in places(event):
+            for value in (*ODD, GONE):
+                path.write_text("".join([*lines[:k], line(changed(event, way, value)), *lines[k + 1 :]]))
+                try:
+                    run(path)
+                except RobotError:
+                    refused += 1
+    assert refused > 50 * len(seen)

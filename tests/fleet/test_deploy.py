@@ -139,7 +139,7 @@ def test_of_two_starts_at_once_one_is_refused(deploy, field):
         (field / "r1/mercator/robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n{LATE}")
         results = sorted(fleet.start(fleet.read_fleet(field / "twice.yaml"), [], 60.0), key=lambda each: each.is_done)
         assert [each.is_done for each in results] == [False, True]
-        assert results[0].words == "a run is in progress: stop it first"
+        assert results[0].words == "a run is in progress; end it first: mdesign deploy --robots ... --stop"
         devices.when(devices.drives)
         assert deploy("--stop")[1] == "ok      r1               stopped\n"
         assert devices.rests_since() < time.monotonic()

@@ -117,8 +117,8 @@ class TestColor:
 
     def test_a_robot_that_knows_one_colour_only_is_told(self, devices, tmp_path):
         devices.sensed["color_detection"].update(zip("rgb", FLOOR["gray"], strict=True))
-        with calibrate(tmp_path, devices, "color", "gray") as process:
-            said = answer(process, lambda _: None)
+        with calibrate(tmp_path, devices, "color", "gray", "--seconds", "0.6") as process:
+            said = answer(process, devices, lambda _: None)
         assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
 
     @pytest.mark.parametrize(

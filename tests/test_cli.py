@@ -363,6 +363,19 @@ class TestValidate:
         assert code == 3
         assert "body: unknown key; known: schema, name, description, source, robots" in err
 
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("schema: 1\nname: r1\nports: {rvr: /dev/serial0}\n", "robot.yaml: mercator-robot check --robot"),
+            ("schema: 1\nrobots: [{name: r1, host: r1}]\n", "robots.yaml: mdesign deploy --robots"),
+        ],
+    )
+    def test_what_is_of_the_robots_is_told(self, mdesign, tmp_path, text, words):
+        file = tmp_path / "mine.yaml"
+        file.write_text(text)
+        code, _, err = mdesign("validate", file)
+        assert (code, f"{words} {file}" in err) == (3, True), err
+
     def test_what_makes_no_difference_is_told(self, mdesign, tmp_path):
         robot, mission = tmp_path / "far.yaml", tmp_path / "colours.yaml"
         robot.write_text("schema: 1\nbase: epuck\nneighbours: {range: 2}\n")

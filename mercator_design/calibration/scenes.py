@@ -60,12 +60,14 @@ class Recording(NamedTuple):
 
     start: Its first event.
     duration: [s]
+    rest: The longest time without a move [s].
     moves: Where it is cut: begin and end of each time in which the robot was moved [s].
     """
 
     path: Path
     start: Mapping[str, Any]
     duration: float
+    rest: float
     moves: list[tuple[float, float]]
     scenes: list[Scene]
 
@@ -94,15 +96,15 @@ def read_recording(path: Path) -> Recording:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
     duration = max(float(each.times[-1]) for each in series.values())
     moves = list(_moves(series))
-    still = zip([-math.inf, *(end for _, end in moves)], [*(begin for begin, _ in moves), math.inf], strict=True)
+    still = [*zip([0.0, *(end for _, end in moves)], [*(begin for begin, _ in moves), duration], strict=True)]
     scenes = []
-    for begin, end in still:
-        begins, ends = max(begin, 0.0), min(end, duration)
+    for begins, ends in still:
         if ends - begins >= SHORTEST:
             parts = {name: each.between(begins, ends) for name, each in series.items()}
             name = f"{path.name}, {begins:.0f} to {ends:.0f} s" if moves else path.name
             scenes.append(Scene(name=name, sensors=parts))
-    return Recording(path, start, duration, moves, scenes)
+    rest = max(0.0, *(end - begin for begin, end in still))
+    return Recording(path, start, duration, rest, moves, scenes)
 
 
 def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any]) -> Series:

@@ -53,7 +53,7 @@ class Sensor(NamedTuple):
 
 SENSORS = (
     Sensor("proximity", "proximity", "m"),
-    Sensor("ground", "ground", ""),
+    Sensor("ground", "ground", "levels"),
     Sensor("lidar", "lidar", "m"),
     Sensor("ambient_light", "ambient_light", "lux"),
     Sensor("velocity", "velocity", "m/s"),
@@ -90,12 +90,14 @@ class Calibration:
 
     base: The robot model that its sensors are of.
     sensors: Those of which enough is recorded.
+    unknown: Those of which something is, but too little that can be used.
     notes: What was left out, and what may be wrong.
     """
 
     base: RobotModel
     recordings: tuple[Recording, ...]
     sensors: tuple[Measured, ...]
+    unknown: tuple[Sensor, ...]
     notes: tuple[str, ...]
 
 
@@ -120,7 +122,8 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
     robots = sorted({recording.start.get("robot", "?") for recording in recordings})
     if len(robots) > 1:
         notes.append(f"recordings of {', '.join(robots)}: what is fitted is the noise of all of them together")
-    measured = []
+    measured: list[Measured] = []
+    unknown: list[Sensor] = []
     for number, sensor in enumerate(SENSORS):
         part = getattr(base, sensor.key)
         if not any(sensor.recorded in scene.sensors for scene in scenes):
@@ -130,17 +133,23 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
             continue
         limits = getattr(part, "range", (0.0, 255.0))
         found = _measured(sensor, limits, scenes, np.random.default_rng([seed, number]), notes)
-        measured += [] if found is None else [found]
+        if found is None:
+            unknown.append(sensor)
+        else:
+            measured.append(found)
     if not measured:
         raise MercatorError("; ".join(["nothing to measure noise from", *notes]))
-    return Calibration(base=base, recordings=recordings, sensors=tuple(measured), notes=tuple(notes))
+    return Calibration(
+        base=base, recordings=recordings, sensors=tuple(measured), unknown=tuple(unknown), notes=tuple(notes)
+    )
 
 
 def _motion(recording: Recording) -> Iterator[str]:
     for begin, end in recording.moves:
         yield f"{recording.path}: the robot was moved from {begin:.0f} to {end:.0f} s, which is left out"
     if not recording.scenes:
-        yield f"{recording.path}: expected a robot at rest for {SHORTEST:g} s, found {recording.duration:.1f} s in all"
+        found = f"found {recording.rest:.1f} s at most (recording: {recording.duration:.1f} s)"
+        yield f"{recording.path}: expected a robot at rest for {SHORTEST:g} s, {found}"
 
 
 def _measured(
@@ -163,9 +172,11 @@ def _measured(
             told_by += values.shape[1] > 0
     samples = sum(map(len, channels))
     if samples - len(channels) < LEAST:
-        usable = f"{samples} samples of {len(channels)} channels" if channels else "no sample"
+        least = f"{LEAST + len(channels)} samples ({LEAST}, and one for each channel)"
         notes.append(
-            f"{sensor.key}: expected at least {LEAST} samples more than channels, found {usable} that can be used"
+            f"{sensor.key}: expected at least {least} that can be used, found {samples}"
+            if channels
+            else f"{sensor.key}: none of its samples can be used"
         )
         return None
     step = _step(channels)

@@ -7,7 +7,7 @@ import click
 from mercator_design.command import FILE, naming, tell
 
 
-@click.command()
+@click.command(short_help="Write mercator-robot as one file.")
 @click.option(
     "-o", "--output", type=FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE", help="File to write."
 )

@@ -10,7 +10,7 @@ from mercator_design.command import FILE, naming, tell
 from mercator_design.errors import MercatorError
 
 
-@click.command()
+@click.command(short_help="Fit the noise of a robot's sensors to recordings.")
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option(
     "-o", "--output", type=FILE, required=True, metavar="MODEL.yaml", help="Robot model to write, a new file."

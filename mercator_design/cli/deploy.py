@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mercator_design.fleet.deploy import Result
 
 
-@click.command()
+@click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
 @click.argument("fsm", type=FILE, required=False)
 @click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
 @click.option("--start", is_flag=True, help="Run FSM on all robots, if it has been copied to all.")

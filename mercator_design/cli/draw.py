@@ -7,7 +7,7 @@ import click
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller
 
 
-@click.command()
+@click.command(short_help="Print the diagram of an fsm.txt as Graphviz text.")
 @click.argument("fsm", type=FILE)
 @FLAVOUR
 @LENIENT

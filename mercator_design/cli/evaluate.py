@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mercator_design.missions.mission import Mission
 
 
-@click.command()
+@click.command(short_help="Measure a controller on fresh instances of a mission.")
 @click.argument("fsm", type=FILE, required=False)
 @click.option(
     "--fsm-config", metavar="TEXT", help="The controller itself, instead of FSM: --nstates ..., as AutoMoDe's."

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 LOG = click.argument("log", type=FILE)
 
 
-@click.group()
+@click.group(short_help="Write a mission, or a robot's log, for other programs.")
 def export() -> None:
     """Write a mission, or the log of a robot, as other programs read it."""
 
 
-@export.command()
+@export.command(short_help="Write a mission as a scenario of irace's.")
 @click.argument("mission")
 @click.option(
     "-o",
@@ -69,7 +69,7 @@ def irace(
     click.echo(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 
 
-@export.command()
+@export.command(short_help="Write the log of a robot as a table.")
 @LOG
 @click.option("-o", "--output", type=FILE, required=True, help="File to write; - for stdout.")
 def csv(log: Path, output: Path) -> None:
@@ -82,7 +82,7 @@ def csv(log: Path, output: Path) -> None:
     _write(log, output, write_csv, stdout=sys.stdout.buffer if output == Path("-") else None)
 
 
-@export.command()
+@export.command(short_help="Write the log of a robot for Foxglove.")
 @LOG
 @click.option("-o", "--output", type=FILE, required=True, help="File to write.")
 def mcap(log: Path, output: Path) -> None:

@@ -35,7 +35,7 @@ def list_missions(*, as_json: bool = False) -> None:
     click.echo(missions_json() if as_json else missions_table(terminal_width()))
 
 
-@missions.command()
+@missions.command(short_help="Print the YAML of a mission as it stands.")
 @click.argument("mission")
 @SET
 @PLUGIN
@@ -56,7 +56,7 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
         click.echo(text_of(path, error=MissionError), nl=False)
 
 
-@missions.command()
+@missions.command(short_help="Draw a mission from above.")
 @click.argument("mission")
 @click.option(
     "-o",
@@ -84,7 +84,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     click.echo(path)
 
 
-@missions.command()
+@missions.command(short_help="Write random missions of a class.")
 @click.option(
     "--class",
     "class_",

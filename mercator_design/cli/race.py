@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
 
 
-@click.command()
+@click.command(short_help="Design control software for a mission.")
 @click.argument("mission", required=False)
 @click.option(
     "--budget",

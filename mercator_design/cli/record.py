@@ -11,7 +11,7 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, read_control
 from mercator_design.errors import printable
 
 
-@click.command()
+@click.command(short_help="Run one experiment and write what happened.")
 @click.argument("fsm", type=FILE)
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."

@@ -54,7 +54,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
     click.echo(runs_json(folder) if as_json else runs_table(folder))
 
 
-@runs.command()
+@runs.command(short_help="Show a race and what came of it.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "--csv", "what", type=click.Choice(["experiments", "configurations", "tests"]), help="Print a table as CSV."
@@ -75,7 +75,7 @@ def show(directory: Path, what: str | None) -> None:
         click.echo(configurations_table(directory).to_csv(), nl=False)
 
 
-@runs.command()
+@runs.command(short_help="Check the journal of a race, and run a sample of it again.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "-n",
@@ -101,7 +101,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
             click.echo(line)
 
 
-@runs.command()
+@runs.command(short_help="Tell which modules or parameters explain the scores.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "--of",
@@ -121,7 +121,7 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
     click.echo((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
 
 
-@runs.command()
+@runs.command(short_help="Find what the winner of a race needs.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this one to the winner."

@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.options import PLUGIN
 
 
-@click.command()
+@click.command(short_help="Print a JSON Schema, for editors.")
 @click.argument("kind", type=click.Choice(["mission", "robot-model"]), default="mission")
 @PLUGIN
 def schema(kind: str) -> None:

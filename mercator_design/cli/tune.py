@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "target_runner", "check")
 
 
-@click.command()
+@click.command(short_help="Find parameters of a program, by irace's scenario.")
 @click.argument("scenario", type=FILE, required=False)
 @click.option(
     "--max-experiments",

@@ -1,5 +1,6 @@
 """mdesign validate: whether files say what they should."""
 
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 import click
@@ -8,9 +9,10 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.errors import FsmError, MissionError, printable
+from mercator_design.yaml_tree import Fault, Node, compose, read_text
 
 
-@click.command()
+@click.command(short_help="Check missions, robot models and FSM files.")
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @FLAVOUR
 @LENIENT
@@ -42,7 +44,15 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
         from mercator_design.sim.robot_model import load_robot_model
 
-        if str(file) in shipped.robot_models() or _is_robot_model(file):
+        content = _content(file)
+        keys = content.keys()
+        if keys & {"ports", "swarm", "labels", "proximity_angles", "proximity_offsets"}:
+            raise MissionError(
+                f"{file}: this is what one robot is told, robot.yaml: mercator-robot check --robot {file}"
+            )
+        if "robots" in content and isinstance(content["robots"].content, list):
+            raise MissionError(f"{file}: this is where robots are reached, robots.yaml: mdesign deploy --robots {file}")
+        if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
             warn(doubts_of_model(model))
             return f"valid robot model {model.name}"
@@ -56,18 +66,21 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 
 
-def _is_robot_model(file: Path) -> bool:
-    """Whether more of a YAML file's keys are of robot models only than of missions only, misspelt ones aside."""
-    from mercator_design.missions.mission import Mission
-    from mercator_design.schema import fields_of
-    from mercator_design.sim.robot_model import RobotModel
-    from mercator_design.yaml_tree import Fault, compose, read_text
-
+def _content(file: Path) -> dict[str, Node]:
+    """Of a YAML file; empty if it has no keys, or is no such file."""
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:
-        return False
-    keys = content.keys() if isinstance(content, dict) else set()
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
+    """Whether more of them are of robot models only than of missions only, misspelt ones aside."""
+    from mercator_design.missions.mission import Mission
+    from mercator_design.schema import fields_of
+    from mercator_design.sim.robot_model import RobotModel
+
     model, mission = {"base", *fields_of(RobotModel)}, set(fields_of(Mission))
     return len(keys & (model - mission)) > len(keys & (mission - model))
 

@@ -30,7 +30,7 @@ _MOST = 100  # robots at a time
 _HOLD = "exec 9>lock && flock -n 9 && rm -f pid"
 """Whether nothing is in progress; then nothing else begins before this script ends. A run keeps its start's lock."""
 _BE_IDLE = f"""
-if ! {{ {_HOLD}; }}; then echo "a run is in progress: stop it first" >&2; exit 1; fi
+if ! {{ {_HOLD}; }}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
 """
 _TAKE = f"""
 {_BE_IDLE}

@@ -61,6 +61,8 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
         if one.noise is None and getattr(calibration.base, one.sensor.key).noise is None:
             continue
         text += f"{one.sensor.key}:\n  noise: {_written(one)}\n"
+    for sensor in calibration.unknown:
+        text += f"# {sensor.key}: too little that can be used; as in the base\n"
     return text
 
 
@@ -79,7 +81,10 @@ def save_noise(path: Path, calibration: Calibration) -> None:
     with house_style():
         figure = Figure(figsize=(2.6 * min(_COLUMNS, max(1, len(noisy))), 2.1 * rows), layout="constrained")
         for number, (one, noise) in enumerate(noisy, start=1):
-            _draw(figure.add_subplot(rows, min(_COLUMNS, len(noisy)), number), one, noise)
+            axes = figure.add_subplot(rows, min(_COLUMNS, len(noisy)), number)
+            _draw(axes, one, noise)
+            if number == 1:
+                figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
         save_figure(path, figure)
 
 
@@ -91,11 +96,20 @@ def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
     width = levels.step * max(1, round(2.0 * reach / (_BARS * levels.step)))
     bars = math.ceil(reach / width + 0.5)
     edges = width * (np.arange(2 * bars) - bars + 0.5)
-    axes.hist(found, bins=[*edges], weights=levels.count, density=True, color=_FOUND, edgecolor="white", linewidth=0.3)
+    axes.hist(
+        found,
+        bins=[*edges],
+        weights=levels.count,
+        density=True,
+        color=_FOUND,
+        edgecolor="white",
+        linewidth=0.3,
+        label="measured",
+    )
     x = np.linspace(edges[0], edges[-1], 500)
     cumulative = noise.family.distribution(noise.parameter).cdf
     density = (cumulative(x + 0.5 * levels.step) - cumulative(x - 0.5 * levels.step)) / levels.step
-    axes.plot(x, density, color=_DENSITY, linewidth=1.0)
+    axes.plot(x, density, color=_DENSITY, linewidth=1.0, label="fitted")
     axes.set_yticks([])
     axes.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     axes.tick_params(length=2.0, width=0.6, pad=2.0)

@@ -8,7 +8,7 @@
     settings    what is particular to one robot: robot.yaml
     settings_file  changes to it, at their place
     talk        what the devices are told and asked, and what is heard meanwhile
-    start       what each device is told before it is of use
+    start       what each device is told before it is of use, and to be at rest again
     samples     measurements of the RVR and the hub, with axes and units converted
     sweep       the lidar's last turn
     mercator    the robot as one object: sensors, wheels, lamps
@@ -24,10 +24,14 @@
     person      who does what the robot cannot
     ground_calibration     labels
     proximity_calibration  which sensor looks where, and offsets
+    findings    how things are with a robot, one by one
     check       what may be wrong
+    rest        a robot brought to rest, whatever drove it
+    install     what the system knows of the robot: udev rules and systemd's services
+    service     what systemd hears of a run
     ros         a node of ROS 1; ros_messages: what its topics carry
     cli         the command mercator-robot
 
-The first four do no input or output: bytes in, events out, commands to bytes; both ends of each line from one
-definition, on the standard library alone. The others also need pyserial, PyYAML and click.
+framing, rvr, ydlidar and multiflex do no input or output: bytes in, events out, commands to bytes; both ends of each
+line from one definition, on the standard library alone. The others also need pyserial, PyYAML and click.
 """

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mercator_design.robot.findings import Finding, Look, of_devices
@@ -127,47 +127,58 @@ def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
 
 
 def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
-    turns, found = Turns(), []
+    turns = Turns()
+    times: list[float] = []
+    readings: list[int] = []
 
-    def take(event: Event, _now: float) -> None:
+    def take(event: Event, now: float) -> None:
         if isinstance(event, Packet) and (turn := turns.receive(event)) is not None:
-            found.append(sum(distance > 0.0 for _, distance in turn))
+            times.append(now)
+            readings.append(sum(distance > 0.0 for _, distance in turn))
 
     talk = Talk([line], take)
     yield Finding("lidar", is_fine=True, words=start_lidar(talk, line)["lidar"])
     try:
-        talk.until(lambda: bool(found), _LISTEN)  # the motor starts
-        found.clear()
+        talk.until(lambda: bool(times), _LISTEN)  # the motor starts
+        times.clear()
+        readings.clear()
         talk.attend(time.monotonic() + _LISTEN)
     finally:
         stop_lidar(talk, line)
-    rate = len(found) / _LISTEN
+    rate = _rate(times)
     is_fine = rate >= _LEAST_TURNS
     advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
-    if found:
-        seen = found[len(found) // 2]
+    if readings:
+        seen = readings[len(readings) // 2]
         is_fine = seen >= LEAST_READINGS
         advice = "" if is_fine else "; is there anything at its height, and its window clean?"
         yield Finding("lidar's sight", is_fine, f"{seen} readings in a turn" + advice)
 
 
+def _rate(times: Sequence[float]) -> float:
+    """How often something came [1/s] that came at times [s] within `_LISTEN`; of what ceased soon, less than that."""
+    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * _LISTEN) if times else 0.0
+
+
 def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
+    times: list[float] = []
     found: list[Distances] = []
 
-    def take(event: Event, _now: float) -> None:
+    def take(event: Event, now: float) -> None:
         if isinstance(event, Distances):
+            times.append(now)
             found.append(event)
 
     talk = Talk([line], take)
     start_hub(talk)
-    found.clear()
+    times.clear()
     talk.attend(time.monotonic() + _LISTEN)
-    rate = len(found) / _LISTEN
+    rate = _rate(times)
     is_fine = rate >= _LEAST_DISTANCES
     advice = "" if is_fine else f"; {talk.remedy('proximity')}"
     yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
-    if not found:
+    if not times:
         return
     last = found[-1]
     distances = settings.corrected(last.metres())

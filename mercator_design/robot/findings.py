@@ -22,7 +22,7 @@ Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
 
 
 def of_devices(settings: Settings, looks: Mapping[DeviceName, Look], patience: float = 0.0) -> Iterator[Finding]:
-    """What is found at each device, by name, or why it could not be looked at; ports are waited for, for so long [s]."""
+    """What is found at each device, by name, or why it could not be looked at; ports are waited for so long [s]."""
     end = time.monotonic() + patience
     for device, look in looks.items():
         try:

@@ -166,8 +166,9 @@ def confused(
         spreads = [_along(measured[name], labels[one], labels[other]) for name in (one, other) if name in measured]
         if not spreads or (apart := 0.5 * far / max(*spreads, _LEAST_DEVIATION)) >= least:
             continue
+        levels = "1 level" if round(far) == 1 else f"{far:.0f} levels"
         yield (
-            f"{one} and {other} are {far:.0f} levels apart, {apart:.1f} standard deviations from the middle between "
+            f"{one} and {other} are {levels} apart, {apart:.1f} standard deviations from the middle between "
             f"them: one would be read as the other {NormalDist().cdf(-apart):.1%} of the time"
         )
 

@@ -50,13 +50,17 @@ class Log:
     failure: Why it cannot be written any more; empty if it can.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, ending: str = "The duration is over") -> None:
         """Make one; entering its context begins a new file.
+
+        Args:
+            path: Of the file.
+            ending: Why it ends, if nothing went wrong.
 
         Raises:
             RobotError: on entering, if it cannot be written, or exists.
         """
-        self.path = path
+        self.path, self._ending = path, ending
         self.began = math.nan
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
@@ -74,7 +78,7 @@ class Log:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        why = "The duration is over" if error is None else str(error) or type(error).__name__
+        why = self._ending if error is None else str(error) or type(error).__name__
         has_begun = math.isfinite(self.began)
         if has_begun:
             self.note("end", why=why, time=now())

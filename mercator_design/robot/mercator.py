@@ -310,7 +310,8 @@ class Mercator:
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
             case Notification():
-                self._note(" ".join([event.name, *(f"{name} {value}" for name, value in event.values.items())]))
+                told = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
+                self._note(f"rvr: {' '.join(told).replace('_', ' ')}")
                 self._heed(event.name, event.values)
 
     def _note_sight(self) -> None:

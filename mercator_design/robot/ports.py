@@ -87,7 +87,8 @@ def usb_port(device: DeviceName, name: str) -> ListPortInfo:
     ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
     found = ports.get(Path(path).resolve())
     if found is None:
-        raise RobotError(f"{device}: {path} is not connected; connected are {_listed(ports.values())}")
+        wrong = "is not a USB device" if Path(path).exists() else "is not connected"
+        raise RobotError(f"{device}: {path} {wrong}; connected are {_listed(ports.values())}")
     rivals = [port for port in ports.values() if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
     if len(rivals) > 1:  # a name by the order in which they came
         raise RobotError(f"{device}: which of {_listed(rivals)} is it? Name it so in robot.yaml")
@@ -172,8 +173,15 @@ def _users(path: str) -> list[str]:
         with contextlib.suppress(OSError):  # another user's, or one that has just ended
             is_other = process.name != str(os.getpid())
             if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
-                users.append(f"{(process / 'comm').read_text().strip()}, process {process.name}")
+                users.append(_described(process))
     return users
+
+
+def _described(process: Path) -> str:
+    """What a process, by its folder in /proc, is called; one that is suspended heeds no other signal."""
+    name, _, rest = (process / "stat").read_text().partition("(")[2].rpartition(")")
+    suspended = f", suspended: `kill -KILL {process.name}`" if rest.split()[0] in {"T", "t"} else ""
+    return f"{name}, process {process.name}{suspended}"
 
 
 def _listed(ports: Iterable[ListPortInfo]) -> str:

@@ -117,7 +117,7 @@ def calibrate(
                     raise RobotError(f"proximity: after {_TRIES} times still: {unclear}") from None
                 tell(f"Once more: {unclear}")
 
-    clear = asked("Leave nothing within 1 m around the robot", _clear)
+    clear = asked(f"Leave nothing within {_CLEAR:g} m around the robot", _clear)
     far = "about 0.3 m" if distance is None else f"{distance:g} m"
     places: dict[int, float] = {}
     errors: dict[int, float] = {}

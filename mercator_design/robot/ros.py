@@ -67,6 +67,7 @@ class Node:
             self._register(self._begin)
         except (self._rospy.ROSException, ValueError) as error:
             raise RobotError(f"ros: {error}") from None
+        self.name = str(self._rospy.get_name())
         self.namespace = str(self._rospy.get_namespace()).strip("/").replace("/", "_")
 
     def close(self) -> None:
@@ -281,6 +282,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         robot.report(tell)
         node.obey(robot.brake, orders)
         control.arm()
+        tell(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
         for now in control.cycles(PERIOD):
             robot.check_ages()
             robot.brake.drive(*orders.speeds(now))

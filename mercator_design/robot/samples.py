@@ -37,14 +37,14 @@ class Sample(NamedTuple):
 
 
 def _turned(values: Mapping[str, float], scale: float = 1.0) -> tuple[float, ...]:
-    """A vector of the RVR, whose x is to the right and y forwards; z if it has one."""
-    return (scale * values["y"], -scale * values["x"], *(scale * values[axis] for axis in "z" if axis in values))
+    """A vector of the RVR, whose x is to the right and y forwards; z if it has one. No zero has a sign."""
+    return (scale * values["y"], 0.0 - scale * values["x"], *(scale * values[axis] for axis in "z" if axis in values))
 
 
 _CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, ...]]]] = {
     "accelerometer": ("acceleration", lambda v: _turned(v, STANDARD_GRAVITY)),
     "gyroscope": ("turning", lambda v: _turned(v, math.pi / 180.0)),
-    "imu": ("attitude", lambda v: (math.radians(v["roll"]), -math.radians(v["pitch"]), math.radians(v["yaw"]))),
+    "imu": ("attitude", lambda v: (math.radians(v["roll"]), 0.0 - math.radians(v["pitch"]), math.radians(v["yaw"]))),
     "quaternion": ("orientation", lambda v: (v["w"], *_turned(v))),
     "locator": ("position", _turned),
     "velocity": ("velocity", _turned),

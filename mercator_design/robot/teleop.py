@@ -1,6 +1,7 @@
 """A person drives the robot with the keys of a terminal."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -70,7 +71,7 @@ def teleop(
         Signalled: if a signal came.
     """
     reads = ["proximity"] if guard is not None else []
-    log = None if path is None else Log(path)
+    log = None if path is None else Log(path, ending="A key ended the drive")
     with in_control(settings, reads, settings.labels_of({}), log) as control:
         recorder = None if log is None else Recorder(log, control.robot, settings)
         control.robot.introduce(tell)
@@ -81,6 +82,8 @@ def teleop(
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
+                if recorder is not None:
+                    recorder.note("wheels", time.monotonic(), left=0.0, right=0.0)
 
 
 def _drive(
@@ -123,11 +126,9 @@ def _status(robot: Mercator, settings: Settings, now: float) -> str:
     if ages["hub"] <= limits.proximity:
         pairs = zip(settings.proximity_angles, robot.samples["proximity"].values, strict=True)
         around = [distance for _, distance in sorted(pairs, key=lambda pair: pair[0] % math.tau)]
-    oldest = max(ages, key=ages.__getitem__)
-    return (
-        f"{robot.facts['battery']:>5}  {ground:<7} {' '.join(map(_centimetres, around))} cm  "
-        f"{oldest} {ages[oldest]:.2f} s"
-    )
+    name, age = max(ages.items(), key=lambda pair: pair[1])
+    oldest = f"oldest: {name} {age:.2f} s ago" if math.isfinite(age) else f"{name} not heard yet"
+    return f"{robot.facts['battery']:>5}  {ground:<7} {' '.join(map(_centimetres, around))} cm  {oldest}"
 
 
 def _centimetres(distance: float) -> str:

@@ -10,7 +10,7 @@ from mercator_design.command import FILE, tell
 from mercator_design.errors import RobotError
 
 
-@click.command()
+@click.command(short_help="Run robots that are not there, in real time.")
 @click.argument("mission")
 @click.option(
     "--folder",
@@ -51,7 +51,7 @@ def twin(
         from mercator_design.twin.terminals import Terminals, open_log
         from mercator_design.twin.twin import Twin
     except ImportError as error:
-        raise RobotError(f"a twin needs what the designer needs: {error}; pip install mercator-design") from None
+        raise RobotError(f"a twin needs what the designer needs: {error}; in a checkout: pip install .") from None
 
     script = read_script(faults) if faults is not None else Script()
     loaded = load_mission(mission, overrides)

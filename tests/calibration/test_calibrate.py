@@ -123,7 +123,7 @@ def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
     times = np.arange(0.0, 40.0, 0.05)
     found["wheels"] = times, np.where((times > 15.0) & (times < 22.0), 1e-3, 0.0)[:, np.newaxis] * [1.0, 1.0]
     recording = read_recording(write(tmp_path / "drive.jsonl", found))
-    assert recording.moves == [(14.0, 23.0)]
+    assert (recording.moves, recording.rest) == ([(14.0, 23.0)], pytest.approx(17.0, abs=0.1))
     assert [scene.name for scene in recording.scenes] == ["drive.jsonl, 0 to 14 s", "drive.jsonl, 23 to 40 s"]
 
 
@@ -242,6 +242,8 @@ def test_a_lidar_that_sees_nothing(calibrate, tmp_path):
     file = write(tmp_path / "still.jsonl", measured(noise=noise, centres=only("ground") | {"lidar": [0.0] * 120}))
     sensors, notes, _ = calibrate(file)
     assert [*sensors] == ["ground"]
+    assert "\n# lidar: too little that can be used; as in the base\n" in (tmp_path / "model.yaml").read_text()
+    assert "lidar: none of its samples can be used" in notes
     assert "lidar, still.jsonl: 120 of 120 channels left out: they measure nothing" in notes
 
 
@@ -265,8 +267,11 @@ def test_noise_that_the_step_hides(calibrate, tmp_path):
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [
-        (5.8, "ambient_light: expected at least 100 samples more than channels, found 29 samples of 1 channels"),
-        (1.0, "expected a robot at rest for 5 s, found 0.8 s in all"),
+        (
+            5.8,
+            "ambient_light: expected at least 101 samples (100, and one for each channel) that can be used, found 29",
+        ),
+        (1.0, "expected a robot at rest for 5 s, found 0.8 s at most (recording: 0.8 s)"),
     ],
 )
 def test_too_little(mdesign, tmp_path, seconds, words):

@@ -61,7 +61,7 @@ def test_the_command_line(application, python):
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith("Usage: mercator-robot")
     assert run(python, application, "run", "none.txt").returncode == 3
-    assert "No such command" in run(python, application, "twin").stderr
+    assert "twin is not in this file, as it needs the designer" in run(python, application, "twin").stderr
 
 
 def test_a_run_and_its_replay(application, python, tmp_path):
@@ -170,6 +170,11 @@ def test_the_verb(mdesign, tmp_path, application):
     assert err == f"{file} is written; on the robot: python3 robot.pyz --help\n"
     assert file.read_bytes() == application.read_bytes()
     assert subprocess.run([file, "--version"], capture_output=True, check=True).stdout.startswith(b"mercator-robot")
+
+
+def test_a_folder_that_is_not_there(mdesign, tmp_path):
+    file = tmp_path / "none" / "robot.pyz"
+    assert mdesign("bundle", "-o", file) == (1, "", f"Error: {file}: cannot be written: No such file or directory\n")
 
 
 def test_what_is_installed_in_another_way(mdesign, tmp_path, monkeypatch):

@@ -107,7 +107,10 @@ def test_runs_stops_and_collects(deploy, field):
         devices.when(devices.drives)
         for arguments in (["fsm.txt"], ["fsm.txt", "--start"]):
             code, out, err = deploy(*arguments)
-            assert out == "FAILED  mercator 1       a run is in progress: stop it first\n"
+            assert (
+                out
+                == "FAILED  mercator 1       a run is in progress; end it first: mdesign deploy --robots ... --stop\n"
+            )
             assert (code, err) == (1, "Error: 1 of 1 robots failed\n")
         assert deploy("--stop", "--collect", "all") == (
             0,

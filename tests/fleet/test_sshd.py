@@ -103,7 +103,9 @@ def test_two_robots_from_copy_to_collect(mdesign, server):
         while not all(any(event["robot"] == k and event["left"] for event in wheels(folder)) for k in range(2)):
             assert time.monotonic() < until
             time.sleep(0.1)
-        assert deploy("fsm.txt")[1].count("a run is in progress: stop it first") == 2, said(folder)
+        assert (
+            deploy("fsm.txt")[1].count("a run is in progress; end it first: mdesign deploy --robots ... --stop") == 2
+        ), said(folder)
         code, out, err = deploy("--stop", "--collect", "all")
         assert (code, err) == (0, ""), out
         assert out.splitlines() == [

@@ -115,6 +115,12 @@ class TestColor:
         assert not devices.drives()
         assert lamp(devices) == [True, False]
 
+    def test_a_robot_that_knows_one_colour_only_is_told(self, devices, tmp_path):
+        devices.sensed["color_detection"].update(zip("rgb", FLOOR["gray"], strict=True))
+        with calibrate(tmp_path, devices, "color", "gray") as process:
+            said = answer(process, lambda _: None)
+        assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
+
     @pytest.mark.parametrize(
         ("kind", "keys"),
         [
@@ -302,7 +308,7 @@ class TestProximity:
         found, _ = find(devices, hand)
         assert found == (tuple(RING[place] for place in WIRED), None)
         assert [question.split(", ")[0] for question in hand.questions[:3]] == [
-            "Leave nothing within 1 m around the robot",
+            "Leave nothing within 0.75 m around the robot",
             "Hold something flat in front (+0 degrees)",
             "Hold something flat front left (+45 degrees)",
         ]

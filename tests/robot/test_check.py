@@ -116,6 +116,13 @@ def test_a_motor_that_does_not_turn(found, devices):
     assert wrong == {"lidar's turns": "0.0 a second; does its motor turn? It needs 5 V and 1 A, and a cable for both"}
 
 
+def test_rates_are_of_what_lies_between():
+    """Not of what is counted in two seconds, which of 6.25 a second is 6 or 6.5; what has ceased is slow."""
+    assert checking._rate([0.1 + 0.16 * k for k in range(12)]) == pytest.approx(6.25)
+    assert checking._rate([0.1, 0.2, 0.3]) < 2.0
+    assert (checking._rate([0.1]), checking._rate([])) == (0.0, 0.0)
+
+
 def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
     monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
     finding = check_clock(0.0)

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.errors import MercatorError
 from mercator_design.robot import swarm
+from mercator_design.robot.cli import cli
+from mercator_design.robot.cli.options import new_file
 from mercator_design.robot.swarm import HEARTBEAT, STOP, STOPPED, listener
 
 ROOT = Path(__file__).parents[2]
@@ -85,6 +88,19 @@ class TestRun:
         assert (code, err.startswith("Error: rvr: /dev/no_such_port: no such port")) == (1, True), err
         assert not log.exists()
 
+    def test_where_its_log_is(self, tmp_path, monkeypatch):
+        """Robots that begin in the same second in the same folder have a log each; a folder with a slash is made."""
+        monkeypatch.chdir(tmp_path)
+        names = [new_file(None, "run", robot).name for robot in ("r 1", "r2")]
+        assert [name[: len("run-r-1-2")] for name in names] == ["run-r-1-2", "run-r2-20"]
+        assert new_file("there/", "run", "r2").parent == Path("there")
+        assert new_file("there", "run", "r2").parent == Path("there")
+        assert new_file("not_there", "run", "r2") == Path("not_there")
+        (tmp_path / "file").touch()
+        with pytest.raises(MercatorError, match=r"^file: cannot be written: File exists$"):
+            new_file("file/", "run", "r2")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there"]
+
     @pytest.mark.parametrize("options", [["--duration", "-1"], ["--seed", "x"], ["--speed", "1"]])
     def test_wrong_usage(self, robot_command, fsm, options):
         assert robot_command("run", fsm, *options)[0] == 2
@@ -139,6 +155,12 @@ class TestStop:
         assert (code, err) == (1, "Error: no..such..host: no such host\n")
 
 
+def test_no_verb_s_help_is_cut_short(robot_command):
+    _, out, _ = robot_command("--help")
+    assert len(out.partition("Commands:")[2].splitlines()) > len(cli.commands)
+    assert "..." not in out.partition("Commands:")[2]
+
+
 def test_heartbeats_of_a_host_that_is_not_known(robot_command):
     code, _, err = robot_command("heartbeat", "no..such..host")
     assert (code, "Error: no..such..host: no such host" in err) == (1, True)
@@ -161,7 +183,7 @@ def test_heartbeats_until_they_end_and_then_stop(robot, number):
             assert [listening.recvfrom(100)[0] for _ in range(5)] == [HEARTBEAT] * 5
             beating.send_signal(number)
             assert STOP in (listening.recvfrom(100)[0] for _ in range(50))
-            assert f"Stopped by {number.name}." in beating.communicate(timeout=20)[1]
+            assert (f"Stopped by {number.name}." in beating.communicate(timeout=20)[1]) == (number != signal.SIGINT)
         finally:
             beating.kill()
-    assert beating.returncode == 128 + number
+    assert beating.returncode == (0 if number == signal.SIGINT else 128 + number)

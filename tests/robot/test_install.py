@@ -56,8 +56,9 @@ def robot(tmp_path):
 
 
 @pytest.fixture
-def install(robot_command, connected, root):
-    """Run it below the root."""
+def install(robot_command, connected, root, monkeypatch):
+    """Run it below the root, as somebody who is not root."""
+    monkeypatch.setattr(getpass, "getuser", lambda: "daemon")
     return lambda *arguments: robot_command("install", "--root", root, *arguments)
 
 
@@ -242,6 +243,19 @@ class TestServices:
         assert install("--user", "nobody.here")[::2] == (
             1,
             "Error: nobody.here: no such user; --user names who is to run the robot\n",
+        )
+
+    def test_root_is_told(self, install, root, monkeypatch):
+        monkeypatch.delenv("SUDO_USER", raising=False)
+        monkeypatch.setattr(getpass, "getuser", lambda: "root")
+        assert install()[2] == "Warning: the services will run as root; --user names who else is to run the robot\n"
+        assert "\nUser=root\n" in files(root)[RUN]
+        assert install("--user", "root")[2] == ""
+
+    def test_a_port_that_is_no_usb_device(self, install, root, robot):
+        assert (
+            "WRONG  /dev/mercator-lidar        /dev/null is not a USB device; connected"
+            in install("--robot", robot(lidar="/dev/null"))[1]
         )
 
     def test_a_folder_that_would_mean_something_else(self, install, root, tmp_path, monkeypatch):

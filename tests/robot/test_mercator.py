@@ -17,7 +17,7 @@ from mercator_design.robot.ports import PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import converted
+from mercator_design.robot.samples import STREAMED, converted
 from mercator_design.robot.settings import Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import QUIET, Devices
@@ -381,3 +381,10 @@ def test_wheels_and_lamps(devices):
             robot.drive(Wheels(1.0, math.nan))
         with pytest.raises(Stopped, match=r"found 0\.3, nan"):  # once and for all
             robot.drive(Wheels(0.1, 0.1))
+
+
+def test_no_zero_has_a_sign():
+    """Of axes that are turned the other way."""
+    values = {name: QUIET[name] for name in STREAMED}
+    for _, sample in converted(StreamData(Processor.ST, 1, is_valid=True, values=values), 0.0):
+        assert [math.copysign(1.0, value) for value in sample.values] == [1.0] * len(sample.values)

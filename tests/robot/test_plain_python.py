@@ -1,12 +1,22 @@
 """The robot's part needs nothing that is not installed with Python, but click, PyYAML and pyserial."""
 
+import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from mercator_design import robot
+
 ROOT = Path(__file__).parents[2]
+
+
+def test_the_map_has_every_module():
+    modules = {module.name for module in pkgutil.iter_modules(robot.__path__)} - {"__main__"}
+    rows = re.findall(r"^    (\w+)|(\w+_\w+)", robot.__doc__, re.MULTILINE)
+    assert modules <= {name or other for name, other in rows}
 
 
 def test_codecs_run_without_any_package():

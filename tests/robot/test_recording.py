@@ -180,7 +180,7 @@ def test_a_device_that_is_not_well_ends_it(tmp_path):
         _, messages = process.communicate(timeout=10)
         assert (process.returncode, "rvr: it fell asleep" in messages) == (4, True), messages
     *_, told, end = events(tmp_path)
-    assert (told["event"], told["text"]) == ("note", "did_sleep")
+    assert (told["event"], told["text"]) == ("note", "rvr: did sleep")
     assert end["why"] == "rvr: it fell asleep"
 
 

@@ -121,7 +121,7 @@ def test_a_run_that_is_suspended_has_the_port(robot_command, tmp_path):
         assert (code, err) == (1, "Error: 2 wrong\n")
         for row in out.splitlines():
             assert row.startswith("WRONG  ")
-            assert f"process {robot.process.pid}); end it first" in row
+            assert f"process {robot.process.pid}, suspended: `kill -KILL {robot.process.pid}`); end it first" in row
 
 
 def test_a_lidar_that_is_missing(stop):

@@ -219,7 +219,7 @@ class TestReports:
 class FakeNode:
     """In the place of `Node`: what a thread of a test wants is done, then the robot is stopped."""
 
-    namespace = ""
+    name, namespace = "/mercator_robot", ""
 
     def __init__(self, act):
         self.published, self._act = [], act
@@ -373,6 +373,9 @@ class FakeRos:
     def get_master_uri(self):
         return f"http://127.0.0.1:{self.port}/"
 
+    def get_name(self):
+        return "/robot1/mercator_robot"
+
     def get_namespace(self):
         return "/robot1/"
 
@@ -425,7 +428,7 @@ class TestNode:
             "scan": ("LaserScan", 1, False),
             "ranges": ("RangeArray", 1, False),
         }
-        assert (node.namespace, node.now()) == ("robot1", 5.0)
+        assert (node.name, node.namespace, node.now()) == ("/robot1/mercator_robot", "robot1", 5.0)
         node.publish("scan", {"ranges": [1.0]})
         ((topic, message),) = fake.published
         assert (topic, type(message).__name__, message.fields) == ("scan", "LaserScan", {"ranges": [1.0]})

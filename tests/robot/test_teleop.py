@@ -172,7 +172,7 @@ class Drive:
     @contextlib.contextmanager
     def holding(self, data=b"w"):
         """A key is held, and has been for a while."""
-        over = threading.Event()
+        over, before = threading.Event(), self.devices.driven()
 
         def repeat():
             while not over.wait(0.04):
@@ -182,7 +182,7 @@ class Drive:
         finger = threading.Thread(target=repeat)
         finger.start()
         try:
-            self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
+            self.devices.when(lambda: self.devices.driven() > before + 2 or self.process.poll() is not None)
             assert self.process.poll() is None, self.process.stderr.read()
             yield
         finally:
@@ -229,9 +229,9 @@ class TestDriving:
             drive.ended(0)
         *_, end = events = list(read(tmp_path / "drive.jsonl", "recording"))
         wheels = [(event["left"], event["right"]) for event in events if event["event"] == "wheels"]
-        assert set(wheels) == told
+        assert (set(wheels), wheels[-1]) == (told, (0.0, 0.0))
         assert {"sample", "turn"} <= {event["event"] for event in events}
-        assert end["event"] == "end"
+        assert (end["event"], end["why"]) == ("end", "A key ended the drive")
 
     def test_a_single_key_and_one_that_was_held(self, tmp_path):
         with driving(tmp_path, "--speed", "0.3") as drive:
@@ -353,11 +353,16 @@ class TestWaysOut:
         """Of the session, which gets a signal; or another."""
 
         def attempt(number):
-            with driving(tmp_path / str(number), lead=lead) as drive, drive.holding():
+            with driving(tmp_path / str(number), "-o", "drive.jsonl", lead=lead) as drive, drive.holding():
                 began = time.monotonic()
                 hangs_up(drive)
                 _, error = drive.process.communicate(timeout=10)
                 assert (drive.process.returncode, words in error) == (code, True), (drive.process.returncode, error)
+                assert "The recording is drive.jsonl" in error
+                *_, last = (
+                    event for event in read(tmp_path / str(number) / "drive.jsonl", "recording") if "left" in event
+                )
+                assert (last["left"], last["right"]) == (0.0, 0.0)
                 return drive.devices.rests_since() - began
 
         assert soonest(attempt) <= LATEST

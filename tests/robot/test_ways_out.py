@@ -17,7 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, in_time, running, soonest
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, made_in_time, running, soonest
 
 
 def check(robot, code, words, *, zeros=True):
@@ -192,6 +192,7 @@ def test_a_signal_during_the_start(command, tmp_path):
         assert not (tmp_path / "log.jsonl").exists()
 
 
+@made_in_time
 def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
     with running(tmp_path) as robot:
         robot.drives()
@@ -257,12 +258,9 @@ def test_the_rvr_lost(tmp_path):
     assert soonest(attempt, 0.05) <= 0.05
 
 
+@made_in_time
 def test_the_end_of_the_duration(tmp_path):
-    in_time(lambda number: the_end_of_the_duration(tmp_path / str(number)))
-
-
-def the_end_of_the_duration(folder):
-    with running(folder, GO, "", "", "--duration", "1") as robot:
+    with running(tmp_path, GO, "", "", "--duration", "1") as robot:
         check(robot, 0, "The duration is over")
         driven = [when for when, left, _ in robot.devices.wheels if left]
         assert 0.8 < robot.devices.rests_since() - driven[0] < 1.3
@@ -279,6 +277,7 @@ def the_end_of_the_duration(folder):
         robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+@made_in_time
 def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
     header = {
         "control period": "0.05",
@@ -296,37 +295,40 @@ def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
         assert start["reference_model"] == ReferenceModel(neighbour_range=0.5)._asdict()
 
 
+@made_in_time
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
-    def attempt(number):
-        with running(tmp_path / str(number), GO, "", "", "--duration", "1", "--dry-run") as robot:
-            check(robot, 0, "The duration is over")
-            assert not robot.devices.drives()
-            cycles = [event for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
-            assert cycles[0]["wheels"] == [1.0, 1.0]
-
-    in_time(attempt)
+    with running(tmp_path, GO, "", "", "--duration", "1", "--dry-run") as robot:
+        said = check(robot, 0, "The duration is over").splitlines()
+        assert (said[0], said[-1]) == ("Dry run: the wheels do not turn.", "The log is log.jsonl")
+        assert not robot.devices.drives()
+        cycles = [event for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle"]
+        assert cycles[0]["wheels"] == [1.0, 1.0]
 
 
+@made_in_time
 def test_a_dry_run_is_stopped_by_what_would_stop_another(tmp_path):
     with running(tmp_path, GO, "", "return Wheels(math.nan, 1.0)", "--dry-run") as robot:
         robot.devices.when(lambda: (tmp_path / "log.jsonl").exists() and (tmp_path / "log.jsonl").stat().st_size)
         robot.fault()
-        check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        said = check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
+        assert "The log is log.jsonl\n" in said
 
 
 class TestWhatStoppedIt:
     """It is in the log."""
 
+    @made_in_time
     def test_what_a_device_told(self, tmp_path):
         with running(tmp_path) as robot:
             robot.drives()
             robot.devices.tell("motor_fault", is_fault=True)
             check(robot, 4, "rvr: a motor has a fault")
         *_, told, end = read(tmp_path / "log.jsonl")
-        assert (told["event"], told["text"]) == ("note", "motor_fault is_fault True")
+        assert (told["event"], told["text"]) == ("note", "rvr: motor fault is fault True")
         assert end["why"] == "rvr: a motor has a fault"
         assert told["time"] > 0.0
 
+    @made_in_time
     def test_what_was_decided(self, tmp_path, robot_command):
         with running(tmp_path, fault="return Wheels(math.nan, -1.01)") as robot:
             robot.drives()
@@ -348,6 +350,7 @@ def test_a_log_that_exists_keeps_the_robot_from_starting(tmp_path):
     assert (tmp_path / "log.jsonl").read_text() == "of another run"
 
 
+@made_in_time
 def test_the_battery_is_asked_after(tmp_path):
     with running(tmp_path, fault=OFTEN) as robot:
         robot.drives()
@@ -355,6 +358,7 @@ def test_the_battery_is_asked_after(tmp_path):
         robot.devices.when(lambda: asked(robot.devices) > 5)
 
 
+@made_in_time
 def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
     busy = "import threading; threading.Thread(target=sum, args=[range(10**6)]).start()"
     with running(tmp_path, GO, "", busy, "--duration", "1.5") as robot:
@@ -368,6 +372,7 @@ def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
     assert cpu[len(cpu) // 2] > 0.5 * took
 
 
+@made_in_time
 def test_a_full_disk(tmp_path):
     """A run whose log is lost is worth nothing."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (12000, 12000)); pass"

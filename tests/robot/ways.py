@@ -1,9 +1,10 @@
 """A run on devices that a test has in hand; how soon wheels come to rest, whatever drove them.
 
-Time that this machine takes to get to a process when it has much else to do is not the program's, so of three attempts
+Time that this machine takes to get to a process when it has much else to do is not the program's, so of a few attempts
 the best counts.
 """
 
+import functools
 import itertools
 import os
 import socket
@@ -16,7 +17,7 @@ from tests.robot.devices import Devices
 
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""
-ATTEMPTS = 3
+ATTEMPTS = 5
 GO = "--nstates 1 --s0 0 --rwm0 20"
 ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
 """Drives, and reads every sense."""
@@ -109,6 +110,21 @@ def in_time(attempt):
             if "the control loop stalled" not in str(error) or number == ATTEMPTS - 1:
                 raise
     return None
+
+
+def made_in_time(test):
+    """A test that is an attempt, each with a folder of its own."""
+
+    @functools.wraps(test)
+    def made(*arguments, tmp_path, **given):
+        def attempt(number):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            return test(*arguments, tmp_path=folder, **given)
+
+        return in_time(attempt)
+
+    return made
 
 
 def soonest(attempt, most=LATEST):

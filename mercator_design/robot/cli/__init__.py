@@ -5,6 +5,7 @@ import importlib
 import click
 
 from mercator_design import __version__, command
+from mercator_design.errors import RobotError
 from mercator_design.robot.cli import calibrate, check, install, record, replay, ros, run, stop, teleop
 
 _ELSEWHERE = {"twin": "mercator_design.twin.cli"}
@@ -33,6 +34,13 @@ class _Verbs(click.Group):
                 raise
             return None
         return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] in _ELSEWHERE and self.get_command(ctx, args[0]) is None:
+            raise RobotError(f"{args[0]} is not in this file, as it needs the designer: in a checkout, pip install .")
+        return super().resolve_command(ctx, args)
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})

@@ -22,7 +22,7 @@ _SECONDS = click.option(
 )
 
 
-@click.group()
+@click.group(short_help="Measure what is particular to this robot's sensors.")
 def calibrate() -> None:
     """Measure what is particular to this robot's sensors, for its robot.yaml.
 
@@ -31,7 +31,7 @@ def calibrate() -> None:
     """
 
 
-@calibrate.command()
+@calibrate.command(short_help="Measure what the ground sensor reads on colours.")
 @click.argument("colours", nargs=-1, type=click.Choice(list(COLOURS)), metavar="[COLOUR]...")
 @ROBOT_FILE
 @_SECONDS
@@ -48,10 +48,13 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
         rehearse(robot, labels=dict.fromkeys(names, (0, 0, 0)))
     with Signals().caught(), ground_sensor(settings.ports) as sensor:
         labels = ground_calibration.calibrate(sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), tell)
+    known = {**kept, **labels}
+    if not settings.labels or len(known) < 2:
+        tell(f"Note: it knows no colours but {', '.join(known)} now; measure all others that its floors have, too")
     _give(robot, labels=labels)
 
 
-@calibrate.command()
+@calibrate.command(short_help="Find which sensor of the hub looks where.")
 @ROBOT_FILE
 @click.option(
     "--distance",

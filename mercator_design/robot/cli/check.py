@@ -8,7 +8,7 @@ from mercator_design.robot.cli.rows import show
 from mercator_design.robot.settings import Settings
 
 
-@click.command()
+@click.command(short_help="Look for what is wrong with this robot.")
 @ROBOT
 def check(settings: Settings) -> None:
     """Look at the clock, the console, and each device by itself, and say what is wrong and what to do.

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from mercator_design.command import tell
 from mercator_design.robot import install as installation
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
 from mercator_design.robot.cli.rows import show
 
 
-@click.command()
+@click.command(short_help="Give ports their names, and systemd its services.")
 @ROBOT_FILE
 @click.option("--user", help="Who runs the robot.  [default: who has typed sudo]")
 @click.option(
@@ -36,8 +37,11 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         show(installation.uninstall(root))
         return
     ports, findings = installation.connected(settings_of(robot))
+    runs_it = user or os.environ.get("SUDO_USER") or getpass.getuser()
+    if runs_it == "root" and user is None:
+        tell("Warning: the services will run as root; --user names who else is to run the robot")
     setup = installation.Setup(
-        user=user or os.environ.get("SUDO_USER") or getpass.getuser(),
+        user=runs_it,
         folder=(robot.parent if robot else Path()).resolve(),
         robot=robot and robot.resolve(),
     )

@@ -1,12 +1,14 @@
 """Options that several verbs have."""
 
-from collections.abc import Callable
+import contextlib
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from mercator_design.command import FILE
+from mercator_design.command import FILE, naming
 from mercator_design.robot.settings import Settings, read_settings
 
 FC = TypeVar("FC", bound=Callable[..., Any])
@@ -15,6 +17,37 @@ FC = TypeVar("FC", bound=Callable[..., Any])
 def settings_of(path: Path | None) -> Settings:
     """The settings in a robot.yaml, or as usual without one."""
     return Settings() if path is None else read_settings(path)
+
+
+def new_file(given: str | None, kind: str, robot: str) -> Path:
+    """Where a log is to be: a file, or in a folder, which is made if it ends in a slash, a file of its own.
+
+    Args:
+        given: What the user has named; None: this folder.
+        kind: Of the log, for its name.
+        robot: Whose it is: robots that begin in the same second in the same folder have a file each.
+    """
+    path = Path(given or "")
+    if given is not None and given.endswith("/"):
+        with naming(path):
+            path.mkdir(parents=True, exist_ok=True)
+    name = "-".join([kind, *robot.split(), time.strftime("%Y%m%d-%H%M%S.jsonl")])
+    return path / name if path.is_dir() else path
+
+
+@contextlib.contextmanager
+def naming_in_the_end(path: Path, what: str, tell: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
+    """Say where a file is that was made in this context, whatever ended it; gives whether there is one."""
+    existed = path.exists()
+
+    def is_made() -> bool:
+        return path.exists() and not existed
+
+    try:
+        yield is_made
+    finally:
+        if is_made():
+            tell(f"The {what} is {path}")
 
 
 def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE
+from mercator_design.command import FILE, tell
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Pfsm
 from mercator_design.fsm.conditions import ground_level
@@ -13,16 +13,17 @@ from mercator_design.robot.log import Decision
 from mercator_design.robot.log import replay as decisions
 
 
-@click.command()
+@click.command(short_help="Show and check the decisions of a run, from its log.")
 @click.argument("log", type=FILE)
 def replay(log: Path) -> None:
     """Show the decision of every cycle of a run, from its log, which may still be written.
 
     The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else.
     """
-    differing = [first for first in map(_show, decisions(log)) if first]
-    if differing:
-        raise RobotError(f"{log}: {differing[0]}; {len(differing)} cycles differ")
+    found = [*map(_show, decisions(log))]
+    if differing := [*filter(None, found)]:
+        raise RobotError(f"{log}: {differing[0]}; {len(differing)} of {len(found)} cycles differ")
+    tell(f"{len(found)} cycles, all decided the same")
 
 
 def _show(decided: tuple[Pfsm, Decision]) -> str:

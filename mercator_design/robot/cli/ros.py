@@ -10,7 +10,7 @@ from mercator_design.robot.ros import Node, serve
 from mercator_design.robot.settings import Settings
 
 
-@click.command()
+@click.command(short_help="Be a node of ROS 1.")
 @click.argument("names", nargs=-1, metavar="[NAME:=NAME]...")
 @ROBOT
 @click.option(

@@ -1,19 +1,18 @@
 """mercator-robot run: a PFSM on the robot."""
 
 import secrets
-import time
 from pathlib import Path
 
 import click
 
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell
-from mercator_design.robot.cli.options import ROBOT
+from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
 from mercator_design.robot.settings import Settings
 
 
-@click.command()
+@click.command(short_help="Run the PFSM of an fsm.txt.")
 @click.argument("fsm", type=FILE)
 @ROBOT
 @click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="[default: until it is stopped]")
@@ -23,7 +22,9 @@ from mercator_design.robot.settings import Settings
     help="Of the random draws; robots of a swarm need different ones.  [default: a fresh one; the log has it]",
 )
 @click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")
-@click.option("-o", "--log", type=FILE, help="Or a folder for it.  [default: run-DATE-TIME.jsonl]")
+@click.option(
+    "-o", "--log", type=click.Path(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
+)
 @FLAVOUR
 @LENIENT
 def run(
@@ -32,7 +33,7 @@ def run(
     duration: float | None,
     seed: int | None,
     dry_run: bool,
-    log: Path | None,
+    log: str | None,
     flavour: str | None,
     lenient: bool,
 ) -> None:
@@ -43,8 +44,10 @@ def run(
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
-    log = log or Path()
-    path = log / time.strftime("run-%Y%m%d-%H%M%S.jsonl") if log.is_dir() else log
+    path = new_file(log, "run", settings.name)
     what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run)
-    drive(settings, what, path, tell)
-    tell(f"The duration is over; the log is {path}")
+    if dry_run:
+        tell("Dry run: the wheels do not turn.")
+    with naming_in_the_end(path, "log", tell):
+        drive(settings, what, path, tell)
+        tell("The duration is over.")

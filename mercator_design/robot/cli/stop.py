@@ -1,11 +1,12 @@
 """mercator-robot stop, heartbeat: this robot at rest; what is told to all robots of a swarm."""
 
+import signal
 import time
 from dataclasses import replace
 
 import click
 
-from mercator_design.command import tell
+from mercator_design.command import Signalled, tell
 from mercator_design.errors import RobotError, printable
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
@@ -24,7 +25,7 @@ _PORT = click.option(
 )
 
 
-@click.command()
+@click.command(short_help="Bring this robot to rest, or stop others.")
 @click.argument("hosts", nargs=-1, metavar="[HOST]...")
 @ROBOT
 @_PORT
@@ -51,7 +52,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
         raise RobotError("; ".join(silent))
 
 
-@click.command()
+@click.command(short_help="Let robots run as long as this command does.")
 @click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
 @click.option("--port", type=click.IntRange(1, 65535), default=Swarm().port, show_default=True, help="Of UDP.")
 def heartbeat(hosts: tuple[str, ...], port: int) -> None:
@@ -64,5 +65,8 @@ def heartbeat(hosts: tuple[str, ...], port: int) -> None:
                     raise RobotError(f"{unknown[0]}: no such host")
                 speaker.tell(HEARTBEAT)
                 time.sleep(_BEATS)
+        except Signalled as signalled:
+            if signalled.exit_code != 128 + signal.SIGINT:
+                raise
         finally:
             speaker.stop()

@@ -1,23 +1,24 @@
 """mercator-robot teleop: a person drives."""
 
+import contextlib
 import sys
-from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, tell
-from mercator_design.robot.cli.options import ROBOT
+from mercator_design.command import tell
+from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.teleop import HELD, REPEATED
 from mercator_design.robot.teleop import teleop as drive
 
 
 @click.command(
+    short_help="Drive with the keys of this terminal.",
     help=f"""Drive with the keys of this terminal: arrows or WASD as long as they are held, any other key stops, Q ends.
 
     The wheels stop {REPEATED} s after the last key of one that repeats, {HELD} s after a single one; all that stops a
     run stops them too, for good, and so does the loss of the terminal.
-    """
+    """,
 )
 @ROBOT
 @click.option(
@@ -35,11 +36,13 @@ from mercator_design.robot.teleop import teleop as drive
     help="Do not drive towards what a proximity sensor sees nearer than this.",
 )
 @click.option(
-    "-o", "--output", "path", type=FILE, metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."
+    "-o", "--output", type=click.Path(), metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."
 )
-def teleop(settings: Settings, speed: float, guard: float | None, path: Path | None) -> None:
+def teleop(settings: Settings, speed: float, guard: float | None, output: str | None) -> None:
     if speed > settings.limits.speed:
         raise click.BadParameter(f"{speed:g} is above limits.speed, {settings.limits.speed:g}", param_hint="--speed")
     if not sys.stdin.isatty():
         raise click.UsageError("teleop needs a terminal, as its keys drive the robot; over ssh: ssh -t")
-    drive(settings, speed, guard, path, tell)
+    path = None if output is None else new_file(output, "drive", settings.name)
+    with contextlib.nullcontext() if path is None else naming_in_the_end(path, "recording", tell):
+        drive(settings, speed, guard, path, tell)

@@ -5,7 +5,7 @@ What they mean: log.py, recording.py.
 
 import json
 from collections.abc import Callable, Mapping
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from mercator_design import schema
@@ -56,9 +56,10 @@ def _is_text(value: Any) -> bool:  # noqa: ANN401
 
 def _is_moment(value: Any) -> bool:  # noqa: ANN401
     try:
-        return isinstance(value, str) and datetime.fromisoformat(value).year in _YEARS
+        moment = datetime.fromisoformat(value) if isinstance(value, str) else None
     except ValueError:
         return False
+    return moment is not None and moment.utcoffset() == timedelta(0) and moment.year in _YEARS
 
 
 def _is_model(value: Any) -> bool:  # noqa: ANN401
@@ -110,7 +111,7 @@ _SAMPLES: Mapping[str, _Form] = {
 """The values of a sample by sensor; nothing in sight is null."""
 _SENSED = {**_SAMPLES, "lidar": _list("nothing", _is_number, 0)}
 
-_START = {"robot": _TEXT, "time": _Form(f"a date and time from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
+_START = {"robot": _TEXT, "time": _Form(f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
 _STARTS: Mapping[Kind, Mapping[str, _Form]] = {
     "run": {"fsm": _TEXT, "flavour": _TEXT, "reference_model": _Form("a reference model's constants", _is_model)},
     "recording": {"lidar_angle": _NUMBER},

@@ -160,7 +160,8 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
     ("number", "change", "words"),
     [
         (1, {"fsm": 7}, "start.fsm: expected text, found 7"),
-        (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time from 1970 to 2099"),
+        (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
+        (1, {"time": "1970-01-01T00:00:00+01:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
         (1, {"reference_model": {"hue_period": 0.0}}, "start.reference_model: expected a reference model's constants"),
         (1, {"kind": "walk"}, "expected the log of a run, found that of a walk"),
         (2, {"event": "circle"}, 'event: expected one of cycle, note, end, found "circle"'),

@@ -4,6 +4,7 @@ A robot has in its folder the program, fsm.txt, its own robot.yaml if somebody h
 is held while something runs or is about to, and in `pid` the number of the process that runs.
 """
 
+import secrets
 import shlex
 import subprocess
 import tempfile
@@ -34,12 +35,13 @@ if ! {{ {_HOLD}; }}; then echo 'a run is in progress; end it first: mdesign depl
 """
 _TAKE = f"""
 {_BE_IDLE}
-mv new/{PROGRAM} new/{FSM} . && python3 {PROGRAM} --version
+mv "$1"/{PROGRAM} "$1"/{FSM} . && rmdir "$1" && python3 {PROGRAM} --version
 """
 _START = f"""
 {_BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
-mkdir -p logs && name=logs/run-$(date +%Y%m%d-%H%M%S)
+mkdir -p logs || exit 1
+name=logs/run-$(date +%Y%m%d-%H%M%S)
 setsid python3 {PROGRAM} run {FSM} -o "$name.jsonl" "$@" >"$name.txt" 2>&1 </dev/null &
 echo $! >pid
 for _ in $(seq 200); do
@@ -52,7 +54,7 @@ echo "has not begun after 20 s, and was ended" >&2
 exit 1
 """
 _STOP = f"""
-if {_HOLD}; then echo "nothing runs"; exit 0; fi
+if {_HOLD}; then echo "nothing that deploy has started runs"; exit 0; fi
 pid=
 for _ in $(seq 50); do
     if [ -z "$pid" ] && [ -s pid ]; then pid=$(cat pid); kill -TERM "$pid"; fi
@@ -129,10 +131,13 @@ def copy(fleet: Fleet, fsm: Path, timeout: float) -> list[Result]:
         sent[0].write_bytes(bundle())
         sent[1].write_bytes(fsm.read_bytes())
 
+        new = f"new/{secrets.token_hex(4)}"  # of this copy alone, as others may copy at the same time
+
         def to(robot: Robot) -> str:
-            _ssh(robot, f"mkdir -p {robot.folder}/new && cd {robot.folder}\n{_BE_IDLE}", timeout, folder=".")
-            _run("scp", robot, [*map(str, sent), _on(robot, "new/")], timeout)
-            return _ssh(robot, _TAKE, timeout)
+            make = f"mkdir -p {robot.folder}/{new} && cd {robot.folder} || exit 1\n{_BE_IDLE}"
+            _ssh(robot, make, timeout, folder=".")
+            _run("scp", robot, [*map(str, sent), _on(robot, f"{new}/")], timeout)
+            return _ssh(robot, _TAKE, timeout, [new])
 
         return _on_all(fleet, to)
 

@@ -93,7 +93,8 @@ def in_control(
         robot = Mercator(settings, ports, reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
-        with watchdog, robot, signals.until_stopped():
+        with watchdog, contextlib.closing(robot), signals.until_stopped():  # nothing interrupts the closing
+            robot.start()
             yield Control(robot, watchdog, log)
     if log is not None and log.failure:
         raise RobotError(log.failure)

@@ -190,6 +190,7 @@ def uninstall(root: Path) -> Iterator[Finding]:
 def _rules(root: Path) -> dict[str, str]:
     """Those that were written below a root, by device."""
     path = _below(root, RULES)
+    _refuse_foreign([RULES], root)
     with _permitted(path):
         text = path.read_text(errors="replace") if path.exists() else ""
     return {device: rule for rule, device in re.findall(r"(\n# (\w+): (?:.+\n)+)", text)}

@@ -1,10 +1,12 @@
 """Keys and a line of status at a terminal, which is as it was on every way out but SIGKILL."""
 
 import contextlib
+import math
 import os
 import re
 import sys
 import termios
+import time
 from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
@@ -25,6 +27,7 @@ _KEYS: dict[bytes, Key] = {
 # Keys, among them those of the Linux console with [[, and what a terminal says of itself, which begins with ] or P.
 _KEY = re.compile(rb"\x1b(?:\[\[.|\[[0-?]*[ -/]*[@-~]|O.|[]P][^\a\x1b]{0,200}(?:\a|\x1b\\))|.", re.DOTALL)
 _BEGUN = re.compile(rb"\x1b(?:\[(?:\[|[0-?]*[ -/]*)|O|[]P][^\a\x1b]{0,200}\x1b?)?\Z")  # its other bytes may follow
+_SPLIT = 0.3  # [s] within which the bytes of a key come
 _CLEAR_LINE = "\r\x1b[K"
 
 
@@ -41,6 +44,7 @@ class Keyboard:
     def __init__(self, terminal: int) -> None:
         """Make one of a terminal that makes nobody wait."""
         self._terminal, self._rest = terminal, b""
+        self._came = -math.inf
 
     def pressed(self) -> list[Key]:
         """The keys that were pressed since the last call.
@@ -51,11 +55,16 @@ class Keyboard:
         try:
             data = os.read(self._terminal, 1000)
         except BlockingIOError:
-            return ["stop"] if self._rest else []  # Escape is the beginning of a key, of which no more may come
+            if not self._rest:
+                return []
+            if time.monotonic() - self._came > _SPLIT:  # Escape, or Alt with P or ], of which no more comes
+                self._rest = b""
+            return ["stop"]
         except OSError:  # as Linux has it when the other end of a pseudo-terminal is closed
             data = b""
         if not data:
             raise Stopped("the terminal is lost")
+        self._came = time.monotonic()
         found, self._rest = keys(self._rest + data)
         return found
 

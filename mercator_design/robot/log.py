@@ -4,9 +4,10 @@ An event a line (checked_lines.py), only ever appended. Of a recording: recordin
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
-            wheels (null if no finite number), what the program took of processors since the cycle before [s], the
-            neighbours' distances [m] and bearings [rad], and of each sensor the age [s] and the values of its latest
-            sample: a distance is null where nothing is in sight, and 0 where something is too near to tell
+            wheels (null if no finite number), what the cycle (cpu) and, since the cycle before, the whole program
+            (program_cpu) took of processors [s], the neighbours' distances [m] and bearings [rad], and of each sensor
+            the age [s] and the values of its latest sample: a distance is null where nothing is in sight, and 0 where
+            something is too near to tell
     note    what a device told, and when
     end     why the run ended
 
@@ -133,7 +134,7 @@ def plain(value: float) -> float | None:
     """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
     if math.isinf(value):
         return None if value > 0.0 else 0.0
-    return round(value, 6)
+    return round(value, 6) + 0.0  # not -0.0
 
 
 def finite(wheels: Wheels) -> list[float | None]:

@@ -99,7 +99,7 @@ class Mercator:
 
     def __enter__(self) -> Self:
         try:
-            self._start()
+            self.start()
         except BaseException:
             self.close()
             raise
@@ -240,7 +240,8 @@ class Mercator:
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
 
-    def _start(self) -> None:
+    def start(self) -> None:
+        """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
         talk = self._talk
         self.facts |= wake_rvr(talk).words()
         self._polled = time.monotonic()
@@ -264,9 +265,12 @@ class Mercator:
 
         The maker's documents do not say what a robot that was stopped so answers, so this is not held against it.
         """
+        told = time.monotonic()
         self.brake.drive(0.0, 0.0)
         first = self._controller()
-        self.attend(time.monotonic() + COMMANDS_END + 0.1)
+        self.attend(told + 0.5 * COMMANDS_END)
+        self._talk.said.clear()  # what has stopped by then did so because its speed is zero
+        self.attend(told + COMMANDS_END + 0.1)
         has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._talk.said)
         self._do_commands_end = has_stopped or (first, self._controller()) == (_TANK, _BRAKING)
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"

@@ -118,7 +118,7 @@ def test_runs_stops_and_collects(deploy, field):
             "",
         )
         assert devices.rests_since() < time.monotonic()
-        assert deploy("--stop") == (0, "ok      mercator 1       nothing runs\n", "")
+        assert deploy("--stop") == (0, "ok      mercator 1       nothing that deploy has started runs\n", "")
     (log,) = (field / "all/mercator 1").glob("*.jsonl")
     first, *_, last = log.read_text().splitlines()
     assert '"duration":60.0' in first.replace(" ", "")
@@ -181,7 +181,7 @@ def test_a_process_that_is_another_s_is_left_alone(deploy, field):
     (field / "r1/mercator").mkdir()
     (field / "r2/mercator").mkdir()
     (field / "r1/mercator/pid").write_text(f"{other.pid}\n")
-    assert deploy("--stop")[1].count("nothing runs") == 2
+    assert deploy("--stop")[1].count("nothing that deploy has started runs") == 2
     assert other.poll() is None
     other.kill()
     other.wait()

@@ -117,7 +117,7 @@ def test_two_robots_from_copy_to_collect(mdesign, server):
             assert (last["left"], last["right"]) == (0.0, 0.0)
             (log,) = (folder / f"all/r{k}").glob("*.jsonl")
             assert [*read(log)][-1]["why"] == "Stopped by SIGTERM."
-        assert deploy("--stop")[1].count("nothing runs") == 2
+        assert deploy("--stop")[1].count("nothing that deploy has started runs") == 2
 
 
 def said(folder):

@@ -309,8 +309,9 @@ class TestFiles:
         assert set(files(root)) == {Path("/etc/systemd")}
 
     @pytest.mark.parametrize("option", [[], ["--uninstall"]])
-    def test_a_pipe_in_the_place(self, install, root, option):
-        path = root / LIMITS.relative_to("/")
+    @pytest.mark.parametrize("place", [LIMITS, RULES])
+    def test_a_pipe_in_the_place(self, install, root, option, place):
+        path = root / place.relative_to("/")
         path.parent.mkdir(parents=True)
         os.mkfifo(path)
         code, _, err = install(*option)

@@ -184,12 +184,12 @@ def impatient(monkeypatch):
     monkeypatch.setattr(start, "_WAKING", 0.2)
 
 
-def tell_that_it_stopped(devices):
-    """Of commands that run out, the RVR says no more than this."""
+def tell_that_it_stopped(devices, after):
+    """Of commands that run out, or of speed zero, the RVR says no more than this."""
     asked = "get_active_control_system_id"
     devices.refused[asked] = 2
     devices.when(lambda: asked in [name for _, name, _ in devices.commands])
-    time.sleep(0.1)
+    time.sleep(after)
     devices.tell("robot_has_stopped")
 
 
@@ -215,7 +215,8 @@ class TestStart:
         [
             (lambda d: setattr(d, "forgets", False), False),
             (lambda d: d.refused.update(get_active_control_system_id=2), False),
-            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d]).start(), True),
+            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.3]).start(), True),
+            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.0]).start(), False),
         ],
     )
     @pytest.mark.usefixtures("whole_start")

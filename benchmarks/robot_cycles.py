@@ -22,13 +22,15 @@ def main() -> None:
         times = [event["time"] for event in cycles]
         periods = [after - before for before, after in itertools.pairwise(times)]
         near = sum(abs(period - start["control_period"]) <= NEAR for period in periods) / len(periods)
-        cpu = [_cell([event[name] for event in cycles]) for name in ("cpu", "program_cpu")]
+        cpu = [_cell([event[name] for event in cycles if name in event]) for name in ("cpu", "program_cpu")]
         kept = f"{100.0 * near:.1f} % | {1000.0 * max(periods):.1f} ms"
         print(f"| {path.name} | {len(cycles)} | {kept} | {' | '.join(cpu)} |")
 
 
 def _cell(seconds: list[float]) -> str:
     """Median, and what 99 % are below."""
+    if not seconds:  # a log from before it was told
+        return "?"
     times = sorted(1000.0 * second for second in seconds)
     return f"{statistics.median(times):.2f} ms, 99 % below {times[int(0.99 * len(times))]:.2f}"
 

@@ -1,3 +1,4 @@
+import signal
 import sys
 from functools import partial
 
@@ -11,6 +12,9 @@ from mercator_design.missions import plugins
 # A first example may compile a kernel, so its time says nothing.
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
+
+# A shell starts what is in its background with SIGINT ignored, and programs under test would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

@@ -183,7 +183,7 @@ def _measured(
     found = partial(Measured, sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, step=step)
     if step == 0.0:
         return found(noise=None, why_none="all samples of a channel are equal")
-    levels = _levels(channels, step)
+    levels = _counted(channels, step)
     if levels is None:
         return found(noise=None, why_none=f"less than the step of its values, {step:.3g}")
     noise = fit_noise(levels, random)
@@ -216,7 +216,7 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     values = np.where(far, np.nan, values)
     if series.angles is not None and use.any():
         use = _kept(use, _is_flat(values, use), "what they see is slanting, or has an edge", where, notes)
-        values = _level(values, series.angles)
+        values = _without_sweep(values, series.angles)
     low, high = limits
     centres, sd = _moments(values)
     inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
@@ -268,7 +268,7 @@ def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return like_before & np.roll(like_before, -1)
 
 
-def _level(values: Floats, angles: Floats) -> Floats:
+def _without_sweep(values: Floats, angles: Floats) -> Floats:
     """What beams measure whose angles change from turn to turn, without what comes of their angles."""
     off = angles - _moments(angles)[0]
     sweep = np.nansum(off**2, axis=0)
@@ -305,7 +305,7 @@ def _step(channels: Sequence[Floats]) -> float:
     return max(float(gaps.min()), _FINEST * sd)
 
 
-def _levels(channels: Sequence[Floats], step: float) -> Levels | None:
+def _counted(channels: Sequence[Floats], step: float) -> Levels | None:
     """What channels measured, each from its least level on; None if none has three levels."""
     numbers = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
     levels = levels_of(numbers, np.concatenate([channel - channel.min() for channel in channels]), step)

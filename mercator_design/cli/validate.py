@@ -46,7 +46,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
         content = _content(file)
         keys = content.keys()
-        if keys & {"ports", "swarm", "labels", "proximity_angles", "proximity_offsets"}:
+        if _is_of_one_robot(keys):
             raise MissionError(
                 f"{file}: this is what one robot is told, robot.yaml: mercator-robot check --robot {file}"
             )
@@ -73,6 +73,16 @@ def _content(file: Path) -> dict[str, Node]:
     except Fault:
         return {}
     return content if isinstance(content, dict) else {}
+
+
+def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
+    """Whether one of them is of robot.yaml alone."""
+    from mercator_design.missions.mission import Mission
+    from mercator_design.robot.settings import Settings
+    from mercator_design.schema import fields_of
+    from mercator_design.sim.robot_model import RobotModel
+
+    return bool(keys & (set(fields_of(Settings)) - set(fields_of(Mission)) - set(fields_of(RobotModel))))
 
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:

@@ -70,9 +70,10 @@ class Log:
     def __enter__(self) -> Self:
         try:
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-            sync_folder(self.path.parent)
         except OSError as error:
             raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
+        with contextlib.suppress(OSError):  # a folder that may be written, but not read
+            sync_folder(self.path.parent)
         self._thread.start()
         return self
 

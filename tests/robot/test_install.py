@@ -332,8 +332,13 @@ class TestFiles:
         assert (code, err) == (0, "")
         for path in (RULES, LIMITS, IDLE, RUN):
             assert f"==> {path}\n# Written by" in out
-        assert "\n$ systemctl enable mercator-idle.service\n$ udevadm control --reload\n" in out
+        assert "\n$ " not in out  # nothing is run for another root
         assert not files(root)
+
+    def test_a_dry_run_for_this_system(self, robot_command, connected):
+        code, out, _ = robot_command("install", "--user", "root", "--dry-run")
+        assert code == 0
+        assert "\n$ systemctl enable mercator-idle.service\n$ udevadm control --reload\n" in out
 
     def test_wrong_usage(self, install):
         assert install("--uninstall", "--dry-run")[0] == 2

@@ -49,7 +49,8 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
     if dry_run:
         for path, text in files.items():
             click.echo(f"==> {path}\n{text}")
-        click.echo("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
+        if root == Path("/"):
+            click.echo("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
         show(findings)
     else:
         show([*findings, *installation.install(files, root)])

@@ -13,8 +13,10 @@ from mercator_design.missions import plugins
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
 
-# A shell starts what is in its background with SIGINT ignored, and programs under test would inherit that.
+# Programs under test would inherit what is ignored here, as by nohup, and in the background of a shell.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+for _number in (signal.SIGHUP, signal.SIGQUIT):
+    signal.signal(_number, signal.SIG_DFL)
 
 
 @pytest.fixture

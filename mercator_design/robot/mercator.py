@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
@@ -43,7 +43,7 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
 class Mercator:
-    """A Mercator robot; a context manager that starts it up, and stops and shuts it down on every way out.
+    """A Mercator robot, to be started up, and closed on every way out, which stops it and shuts it down.
 
     samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, `lidar`,
         without values: when a turn has ended.
@@ -96,17 +96,6 @@ class Mercator:
         self._note: Callable[[str], None] = self.notes.append
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
-
-    def __enter__(self) -> Self:
-        try:
-            self.start()
-        except BaseException:
-            self.close()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def introduce(self, tell: Callable[[str], None]) -> None:
         """Tell people its name and facts, and a doubt."""

@@ -367,7 +367,11 @@ class TestProximity:
     def test_offsets_are_taken_from_what_a_robot_senses(self, devices):
         devices.millimetres = [312, 55, 20, *[NOTHING] * 5]
         settings = Settings(ports=devices.names, proximity_offsets=(0.012, 0.2, 0.1, 0.1, -0.1, 0.0, 0.0, 0.0))
-        with open_ports(settings.ports) as ports, Mercator(settings, ports, ["proximity"], {}) as robot:
+        with (
+            open_ports(settings.ports) as ports,
+            contextlib.closing(Mercator(settings, ports, ["proximity"], {})) as robot,
+        ):
+            robot.start()
             robot.attend(time.monotonic() + 0.3)
             values = robot.samples["proximity"].values
         assert values == pytest.approx((0.3, 0.0, -float("inf"), *[float("inf")] * 5))

@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 
@@ -50,7 +50,9 @@ def whole_start():
 @contextmanager
 def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
-    with open_ports(settings.ports) as opened, Mercator(settings, opened, reads, settings.labels_of({})) as robot:
+    labels = settings.labels_of({})
+    with open_ports(settings.ports) as opened, closing(Mercator(settings, opened, reads, labels)) as robot:
+        robot.start()
         yield robot
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Set as AbstractSet
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -9,7 +10,9 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.errors import FsmError, MissionError, printable
-from mercator_design.yaml_tree import Fault, Node, compose, read_text
+
+if TYPE_CHECKING:
+    from mercator_design.yaml_tree import Node
 
 
 @click.command(short_help="Check missions, robot models and FSM files.")
@@ -66,8 +69,10 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 
 
-def _content(file: Path) -> dict[str, Node]:
+def _content(file: Path) -> "dict[str, Node]":
     """Of a YAML file; empty if it has no keys, or is no such file."""
+    from mercator_design.yaml_tree import Fault, compose, read_text
+
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:

@@ -36,6 +36,7 @@ class Devices(threading.Thread):
     silent: Names of lines, and of services, that tell nothing.
     deaf: Names of lines that take nothing.
     refused: By name of a command, the error that answers it.
+    joined: Names of lines on which there is no device, but what is sent comes back.
     noise: What the RVR says in place of anything else.
     damage: Chance that a byte has a wrong bit.
     forgets: Whether commands run out.
@@ -52,7 +53,7 @@ class Devices(threading.Thread):
         self.millimetres = [multiflex.NOTHING] * 8
         self.robots = []
         self.battery, self.measuring = 1, 0.1
-        self.silent, self.deaf = set(), set()
+        self.silent, self.deaf, self.joined = set(), set(), set()
         self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
         self.stuck, self.damage, self._draw = False, 0.0, random.Random(1)
         self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
@@ -146,7 +147,9 @@ class Devices(threading.Thread):
             except OSError:  # nobody has the port open
                 time.sleep(0.001)
                 continue
-            if ends[end] == "rvr":
+            if ends[end] in self.joined:
+                os.write(end, data)
+            elif ends[end] == "rvr":
                 for command in self._rvr.receive(data):
                     self._obey(command)
             else:

@@ -73,7 +73,8 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert devices.lidar_commands[-1] == "stop"
 
 
-def test_one_that_is_not(found, devices):
+def test_one_that_is_not(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_LISTEN", 1.0)
     devices.firmware, devices.percentage, devices.mask, devices.robots = (8, 3, 400), 12, 0xFE, []
     code, _, wrong, err = found()
     assert wrong == {
@@ -92,12 +93,22 @@ def test_each_device_by_itself(found, devices, monkeypatch):
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
-    causes = ("switched on", "Sphero Edu", "TX and RX", "login shell", "yellow")
+    causes = ("switched on", "Sphero Edu", "TX and RX", "login shell", "yellow", "joined")
     places = [wrong["rvr"].index(cause) for cause in causes]
     assert wrong["rvr"].startswith("no answer; is it")
     assert places == sorted(places)
     assert wrong["lidar"].startswith("/dev/no_such_port: no such port")
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
+
+
+def test_a_line_that_hears_itself(found, devices, monkeypatch):
+    """With a jumper in the place of the RVR: it is not the UART."""
+    monkeypatch.setattr(talk, "_TRIES", 1)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.joined = {"rvr"}
+    _, _, wrong, _ = found()
+    assert wrong["rvr"].startswith("no answer; what is sent comes back: the UART works, and its TX and RX are joined;")
 
 
 @pytest.mark.parametrize(

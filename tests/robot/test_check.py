@@ -101,6 +101,29 @@ def test_each_device_by_itself(found, devices, monkeypatch):
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
 
 
+@pytest.mark.parametrize(
+    ("device", "trouble", "words"),
+    [
+        ("rvr", {"noise": b"\x00\xf8\x1c"}, "bytes from it make no sense: another device, or another baud rate)"),
+        ("lidar", {"silent": {"lidar"}}, "no answer; has it power (5 V, 1 A, and more while its motor starts)?"),
+        ("lidar", {"health": 2}, "it reports an error, 0x0; take its power away for a moment"),
+        (
+            "proximity",
+            {"deaf": {"proximity"}},
+            "no answer; is this the hub's port (`mercator-robot install` gives it a name",
+        ),
+    ],
+)
+def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, words):
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
+    monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
+    for name, value in trouble.items():
+        setattr(devices, name, value)
+    code, _, wrong, _ = found()
+    assert (code, words in wrong[device]) == (1, True), wrong
+
+
 def test_a_line_that_hears_itself(found, devices, monkeypatch):
     """With a jumper in the place of the RVR: it is not the UART."""
     monkeypatch.setattr(talk, "_TRIES", 1)

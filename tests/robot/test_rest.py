@@ -45,6 +45,7 @@ def leave_running(devices):
         port.write(host.send("drive_tank_si_units", left_velocity=0.3, right_velocity=0.3))
         lidar.write(encode_command("scan"))
         devices.when(lambda: devices.drives() and devices.lidar_commands)
+    devices.when(devices.is_let_go)
 
 
 def test_after_a_program_that_was_killed(stop, devices):

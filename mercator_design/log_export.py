@@ -121,7 +121,7 @@ class _Log:
         for event in self._events:
             if event["event"] == "end":
                 self._why = event["why"]
-            elif event.get("time") is not None:  # notes of older logs have none
+            else:
                 self.time = self._began + event["time"]
             if event["event"] in self.counted:
                 self._count += 1

@@ -15,11 +15,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from mercator_design.checked_lines import to_line
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.log_export import write_csv, write_mcap
-from mercator_design.robot.log import Log, controller_of, read
+from mercator_design.robot.log import Log, controller_of, read, to_lines
 from tests.twin.recorded import ROBOTS, unpack
 
 SENSORS = {
@@ -50,7 +49,7 @@ def cycles(events):
 
 
 def written(text, lines):
-    text.write_text("".join(map(to_line, lines)))
+    text.write_text("".join(to_lines(lines)))
     return text
 
 
@@ -319,9 +318,7 @@ def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
     for times in (8, 20):
         path = tmp_path / f"{times}.jsonl"
         with path.open("w") as file:
-            count = itertools.count()
-            for event in itertools.chain(events[:1], *itertools.repeat(events[1:-1], times)):
-                file.write(to_line(event | {"cycle": next(count)} if event["event"] == "cycle" else event))
+            file.writelines(to_lines(itertools.chain(events[:1], *itertools.repeat(events[1:-1], times))))
         with (tmp_path / "out").open("wb") as file:
             tracemalloc.start()
             write(path, file)

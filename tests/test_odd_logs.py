@@ -50,7 +50,7 @@ def changed(event, way, value):
 
 @pytest.fixture(scope="module")
 def kinds(tmp_path_factory):
-    """The events of a short run, and of a recording, by what reads them."""
+    """The events of a short run, and of a recording, by kind."""
     folder = tmp_path_factory.mktemp("logs")
     start, *run, end = read(unpack(folder) / "run0.jsonl")
     cycles = [event for event in run if event["event"] == "cycle"][:3]
@@ -58,7 +58,8 @@ def kinds(tmp_path_factory):
     centres = {name: CENTRES[name] for name in ("proximity", "attitude", "position", "lidar")}
     recording = [*read(write(folder / "still.jsonl", measured(0.4, centres=centres)), "recording")]
     drive = {"event": "wheels", "time": 0.2, "left": 0.1, "right": 0.0}
-    return {"run": [start, note, *cycles, end], "recording": [*recording[:-1], drive, note, recording[-1]]}
+    found = {"run": [start, note, *cycles, end], "recording": [*recording[:-1], drive, note, recording[-1]]}
+    return {kind: [e | {"line": k} for k, e in enumerate(events, start=1)] for kind, events in found.items()}
 
 
 def show(path):
@@ -97,3 +98,26 @@ def test_odd_values_are_refused_or_told(kinds, tmp_path, reader):
                 except RobotError:
                     refused += 1
     assert refused > 50 * len(seen)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_lines_that_are_missing_or_not_in_their_order_are_told(kinds, tmp_path, reader):
+    kind, run = READERS[reader]
+    lines, path = [*map(line, kinds[kind])], tmp_path / "log.jsonl"
+    for k in range(1, len(lines) - 1):
+        missing, twice = [*lines[:k], *lines[k + 1 :]], [*lines[:k], *lines[k - 1 :]]
+        swapped = [*lines[:k], lines[k + 1], lines[k], *lines[k + 2 :]]
+        for others, found in ((missing, k + 2), (twice, k), (swapped, k + 2)):
+            path.write_text("".join(others))
+            words = f"log.jsonl, line {k + 1}: expected line {k + 1}, found line {found}: lines are missing"
+            with pytest.raises(RobotError, match=words):
+                run(path)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_log_that_breaks_off_is_read(kinds, tmp_path, reader):
+    kind, run = READERS[reader]
+    lines, path = [*map(line, kinds[kind])], tmp_path / "log.jsonl"
+    for cut in (1, len(lines[-1]) // 2, len(lines[-1]), len(lines[-1]) + 1):
+        path.write_text("".join(lines)[:-cut])
+        run(path)

@@ -129,20 +129,21 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[P
     Raises:
         RobotError: if there is no such user, a path would mean something else in a unit, or the rules cannot be read.
     """
-    rules = _rules(root) | {device: _rule(device, port) for device, port in ports.items()}
-    with contextlib.suppress(KeyError):
+    try:
         pwd.getpwnam(setup.user)
-        program = " ".join(map(_plain, _program()))
-        robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
-        after = _AFTER_LIDAR if "lidar" in rules else ""
-        service = _SERVICE.format(user=_plain(setup.user), environment=robot)
-        return {
-            RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
-            LIMITS: _OURS + _LIMITS,
-            IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
-            RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
-        }
-    raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot")
+    except KeyError:
+        raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot") from None
+    rules = _rules(root) | {device: _rule(device, port) for device, port in ports.items()}
+    program = " ".join(map(_plain, _program()))
+    robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
+    after = _AFTER_LIDAR if "lidar" in rules else ""
+    service = _SERVICE.format(user=_plain(setup.user), environment=robot)
+    return {
+        RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
+        LIMITS: _OURS + _LIMITS,
+        IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
+        RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
+    }
 
 
 def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:

@@ -1,6 +1,7 @@
 """What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
 
-An event a line (checked_lines.py), only ever appended. Of a recording: recording.py. Of a run:
+An event a line (checked_lines.py), only ever appended, with the number of the line: lines that are missing are noticed.
+Of a recording: recording.py. Of a run:
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
@@ -20,7 +21,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -114,8 +115,8 @@ class Log:
     def _write_all(self) -> None:
         synced = time.monotonic()
         try:
-            while (event := self._events.get()) is not None:
-                line = to_line(event).encode()
+            for text in to_lines(iter(self._events.get, None)):
+                line = text.encode()
                 while line:
                     line = line[os.write(self._file, line) :]
                 if time.monotonic() - synced > SYNC_EVERY:
@@ -141,6 +142,12 @@ def plain(value: float) -> float | None:
 def finite(wheels: Wheels) -> list[float | None]:
     """Speeds as JSON has them: null if no finite number."""
     return [speed if math.isfinite(speed) else None for speed in wheels]
+
+
+def to_lines(events: Iterable[Event]) -> Iterator[str]:
+    """A log's lines, of its events from the first on."""
+    for number, event in enumerate(events, start=1):
+        yield to_line(event | {"line": number})
 
 
 def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:

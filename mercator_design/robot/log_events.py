@@ -17,7 +17,7 @@ from mercator_design.robot.samples import FIELDS
 
 Kind: TypeAlias = Literal["run", "recording"]
 
-FORMAT = 1
+FORMAT = 2
 _LARGEST = 1e9  # number, of any unit
 _LONGEST = 1e6  # [s], eleven days
 _YEARS = range(1970, 2100)
@@ -138,7 +138,7 @@ _EVENTS: Mapping[Kind, Mapping[str, Mapping[str, _Form]]] = {
     },
 }
 _ENDS = {
-    "note": {"time": _Form(f"{_TIME.words} or null", lambda value: value is None or _is_time(value)), "text": _TEXT},
+    "note": {"time": _TIME, "text": _TEXT},
     "end": {"why": _TEXT},
 }
 """By kind of log and event, the values that are relied on."""
@@ -151,7 +151,7 @@ class Checker:
         """Of a log of this kind; None: of any."""
         self._kind = kind
         self._events: Mapping[str, Mapping[str, _Form]] = {}  # that may come
-        self._cycles = 0
+        self._lines = 0
 
     def check(self, event: Event) -> None:
         """Make sure that a log begins or goes on with an event.
@@ -160,22 +160,23 @@ class Checker:
             ValueError: saying what was expected, and what was found.
         """
         name = event.get("event")
+        self._lines += 1
         if not self._events:
             self._begin(event)
+        elif event.get("line") != self._lines:
+            found = f"line {_found(event.get('line'))}"
+            raise ValueError(f"expected line {self._lines}, found {found}: lines are missing, or not in their order")
         elif not isinstance(name, str) or name not in self._events:
             raise ValueError(f"event: expected {schema.one_of([*self._events])}, found {_found(name)}")
         else:
             _check_values(event, self._events[name])
         if name == "sample":
             _check_values(event, {"values": _SAMPLES[event["sensor"]]})
-        if name == "cycle":
-            if event["cycle"] != self._cycles:
-                raise ValueError(f"expected cycle {self._cycles}, found cycle {event['cycle']}: lines are missing")
-            self._cycles += 1
 
     def _begin(self, event: Event) -> None:
         if (event.get("event"), event.get("format")) != ("start", FORMAT):
-            raise ValueError(f"expected the start of a robot's log, of format {FORMAT}")
+            found = f"{_found(event.get('event'))} of format {_found(event.get('format'))}"
+            raise ValueError(f"expected the start of a robot's log, of format {FORMAT}, found {found}")
         kinds = [*_EVENTS] if self._kind is None else [self._kind]
         kind = event.get("kind")
         if kind not in kinds:

@@ -252,7 +252,11 @@ class Mercator:
     def _watch_commands_end(self) -> None:
         """See whether a command to drive, at speed zero, ends by itself as it was told to.
 
-        The maker's documents do not say what a robot that was stopped so answers, so this is not held against it.
+        The maker's documents do not say what a robot that was stopped so answers: only if it says that it still drives,
+        this is held against it.
+
+        Raises:
+            RobotError: if it does, and the settings do not permit that.
         """
         told = time.monotonic()
         self.brake.drive(0.0, 0.0)
@@ -261,8 +265,14 @@ class Mercator:
         self._talk.said.clear()  # what has stopped by then did so because its speed is zero
         self.attend(told + COMMANDS_END + 0.1)
         has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._talk.said)
-        self._do_commands_end = has_stopped or (first, self._controller()) == (_TANK, _BRAKING)
+        last = self._controller()
+        self._do_commands_end = has_stopped or (first, last) == (_TANK, _BRAKING)
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
+        if first == last == _TANK and not has_stopped and not self._settings.limits.unending_commands:
+            raise RobotError(
+                f"rvr: by its own words a command to drive does not end after {COMMANDS_END:g} s, so it would drive on "
+                "if this program died; update its firmware, or permit it: limits.unending_commands in robot.yaml"
+            )
 
     def _controller(self) -> int | None:
         """Which of the RVR's drives; None if it does not tell."""

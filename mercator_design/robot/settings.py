@@ -37,6 +37,7 @@ class Limits:
     rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
     proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
+    unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
 
 
 @dataclass(frozen=True, kw_only=True)

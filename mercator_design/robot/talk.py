@@ -23,10 +23,13 @@ _MUCH = 1000  # bytes without a meaning from a device that makes sense; a few ar
 _REMEDIES: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on)? Are TX and RX crossed? Is a login shell on the port (raspi-config)? Do its lamps flash yellow (more "
-    "than 2.15 A; switch it off and on)?",
+    "than 2.15 A; switch it off and on)? Does the UART work (`mercator-robot check` tells, with "
+    "TX and RX joined in place of the RVR)?",
     "lidar": "has it power (5 V, 1 A, and more while its motor starts)?",
-    "proximity": "is this the hub's port, and are all sensors plugged in?",
+    "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
+    "plugged in?",
 }
+_JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
 
 Said: TypeAlias = Response | Notification | Health | DeviceInfo | ScanStarted | Acknowledgement
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
@@ -54,6 +57,8 @@ class Talk:
         self.said: deque[Said] = deque(maxlen=_REMEMBERED)
         self.is_ending = False
         self._understood: set[DeviceName] = set()
+        self._sent = b""  # the latest
+        self._is_joined = False  # the RVR's line with itself
 
     def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device.
@@ -61,6 +66,7 @@ class Talk:
         Raises:
             Stopped: if the port is lost.
         """
+        self._sent = data
         self._lines[device].write(data)
 
     def command(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
@@ -111,6 +117,8 @@ class Talk:
 
     def remedy(self, device: DeviceName) -> str:
         """What to look at if a device says nothing, or nothing that makes sense."""
+        if device == "rvr" and self._is_joined:
+            return _JOINED
         lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
         if lost <= (_MUCH if device in self._understood else 0):
             return _REMEDIES[device]
@@ -158,6 +166,8 @@ class Talk:
                 heard = self._hub.receive(data)
         for event in heard:
             self._understood.add(line.device)
+            if isinstance(event, Unknown) and event.frame.encode() == self._sent:
+                self._is_joined = True
             if isinstance(event, Said):
                 self.said.append(event)
             self._take(event, now)

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from mercator_design.checked_lines import to_line
-from mercator_design.robot.log import FORMAT, plain
+from mercator_design.robot.log import FORMAT, plain, to_lines
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from mercator_design.robot.ydlidar import correction
 
@@ -95,6 +94,6 @@ def write(path, found, **start):
                 event |= {"event": "sample", "sensor": sensor, "values": [*map(plain, row)]}
             events.append(event)
     events.sort(key=lambda event: event["time"])
-    lines = [begin, *events, {"event": "end", "why": "The duration is over"}]
-    path.write_text("".join(map(to_line, lines)))
+    events = [begin, *events, {"event": "end", "why": "The duration is over"}]
+    path.write_text("".join(to_lines(events)))
     return path

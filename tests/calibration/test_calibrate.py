@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mercator_design.calibration.scenes import read_recording
-from mercator_design.checked_lines import to_line
-from mercator_design.robot.log import FORMAT
+from mercator_design.robot.log import FORMAT, to_lines
 from mercator_design.sim.robot_model import Gaussian, Uniform, load_robot_model
 from tests.calibration import recordings
 from tests.calibration.recordings import CENTRES, NOISE, measured, write
@@ -285,13 +284,13 @@ def test_too_little(mdesign, tmp_path, seconds, words):
 
 def test_what_is_no_recording(mdesign, tmp_path):
     run = tmp_path / "run.jsonl"
-    run.write_text(to_line({"event": "start", "kind": "run", "format": FORMAT}))
+    run.write_text("".join(to_lines([{"event": "start", "kind": "run", "format": FORMAT}])))
     other = tmp_path / "other.jsonl"
     start = {"event": "start", "kind": "recording", "format": FORMAT, "robot": "tester", "lidar_angle": 0.0}
     start["time"] = "2026-01-01T12:00:00+00:00"
-    other.write_text("".join(map(to_line, [start, {"event": "sample", "sensor": "ground"}])))
+    other.write_text("".join(to_lines([start, {"event": "sample", "sensor": "ground"}])))
     empty = tmp_path / "empty.jsonl"
-    empty.write_text(to_line(start))
+    empty.write_text("".join(to_lines([start])))
     for file, words in (
         (run, "line 1: expected the log of a recording, found that of a run"),
         (other, "line 2: sample.time: expected seconds from 0 to 1e+06, found none"),

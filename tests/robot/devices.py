@@ -60,6 +60,7 @@ class Devices(Hand):
 
     silent: Names of lines, and of services, that tell nothing.
     deaf: Names of lines that take nothing.
+    joined: Names of lines on which there is no device, but what is sent comes back.
     unplugged: Names of lines that have no port.
     damaged: Names of lines on which one byte of a thousand that a device tells has a wrong bit.
     wrong_baud: Names of lines on which nothing that a device tells makes sense.
@@ -73,7 +74,7 @@ class Devices(Hand):
 
     def __init__(self):
         super().__init__()
-        self.silent, self.deaf, self.unplugged, self.damaged, self.wrong_baud = (set() for _ in range(5))
+        self.silent, self.deaf, self.joined, self.unplugged, self.damaged, self.wrong_baud = (set() for _ in range(6))
         self.instead, self.is_stuck, self.suspended = {}, False, threading.Lock()
         self.commands, self.lidar_commands, self.log = [], [], []
         self._told, self._is_over, self._stack = deque(), False, contextlib.ExitStack()
@@ -81,6 +82,7 @@ class Devices(Hand):
         (robot,) = self._twin.robots
         self.rvr, self.lidar, self.hub = robot.rvr, robot.lidar, robot.hub
         self.rvr.level = 87.0
+        robot.receive = functools.partial(self._receive, robot.receive)
         self.rvr._obey = functools.partial(self._obey, self.rvr._obey)
         self.rvr._senses._stream = functools.partial(self._stream, self.rvr._senses._stream)
         self.lidar._obey = functools.partial(self._obey_lidar, self.lidar._obey)
@@ -158,6 +160,9 @@ class Devices(Hand):
             self.rvr._said.append(self._told.popleft())
         with self.suspended:
             return self._is_over
+
+    def _receive(self, usual, line, data, now):
+        return data if line in self.joined else usual(line, data, now)
 
     def _obey(self, usual, command):
         self.commands.append((time.monotonic(), command.name, command.values))

@@ -75,7 +75,8 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert devices.lidar_commands[-1] == "stop"
 
 
-def test_one_that_is_not(found, devices):
+def test_one_that_is_not(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_LISTEN", 1.0)
     devices.instead["get_main_application_version"] = {"major": 8, "minor": 3, "revision": 400}
     devices.rvr.level, devices.hub.plugged_in, devices.heads = 12.0, 0xFE, []
     code, _, wrong, err = found()
@@ -95,12 +96,56 @@ def test_each_device_by_itself(found, devices, monkeypatch):
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
-    causes = ("switched on", "Sphero Edu", "TX and RX", "login shell", "yellow")
+    causes = ("switched on", "Sphero Edu", "TX and RX", "login shell", "yellow", "joined")
     places = [wrong["rvr"].index(cause) for cause in causes]
     assert wrong["rvr"].startswith("no answer; is it")
     assert places == sorted(places)
     assert wrong["lidar"].startswith("/dev/no_such_port: no such port")
     assert wrong["proximity"].startswith("no answer; is this the hub's port")
+
+
+@pytest.mark.parametrize(
+    ("device", "trouble", "words"),
+    [
+        (
+            "rvr",
+            lambda d: d.wrong_baud.add("rvr"),
+            "bytes from it make no sense: another device, or another baud rate)",
+        ),
+        (
+            "lidar",
+            lambda d: d.silent.add("lidar"),
+            "no answer; has it power (5 V, 1 A, and more while its motor starts)?",
+        ),
+        (
+            "lidar",
+            lambda d: setattr(d.lidar, "health", 2),
+            "it reports an error, 0x0; take its power away for a moment",
+        ),
+        (
+            "proximity",
+            lambda d: d.deaf.add("proximity"),
+            "no answer; is this the hub's port (`mercator-robot install` gives it a name",
+        ),
+    ],
+)
+def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, words):
+    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
+    monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
+    trouble(devices)
+    code, _, wrong, _ = found()
+    assert (code, words in wrong[device]) == (1, True), wrong
+
+
+def test_a_line_that_hears_itself(found, devices, monkeypatch):
+    """With a jumper in the place of the RVR: it is not the UART."""
+    monkeypatch.setattr(talk, "_TRIES", 1)
+    monkeypatch.setattr(start, "_WAKING", 0.2)
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.joined = {"rvr"}
+    _, _, wrong, _ = found()
+    assert wrong["rvr"].startswith("no answer; what is sent comes back: the UART works, and its TX and RX are joined;")
 
 
 @pytest.mark.parametrize(

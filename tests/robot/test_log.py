@@ -21,7 +21,7 @@ from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
 from mercator_design.robot import log as log_module
 from mercator_design.robot.cli import cli
-from mercator_design.robot.log import Log, controller_of, read, replay
+from mercator_design.robot.log import Log, controller_of, read, replay, to_lines
 from tests.fsm.test_parity import program_arrays
 
 FSM = (  # all that a Mercator can run
@@ -97,7 +97,7 @@ def test_the_simulator_s_kernel_decides_the_same(log):
 def test_a_cycle_that_was_decided_otherwise_is_named(log, robot_command):
     start, *events = read(log)
     events[7]["wheels"] = [0.5, 0.5]
-    log.write_text("".join(map(to_line, [start, *events])))
+    log.write_text("".join(to_lines([start, *events])))
     code, out, err = robot_command("replay", log)
     assert code == 1
     assert "cycle 7: decides" in err
@@ -109,7 +109,7 @@ def test_a_cycle_that_was_decided_otherwise_is_named(log, robot_command):
 def test_the_last_digits_of_wheels_are_the_processor_s(log, off, differ):
     start, *events, end = read(log)
     events = [event | {"wheels": [speed + off for speed in event["wheels"]]} for event in events]
-    log.write_text("".join(map(to_line, [start, *events, end])))
+    log.write_text("".join(to_lines([start, *events, end])))
     assert sum(bool(decision.differs) for _, decision in replay(log)) == differ
 
 
@@ -145,8 +145,12 @@ def test_damage_before_the_end_is_named(log, number):
     [
         ("", "expected a robot's log, found nothing"),
         ("nonsense\n", "line 1: expected an event"),
-        (to_line({"event": "start", "format": 2}), "line 1: expected the start of a robot's log, of format 1"),
-        (to_line({"event": "start", "format": 1, "kind": "run"}), "line 1: start.robot: expected text, found none"),
+        (
+            to_line({"event": "start", "format": 1, "kind": "run"}),
+            'line 1: expected the start of a robot\'s log, of format 2, found "start" of format 1',
+        ),
+        (to_line({"event": "end"}), 'of format 2, found "end" of format none'),
+        (to_line({"event": "start", "format": 2, "kind": "run"}), "line 1: start.robot: expected text, found none"),
     ],
 )
 def test_what_is_no_log(tmp_path, robot_command, text, words):
@@ -178,14 +182,14 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
 def test_a_value_that_no_log_has_is_named(log, robot_command, number, change, words):
     events = [*read(log)]
     events[number - 1] |= change
-    log.write_text("".join(map(to_line, events)))
+    log.write_text("".join(to_lines(events)))
     code, _, err = robot_command("replay", log)
     assert (code, err.startswith(f"Error: {log}, line {number}: {words}")) == (1, True), err
 
 
 def test_a_line_that_is_missing_is_named(log):
     log.write_bytes(b"".join(lines(log)[:50] + lines(log)[51:]))
-    with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected cycle 49, found cycle 50: lines are missing"):
+    with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected line 51, found line 52: lines are missing, or"):
         [*read(log)]
 
 

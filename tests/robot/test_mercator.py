@@ -18,7 +18,7 @@ from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, converted
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.settings import Limits, Settings
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import NOWHERE, Devices
 from tests.robot.lines import QUIET
@@ -232,7 +232,6 @@ class TestStart:
     @pytest.mark.parametrize(
         ("prepare", "is_seen"),
         [
-            (lambda d: d.instead.update(set_custom_control_system_timeout={}), False),
             (say_nothing, False),
             (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.3]).start(), True),
             (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.0]).start(), False),
@@ -248,6 +247,17 @@ class TestStart:
             assert robot.facts["commands_end"] == ("seen after 0.3 s" if is_seen else "not seen")
         warning = "Warning: it was not seen that the RVR stops by itself 0.3 s after the last command"
         assert told[1:] == ([] if is_seen else [warning])
+
+    @pytest.mark.usefixtures("whole_start")
+    def test_commands_that_do_not_end(self, devices):
+        """Such a robot is not driven, unless somebody permits it."""
+        devices.instead["set_custom_control_system_timeout"] = {}
+        refusal = r"^rvr: .* does not end after 0.3 s, .* limits.unending_commands in robot.yaml$"
+        with pytest.raises(RobotError, match=refusal), robot_on(devices, ()):
+            pass
+        devices.when(devices.is_let_go)
+        with robot_on(devices, (), limits=Limits(unending_commands=True)) as robot:
+            assert robot.facts["commands_end"] == "not seen"
 
     @pytest.mark.parametrize(
         ("prepare", "words"),

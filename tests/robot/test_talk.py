@@ -7,7 +7,7 @@ import pytest
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import talk as talk_module
-from mercator_design.robot.rvr import Device
+from mercator_design.robot.rvr import Device, Host
 from mercator_design.robot.rvr_messages import Error
 from mercator_design.robot.start import wake_rvr
 from mercator_design.robot.talk import Talk
@@ -93,6 +93,16 @@ def test_an_answer_to_an_earlier_question_is_none(talk, line):
     late = line.robot.answer(first, Error.RESTRICTED)
     line.answer = lambda commands: late + line.robot.answer(commands[-1].frame)
     assert talk.ask("enable_color_detection", is_enabled=False) == {}
+
+
+def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(talk, line):
+    stranger = Host(seq=77).send("wake")
+    line.answer = lambda _commands: stranger
+    with pytest.raises(RobotError, match="no answer; is it switched on"):
+        talk.ask("get_battery_percentage")
+    line.answer = lambda commands: commands[-1].frame.encode()
+    with pytest.raises(RobotError, match="no answer; what is sent comes back"):
+        talk.ask("get_battery_percentage")
 
 
 def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(talk, line):

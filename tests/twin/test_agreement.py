@@ -3,9 +3,8 @@
 import pytest
 
 from benchmarks.twin_agreement import decisions, perception, run
-from mercator_design.checked_lines import to_line
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.robot.log import controller_of, read
+from mercator_design.robot.log import controller_of, read, to_lines
 from tests.twin.recorded import ROBOTS, unpack
 
 
@@ -45,7 +44,7 @@ def test_what_differs_is_found(recorded, tmp_path):
     log = tmp_path / "log.jsonl"
     cycles = [event for event in events if event["event"] == "cycle"]
     other = [cycles[0] | {"wheels": [0.25, 1.0]}, cycles[1] | {"next_state": 2}, *cycles[2:]]
-    log.write_text("".join(map(to_line, [start, *other])))
+    log.write_text("".join(to_lines([start, *other])))
     assert decisions(log)[:3] == (len(cycles), len(cycles) - 1, len(cycles) - 1)
 
 

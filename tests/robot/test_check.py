@@ -11,7 +11,7 @@ from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
 from mercator_design.twin import hub
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def devices(monkeypatch):
     monkeypatch.setattr(hub, "RATE", 400.0)
     with Devices() as devices:
         devices.heads = [(1.0, 2.0)]
-        devices.measured["proximity"] = [0.5, math.inf, 0.02, *NOWHERE[3:]]
+        devices.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
         yield devices
 
 

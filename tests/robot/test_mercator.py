@@ -20,7 +20,7 @@ from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, converted
 from mercator_design.robot.settings import Limits, Settings
 from mercator_design.sim.robot_model import load_robot_model
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
 
 SENSES = ("proximity", "neighbours", "ground")
@@ -120,7 +120,7 @@ class TestReadings:
         readings = told(robot)
         weight = proximity_weight(ReferenceModel(), 0.2)
         assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, weight))
-        devices.measured["proximity"] = [math.inf, 0.03, *NOWHERE[2:]]
+        devices.measured["proximity"] = [math.inf, 0.03, *CLEAR[2:]]
         assert told(robot)[:2] == pytest.approx((1.0, 0.0))
 
     def robots(self, devices, robot):
@@ -141,7 +141,7 @@ class TestReadings:
         right, left = -math.pi / 2.0, math.pi / 2.0
         angles = tuple(angle + right for angle in Settings().proximity_angles)
         with robot_on(devices, proximity_angles=angles, lidar_angle=left) as robot:
-            devices.measured["proximity"] = [math.inf, 0.2, *NOWHERE[2:]]
+            devices.measured["proximity"] = [math.inf, 0.2, *CLEAR[2:]]
             devices.heads = [(0.0, 0.4)]
             readings = told(robot, 0.5)
         weight = proximity_weight(ReferenceModel(), 0.2)

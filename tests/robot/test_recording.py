@@ -12,7 +12,7 @@ import pytest
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from mercator_design.robot.swarm import Speaker
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
 RATES = {
@@ -75,7 +75,7 @@ def until_it_records(devices, folder):
 def test_every_sample_of_every_sensor(tmp_path):
     with recording(tmp_path, "--duration", 1.5) as (devices, process):
         devices.measured |= {"ground_sensors": (200, 100, 50), "accelerometer": (0.0, 1.0, 1.0)}
-        devices.measured["proximity"] = [0.02, 0.5, 1.999, *NOWHERE[3:]]
+        devices.measured["proximity"] = [0.02, 0.5, 1.999, *CLEAR[3:]]
         _, messages = process.communicate(timeout=30)
         assert process.returncode == 0, messages
         assert "The recording is recording.jsonl" in messages

@@ -23,7 +23,7 @@ from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
@@ -255,7 +255,7 @@ class TestDriving:
 
     def test_it_does_not_drive_towards_what_is_near(self, tmp_path):
         with driving(tmp_path, "--guard", "0.3") as drive:
-            drive.devices.measured["proximity"] = [math.inf, 0.25, *NOWHERE[2:]]
+            drive.devices.measured["proximity"] = [math.inf, 0.25, *CLEAR[2:]]
             time.sleep(0.3)
             drive.press(UP)
             time.sleep(0.3)
@@ -268,7 +268,7 @@ class TestDriving:
     def test_what_is_shown(self, tmp_path):
         with driving(tmp_path) as drive:
             drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
-            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *NOWHERE[3:]]
+            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *CLEAR[3:]]
             time.sleep(0.8)
             shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")

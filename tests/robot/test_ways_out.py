@@ -17,7 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, made_in_time, running, soonest
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SLOW, SOON, asked, made_in_time, running, soonest
 
 
 def check(robot, code, words, *, zeros=True):
@@ -194,7 +194,7 @@ def test_a_signal_during_the_start(command, tmp_path):
 
 @made_in_time
 def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         robot.process.terminate()
         robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))

@@ -1,5 +1,6 @@
 """mercator-robot check: what is fine, and what is wrong with what to do."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -9,15 +10,16 @@ import pytest
 from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
-from tests.robot.devices import Devices
+from mercator_design.twin import hub
+from tests.robot.devices import CLEAR, Devices
 
 
 @pytest.fixture
-def devices():
+def devices(monkeypatch):
+    monkeypatch.setattr(hub, "RATE", 400.0)
     with Devices() as devices:
-        devices.measuring = 0.02
-        devices.robots = [(1.0, 2.0)]
-        devices.millimetres = [500, 65535, 20, *[65535] * 5]
+        devices.heads = [(1.0, 2.0)]
+        devices.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
         yield devices
 
 
@@ -61,21 +63,22 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     monkeypatch.setattr(checking, "_LISTEN", 1.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
-    assert fine["firmware st"] == "9.1.462"
+    assert fine["firmware st"] == "9.2.482"
     assert fine["battery"] == "87 %"
-    assert fine["lidar"] == "model 6, firmware 1.5, serial 8312230285877766"
+    assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
     assert 4.0 <= float(fine["lidar's turns"].split()[0]) <= 7.5
     assert fine["lidar's sight"].endswith("readings in a turn")
     assert fine["sensor 0, at +45 degrees"].startswith("0.50 m;")
     assert fine["sensor 1, at +0 degrees"].startswith("nothing in sight;")
     assert fine["sensor 2, at -45 degrees"].startswith("too near;")
-    assert not devices.wheels
+    assert not any(name.startswith("drive") for _, name, _ in devices.commands)
     assert devices.lidar_commands[-1] == "stop"
 
 
 def test_one_that_is_not(found, devices, monkeypatch):
     monkeypatch.setattr(checking, "_LISTEN", 1.0)
-    devices.firmware, devices.percentage, devices.mask, devices.robots = (8, 3, 400), 12, 0xFE, []
+    devices.instead["get_main_application_version"] = {"major": 8, "minor": 3, "revision": 400}
+    devices.rvr.level, devices.hub.plugged_in, devices.heads = 12.0, 0xFE, []
     code, _, wrong, err = found()
     assert wrong == {
         "firmware nordic": "8.3.400; update it with the app Sphero Edu",
@@ -104,12 +107,24 @@ def test_each_device_by_itself(found, devices, monkeypatch):
 @pytest.mark.parametrize(
     ("device", "trouble", "words"),
     [
-        ("rvr", {"noise": b"\x00\xf8\x1c"}, "bytes from it make no sense: another device, or another baud rate)"),
-        ("lidar", {"silent": {"lidar"}}, "no answer; has it power (5 V, 1 A, and more while its motor starts)?"),
-        ("lidar", {"health": 2}, "it reports an error, 0x0; take its power away for a moment"),
+        (
+            "rvr",
+            lambda d: d.wrong_baud.add("rvr"),
+            "bytes from it make no sense: another device, or another baud rate)",
+        ),
+        (
+            "lidar",
+            lambda d: d.silent.add("lidar"),
+            "no answer; has it power (5 V, 1 A, and more while its motor starts)?",
+        ),
+        (
+            "lidar",
+            lambda d: setattr(d.lidar, "health", 2),
+            "it reports an error, 0x0; take its power away for a moment",
+        ),
         (
             "proximity",
-            {"deaf": {"proximity"}},
+            lambda d: d.deaf.add("proximity"),
             "no answer; is this the hub's port (`mercator-robot install` gives it a name",
         ),
     ],
@@ -118,8 +133,7 @@ def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, w
     monkeypatch.setattr(talk, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
-    for name, value in trouble.items():
-        setattr(devices, name, value)
+    trouble(devices)
     code, _, wrong, _ = found()
     assert (code, words in wrong[device]) == (1, True), wrong
 
@@ -139,13 +153,13 @@ def test_a_line_that_hears_itself(found, devices, monkeypatch):
 )
 def test_firmware_is_compared_by_numbers(found, devices, monkeypatch, firmware, is_fine):
     monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
-    devices.firmware = firmware
+    devices.instead["get_main_application_version"] = dict(zip(("major", "minor", "revision"), firmware, strict=True))
     _, fine, _, _ = found()
     assert ("firmware nordic" in fine) == is_fine
 
 
 def test_a_motor_that_does_not_turn(found, devices):
-    devices.stuck = True
+    devices.is_stuck = True
     _, _, wrong, _ = found()
     assert wrong == {"lidar's turns": "0.0 a second; does its motor turn? It needs 5 V and 1 A, and a cable for both"}
 

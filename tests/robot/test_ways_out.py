@@ -17,7 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, made_in_time, running, soonest
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SLOW, SOON, asked, made_in_time, running, soonest
 
 
 def check(robot, code, words, *, zeros=True):
@@ -42,11 +42,11 @@ def tells(name, **values):
 
 
 def refuses(robot):
-    robot.devices.refused["drive_tank_si_units"] = 4
+    robot.devices.instead["drive_tank_si_units"] = {"error": 4}
 
 
 def unplugs(line):
-    return lambda robot: robot.devices.unplug(line)
+    return lambda robot: robot.devices.unplugged.add(line)
 
 
 DEVICE_FAULTS = {
@@ -56,11 +56,11 @@ DEVICE_FAULTS = {
     "rvr silent": (silence("rvr"), 0.25, "nothing for"),
     "hub silent": (silence("proximity"), 0.5, "proximity: nothing for"),
     "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
-    "hub's sensor off": (lambda robot: setattr(robot.devices, "mask", 0x7F), 0.5, "proximity: nothing for"),
-    "lidar stuck": (lambda robot: setattr(robot.devices, "stuck", True), 0.6, "lidar: nothing for"),
-    "hub lost": (unplugs("proximity"), 0.0, "proximity: /dev/pts/"),
-    "lidar lost": (unplugs("lidar"), 0.0, "lidar: /dev/pts/"),
-    "battery critical": (tells("battery_voltage_state_change", state=3), 0.0, "rvr: the battery is critical"),
+    "hub's sensor off": (lambda robot: setattr(robot.devices.hub, "plugged_in", 0x7F), 0.5, "proximity: nothing for"),
+    "lidar stuck": (lambda robot: setattr(robot.devices, "is_stuck", True), 0.6, "lidar: nothing for"),
+    "hub lost": (unplugs("proximity"), 0.0, "/proximity is lost: "),
+    "lidar lost": (unplugs("lidar"), 0.0, "/lidar is lost: "),
+    "battery critical": (lambda robot: setattr(robot.devices.rvr, "level", 5.0), 0.0, "rvr: the battery is critical"),
     "asleep": (tells("did_sleep"), 0.0, "rvr: it fell asleep"),
     "motor fault": (tells("motor_fault", is_fault=True), 0.0, "rvr: a motor has a fault"),
     "drive refused": (refuses, 0.1, "rvr: it does not drive: restricted"),
@@ -84,7 +84,7 @@ def test_devices_that_fail(what, tmp_path):
 
 def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_path):
     def attempt(number):
-        with running(tmp_path / str(number)) as robot:
+        with running(tmp_path / str(number), lead=SOON + OFTEN) as robot:
             robot.drives()
             began = time.monotonic()
             robot.devices.deaf.add("rvr")
@@ -148,7 +148,7 @@ def test_a_stalled_loop_does_not_drive_again_and_can_be_ended(tmp_path):
         assert robot.process.poll() is None
         robot.process.terminate()
         check(robot, 143, "Stopped by SIGTERM.")
-        assert not any(left or right for _, left, right in robot.devices.wheels[-3:])
+        assert [bool(left or right) for _, left, right in robot.devices.wheels] == [False, True, False]
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
@@ -194,7 +194,7 @@ def test_a_signal_during_the_start(command, tmp_path):
 
 @made_in_time
 def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         robot.process.terminate()
         robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
@@ -210,12 +210,11 @@ def test_a_line_that_takes_nothing_any_more(tmp_path):
         with running(tmp_path / str(number)) as robot:
             robot.drives()
             began = time.monotonic()
-            robot.devices.deaf.add("rvr")
-            fill(robot.devices.names.rvr)
-            returned, error = robot.ended()
-            assert (returned, "is lost: Write timeout" in error) == (4, True), error
-            time.sleep(COMMANDS_END)
-            robot.devices.deaf.clear()
+            with robot.devices.suspended:
+                fill(robot.devices.names.rvr)
+                returned, error = robot.ended()
+                assert (returned, "is lost: Write timeout" in error) == (4, True), error
+                time.sleep(COMMANDS_END)
             time.sleep(0.2)
             return robot.devices.rests_since() - began - COMMANDS_END
 
@@ -250,8 +249,8 @@ def test_the_rvr_lost(tmp_path):
         with running(tmp_path / str(number)) as robot:
             robot.drives()
             began = time.monotonic()
-            robot.devices.unplug("rvr")
-            check(robot, 4, "rvr: /dev/pts/", zeros=False)
+            robot.devices.unplugged.add("rvr")
+            check(robot, 4, "/rvr is lost: ", zeros=False)
             time.sleep(COMMANDS_END)
             return robot.devices.rests_since() - began - COMMANDS_END
 
@@ -381,7 +380,7 @@ def test_a_full_disk(tmp_path):
         robot.fault()
         returned, error = robot.ended()
         assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
-        assert not any(left for _, left, _ in robot.devices.wheels[-3:])
+        robot.devices.rests_since()
 
 
 class TestSwarm:

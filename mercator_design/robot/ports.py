@@ -8,6 +8,7 @@ import grp
 import math
 import os
 import re
+import stat
 import termios
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,6 +27,7 @@ PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a p
 DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
 BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+_OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """How long reading and writing wait [s]."""
@@ -151,6 +153,11 @@ def _wrong(path: str, error: OSError) -> str:
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
+        case errno.EACCES | errno.EPERM if not _is_of_group(path):
+            return (
+                "no permission, and its group may not use it either; is a login shell on it (raspi-config), or is it "
+                "another user's?"
+            )
         case errno.EACCES | errno.EPERM:
             return f"no permission; {_permission(Path(path).group(), getpass.getuser())}"
         case errno.EBUSY | errno.EAGAIN:
@@ -158,6 +165,11 @@ def _wrong(path: str, error: OSError) -> str:
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
             return "not a serial port"
     return str(error)
+
+
+def _is_of_group(path: str) -> bool:
+    """Whether who is in a port's group may use it; of one that a login shell has, it may not."""
+    return Path(path).stat().st_mode & _OF_GROUP == _OF_GROUP
 
 
 def _in_use(users: list[str]) -> str:

@@ -137,15 +137,18 @@ def test_what_is_no_serial_port(terminals, path):
 
 
 @pytest.mark.parametrize(
-    ("number", "words"),
+    ("number", "mode", "words"),
     [
-        (errno.EACCES, r"no permission; `sudo usermod -aG \w+ \w+`, and log in again"),
-        (errno.EBUSY, r"in use by another program.*; end it first"),
-        (errno.EIO, r".*could not open.*"),
+        (errno.EACCES, 0o660, r"no permission; `sudo usermod -aG \w+ \w+`, and log in again"),
+        *((errno.EACCES, mode, r"no permission, and its group may not use .*\?") for mode in (0o600, 0o620, 0o640)),
+        (errno.EBUSY, 0o660, r"in use by another program.*; end it first"),
+        (errno.EIO, 0o660, r".*could not open.*"),
     ],
 )
-def test_what_the_system_refuses(terminals, monkeypatch, number, words):
+def test_what_the_system_refuses(terminals, monkeypatch, number, mode, words):
+    """A login shell leaves its port 0620: no group gives the right to use it."""
     _, names = terminals
+    Path(names.rvr).chmod(mode)
 
     def refuse(*_, **__):
         raise serial.SerialException(number, "could not open")

@@ -83,13 +83,13 @@ def read_text(path: Path) -> str:
         raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
 
 
-def compose(text: str, label: str, folder: Path) -> Node:
-    """The tree of the one document in a text.
+def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False) -> Node:
+    """The tree of the one document in a text; of an empty one, if it may be, that of a mapping without keys.
 
     Raises:
         Fault: with label and line.
     """
-    return _Composer(text, label, folder, lines=True).document()
+    return _Composer(text, label, folder, lines=True).document(may_be_empty=may_be_empty)
 
 
 class _Composer:
@@ -116,9 +116,11 @@ class _Composer:
     def _node_fault(self, event: _Event, message: str) -> Fault:
         return Fault(f"{self._place(event.start_mark)}: {message}")
 
-    def document(self) -> Node:
+    def document(self, *, may_be_empty: bool = False) -> Node:
         next(self.events)
         if isinstance(next(self.events), yaml.StreamEndEvent):
+            if may_be_empty:
+                return Node(content={}, where=self.label, folder=self.folder)
             raise Fault(f"{self.label}: expected keys and values, found an empty text")
         root = self._node(next(self.events), 0)
         next(self.events)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from mercator_design.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Length, Name, Range, parse, read
+from mercator_design.loading import FieldError, Length, Name, Range, parse, text_of
 from mercator_design.robot.ports import PortNames
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
@@ -135,7 +135,12 @@ def read_settings(path: Path) -> Settings:
     Raises:
         SettingsError: with file, line, key, what was expected and what was found.
     """
-    return read(path, Settings, error=SettingsError)
+    return parse_settings(text_of(path, error=SettingsError), str(path), path.parent)
+
+
+def parse_settings(text: str, label: str, folder: Path) -> Settings:
+    """As `read_settings`, of a text, which `label` names in errors; an empty one sets nothing."""
+    return parse(text, Settings, error=SettingsError, label=label, folder=folder, may_be_empty=True)
 
 
 def control_period_of(header: Mapping[str, str]) -> float:

@@ -10,8 +10,8 @@ import yaml
 
 from mercator_design.errors import SettingsError
 from mercator_design.files import write_text
-from mercator_design.loading import parse, plain, text_of
-from mercator_design.robot.settings import Settings, read_settings
+from mercator_design.loading import plain, text_of
+from mercator_design.robot.settings import parse_settings, read_settings
 
 _WIDE = 10**6  # columns; values stand in one line
 
@@ -57,7 +57,7 @@ def _changed(path: Path, values: Mapping[str, object]) -> str:
                 text = put(text, way, plain(each))
             except (yaml.YAMLError, ValueError):
                 raise _unchangeable(path, values) from None
-    new = parse(text, Settings, error=SettingsError, label=f"{path}, changed", folder=path.parent)
+    new = parse_settings(text, f"{path}, changed", path.parent)
     if new != dataclasses.replace(old, **wanted):
         raise _unchangeable(path, values)
     return text
@@ -73,6 +73,8 @@ def put(text: str, keys: tuple[str, ...], value: object) -> str:
     Comments within the old value are lost, unless it is a mapping in which the way goes on.
     """
     node: Any = yaml.compose(text, Loader=yaml.SafeLoader)
+    if node is None:  # nothing but comments
+        return _with_entry(text, None, keys, value)
     for depth, name in enumerate(keys):
         known = {key.value: (key, child) for key, child in node.value}
         if name not in known:
@@ -87,18 +89,19 @@ def put(text: str, keys: tuple[str, ...], value: object) -> str:
 
 
 def _with_entry(text: str, mapping: Any, keys: tuple[str, ...], value: object) -> str:  # noqa: ANN401 - yaml has no types
-    """A text with one entry more in a mapping."""
+    """A text with one entry more in a mapping; None: its first."""
     name, *rest = keys
     entry = f"{name}: {_flow(tuple(rest), value)}"
-    if mapping.flow_style:
+    if mapping and mapping.flow_style:
         end = _end(mapping.value[-1][1]) if mapping.value else mapping.start_mark.index + 1
         return text[:end] + (", " if mapping.value else "") + entry + text[end:]
-    indent = " " * mapping.value[0][0].start_mark.column
+    indent = " " * mapping.value[0][0].start_mark.column if mapping else ""
     if rest:
         entry = f"{name}:\n{indent}  {rest[0]}: {_flow(tuple(rest[1:]), value)}"
-    end = len(text[: _end(mapping)].rstrip())
+    end = len(text[: _end(mapping) if mapping else None].rstrip())
     line_end = text.find("\n", end) if "\n" in text[end:] else len(text)
-    return f"{text[:line_end]}\n{indent}{entry}{text[line_end:] or chr(10)}"
+    before = f"{text[:line_end]}\n" if end else ""
+    return f"{before}{indent}{entry}{text[line_end:] or chr(10)}"
 
 
 def _flow(keys: tuple[str, ...], value: object) -> str:

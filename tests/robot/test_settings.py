@@ -20,6 +20,9 @@ def test_all_may_be_left_out(tmp_path):
     file.write_text("name: r7\n")
     assert read_settings(file) == Settings(name="r7")
     assert settings(dump(Settings())) == Settings()
+    for nothing in ("", "\n# a robot as usual\n"):
+        file.write_text(nothing)
+        assert read_settings(file) == Settings()
 
 
 def test_the_example_in_the_documents_has_every_key():

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import shutil
 import signal
 import subprocess
 import time
@@ -67,13 +68,15 @@ def a_run_from_start_to_end(folder):
 
 
 def test_a_colour_is_measured(tmp_path):
-    with twin(tmp_path, 1):
-        file = tmp_path / "0" / "robot.yaml"
-        with start("calibrate", "color", "gray", "--seconds", 1, "--robot", file, **PIPES) as process:
+    """As docs/twin.md has it: all of the floor has one colour, and a copy of robot.yaml stays."""
+    file = tmp_path / "mine.yaml"
+    with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
+        shutil.copy(tmp_path / "0" / "robot.yaml", file)
+        with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, **PIPES) as process:
             labels, said = process.communicate("\n", timeout=60)
-        assert read_settings(file).labels == {"gray": (127, 127, 127)}, said
-    assert (process.returncode, labels) == (0, "labels:\n  gray: [127, 127, 127]\n"), said
-    assert "gray: 127.0 127.0 127.0, spread 0.0, of " in said
+    assert read_settings(file).labels == {"white": (255, 255, 255)}, said
+    assert (process.returncode, labels) == (0, "labels:\n  white: [255, 255, 255]\n"), said
+    assert "white: 255.0 255.0 255.0, spread 0.0, of " in said
     assert len(events(tmp_path, "wheels")) == 1
 
 

@@ -33,6 +33,15 @@ LENIENT = click.option(
 )
 
 
+class OutputFile(click.Path):
+    """A file to write; not `-`, which elsewhere is stdout."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
+        if value == "-":
+            self.fail("expected a file, found '-'", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class NumberRange(click.FloatRange):
     """Numbers of a range; click takes what is no number for one of any."""
 

@@ -1,5 +1,7 @@
 """What the commands mdesign and mercator-robot share."""
 
+import contextlib
+
 import click
 import pytest
 
@@ -14,6 +16,24 @@ def verbs(group):
         yield verb
         if isinstance(verb, click.Group):
             yield from verbs(verb)
+
+
+@pytest.mark.parametrize("command", [mdesign, mercator_robot])
+def test_only_a_table_goes_to_stdout_by_a_dash(command):
+    """Elsewhere it would be the name of a file, which is not easily removed."""
+    outputs = [
+        (click.Context(verb), option)
+        for verb in verbs(command)
+        for option in verb.params
+        if "-o" in option.opts and getattr(option.type, "file_okay", False) and option.callback is None
+    ]
+    accepting = []
+    for context, option in outputs:
+        with contextlib.suppress(click.BadParameter):
+            option.type_cast_value(context, "-")
+            accepting.append(context.command.name)
+    assert len(outputs) > 2
+    assert set(accepting) <= {"csv", "mcap", "record"}  # the last two refuse it by themselves
 
 
 @pytest.mark.parametrize("command", [mdesign, mercator_robot])

@@ -6,14 +6,19 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.command import FILE, naming, tell
+from mercator_design.command import FILE, OutputFile, naming, tell
 from mercator_design.errors import MercatorError
 
 
 @click.command(short_help="Fit the noise of a robot's sensors to recordings.")
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option(
-    "-o", "--output", type=FILE, required=True, metavar="MODEL.yaml", help="Robot model to write, a new file."
+    "-o",
+    "--output",
+    type=OutputFile(path_type=Path),
+    required=True,
+    metavar="MODEL.yaml",
+    help="Robot model to write, a new file.",
 )
 @click.option(
     "--plot", type=FILE, callback=picture, metavar="FILE.png|FILE.svg", help="Draw what was measured and fitted."

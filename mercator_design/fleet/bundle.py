@@ -51,6 +51,12 @@ def bundle() -> bytes:
     return archive.getvalue()
 
 
+def is_bundle(path: Path) -> bool:
+    """Whether a file is a zip application, as `bundle` makes it."""
+    with path.open("rb") as file:
+        return file.read(2) == b"#!" and zipfile.is_zipfile(file)
+
+
 def _modules() -> set[Path]:
     """The files of this package that the robot's command imports, at once or ever."""
     found: set[Path] = set()

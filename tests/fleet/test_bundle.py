@@ -172,6 +172,23 @@ def test_the_verb(mdesign, tmp_path, application):
     assert subprocess.run([file, "--version"], capture_output=True, check=True).stdout.startswith(b"mercator-robot")
 
 
+def test_an_older_one_is_replaced_and_nothing_else(mdesign, tmp_path, application):
+    """Not even an archive of data, or a script."""
+    file = tmp_path / "robot.pyz"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("data.csv", "1")
+    for data in (file.read_bytes(), b"#!/bin/sh\n", b""):
+        file.write_bytes(data)
+        words = f"Error: {file} is there already, and is no zip application; give another name, or remove it\n"
+        assert mdesign("bundle", "-o", file) == (1, "", words)
+        assert file.read_bytes() == data
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("__main__.py", "")
+    file.write_bytes(b"#!/usr/bin/env python3\n" + file.read_bytes())
+    assert mdesign("bundle", "-o", file)[0] == 0
+    assert file.read_bytes() == application.read_bytes()
+
+
 def test_a_folder_that_is_not_there(mdesign, tmp_path):
     file = tmp_path / "none" / "robot.pyz"
     assert mdesign("bundle", "-o", file) == (1, "", f"Error: {file}: cannot be written: No such file or directory\n")

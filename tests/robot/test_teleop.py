@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from mercator_design.robot.cli import teleop as command
 from mercator_design.robot.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
@@ -420,5 +421,14 @@ class TestUsage:
 
     def test_too_fast(self, robot_command, tmp_path):
         (tmp_path / "robot.yaml").write_text("limits: {speed: 0.1}\n")
-        code, _, said = robot_command("teleop", "--robot", tmp_path / "robot.yaml")
+        code, _, said = robot_command("teleop", "--robot", tmp_path / "robot.yaml", "--speed", 0.15)
         assert (code, "0.15 is above limits.speed, 0.1" in said) == (2, True)
+
+    @pytest.mark.parametrize(("limit", "expected"), [(0.1, 0.1), (0.3, 0.15)])
+    def test_the_default_is_not_beyond_the_limit(self, robot_command, tmp_path, monkeypatch, limit, expected):
+        speeds = []
+        monkeypatch.setattr(command, "drive", lambda _settings, speed, *_: speeds.append(speed))
+        monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True))
+        (tmp_path / "robot.yaml").write_text(f"limits: {{speed: {limit}}}\n")
+        assert robot_command("teleop", "--robot", tmp_path / "robot.yaml") == (0, "", "")
+        assert speeds == [expected]

@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from mercator_design.command import NumberRange, Signalled, tell
+from mercator_design.command import NumberRange, OutputFile, Signalled, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.recording import record as write
 from mercator_design.robot.settings import Settings
@@ -17,7 +17,7 @@ from mercator_design.robot.settings import Settings
 @click.option(
     "-o",
     "--output",
-    type=click.Path(),
+    type=OutputFile(),
     metavar="FILE.jsonl",
     help="A new file, or a folder for it.  [default: recording-NAME-DATE-TIME.jsonl]",
 )

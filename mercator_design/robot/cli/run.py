@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, OutputFile, read_controller, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
@@ -23,7 +23,7 @@ from mercator_design.robot.settings import Settings
 )
 @click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")
 @click.option(
-    "-o", "--log", type=click.Path(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
+    "-o", "--log", type=OutputFile(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
 )
 @FLAVOUR
 @LENIENT

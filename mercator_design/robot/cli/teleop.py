@@ -5,11 +5,14 @@ import sys
 
 import click
 
-from mercator_design.command import NumberRange, tell
+from mercator_design.command import NumberRange, OutputFile, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.teleop import HELD, REPEATED
 from mercator_design.robot.teleop import teleop as drive
+
+_SPEED = 0.15
+"""[m/s]"""
 
 
 @click.command(
@@ -24,10 +27,8 @@ from mercator_design.robot.teleop import teleop as drive
 @click.option(
     "--speed",
     type=NumberRange(0.01, 1.55),
-    default=0.15,
-    show_default=True,
     metavar="M/S",
-    help="Of the treads, at most limits.speed; half of it in turns.",
+    help=f"Of the treads, at most limits.speed; half of it in turns.  [default: {_SPEED}, or limits.speed if lower]",
 )
 @click.option(
     "--guard",
@@ -36,9 +37,10 @@ from mercator_design.robot.teleop import teleop as drive
     help="Do not drive towards what a proximity sensor sees nearer than this.",
 )
 @click.option(
-    "-o", "--output", type=click.Path(), metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."
+    "-o", "--output", type=OutputFile(), metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."
 )
-def teleop(settings: Settings, speed: float, guard: float | None, output: str | None) -> None:
+def teleop(settings: Settings, speed: float | None, guard: float | None, output: str | None) -> None:
+    speed = min(_SPEED, settings.limits.speed) if speed is None else speed
     if speed > settings.limits.speed:
         raise click.BadParameter(f"{speed:g} is above limits.speed, {settings.limits.speed:g}", param_hint="--speed")
     if not sys.stdin.isatty():

@@ -13,7 +13,8 @@ from mercator_design.errors import RobotError
 STOP, HEARTBEAT, STOPPED = b"mercator-robot stop", b"mercator-robot heartbeat", b"mercator-robot stopped "
 _LONGEST = 200  # bytes of a message
 _MOST = 100  # messages heard at once
-_LOOK_UP = 5.0  # [s] for which a stop waits for the name of a host
+_LOOK_UP = 5.0  # [s] for which to wait for the names of hosts
+_LOOK = 0.02  # [s] between looks whether they have come
 
 
 def listener(port: int) -> socket.socket:
@@ -74,17 +75,19 @@ class Speaker:
         for each in self._sockets.values():
             each.close()
 
-    @property
-    def unknown(self) -> list[str]:
-        """The hosts whose name is not known, as far as they have been looked up."""
-        return [host for host, address in self._addresses.copy().items() if not address]
-
     def tell(self, message: bytes) -> None:
         """Send a message to each that has been looked up; which one gets it, only an answer shows."""
         for host, address in self._addresses.copy().items():
             if address:
                 with contextlib.suppress(OSError):  # no way to this one now; the others are told nevertheless
                     self._sockets[host].sendto(message, (address, self._port))
+
+    def look_up(self) -> list[str]:
+        """Wait until all have been looked up, but not for long; of those without an address, what is known."""
+        end = time.monotonic() + _LOOK_UP
+        while len(self._addresses) < len(self._sockets) and time.monotonic() < end:
+            time.sleep(_LOOK)
+        return [self._silence(host) for host in self._sockets if not self._addresses.get(host)]
 
     def stop(self, seconds: float = 0.5) -> Answers:
         """Tell the robots to stop, again and again, for a while after the last has been looked up."""
@@ -113,9 +116,12 @@ class Speaker:
         self._addresses[host] = address
 
     def _silence(self, host: str) -> str:
-        if host in self.unknown:
-            return f"{host}: no such host"
-        return f"{host}: {'no answer' if host in self._addresses else 'its name could not be looked up in time'}"
+        match self._addresses.get(host):
+            case None:
+                return f"{host}: its name could not be looked up in time"
+            case "":
+                return f"{host}: no such host"
+        return f"{host}: no answer on UDP port {self._port}, as if nothing ran there"
 
 
 def _speaking() -> socket.socket:

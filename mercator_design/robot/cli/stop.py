@@ -58,11 +58,11 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
 def heartbeat(hosts: tuple[str, ...], port: int) -> None:
     """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them."""
     with Signals().caught(), Speaker(hosts, port) as speaker:
+        if missing := speaker.look_up():  # before any robot runs
+            raise RobotError("; ".join(missing))
         tell("Robots may run. Ctrl-C stops them.")
         try:
             while True:
-                if unknown := speaker.unknown:
-                    raise RobotError(f"{unknown[0]}: no such host")
                 speaker.tell(HEARTBEAT)
                 time.sleep(_BEATS)
         except Signalled as signalled:

@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, tell
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, SettingsError
 
 
 @click.command(short_help="Run robots that are not there, in real time.")
@@ -56,14 +56,19 @@ def twin(
     model = load_robot_model(robot_model or loaded.robot_model)
     if no_noise:
         model = without_noise(model)
-    Arena(loaded, model, seed).rehearse(tell)  # compiles, which signals may end at once
-    with Interrupt() as interrupt, open_log(folder) as log:
-        running = Twin(Arena(loaded, model, seed), script, log)
-        with Terminals(running, folder) as terminals:
+    arena = Arena(loaded, model, seed)
+    with open_log(folder) as log:
+        try:
+            terminals = Terminals(Twin(arena, script, log), folder)
+        except SettingsError as error:
+            raise SettingsError(f"{faults}: {error}") from None
+        terminals.check()
+        Arena(loaded, model, seed).rehearse(tell)  # compiles, which signals may end at once
+        with Interrupt() as interrupt, terminals:
             for number, file in enumerate(terminals.robots):
                 click.echo(f"robot {number}: {file}")
             timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration))
     tell(
-        f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each; at most {1000 * timing.latest:.0f} ms late; "
-        f"{timing.dropped} bytes that nobody fetched"
+        f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each second; "
+        f"at most {1000 * timing.latest:.0f} ms late; {timing.dropped} bytes that nobody fetched"
     )

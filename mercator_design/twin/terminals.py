@@ -53,17 +53,29 @@ def open_log(folder: Path) -> Iterator[Log]:
     """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
 
     Raises:
-        RobotError: if another twin has the folder, or somebody else's file is in the place of the log.
+        RobotError: if another twin has the folder, somebody else's file is in the place of the log, or nothing can be
+            written there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    _check_free(folder / LOG)
-    with (folder / LOG).open("a", encoding="utf-8") as stream:
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        _check_free(folder / LOG)
+        stream = (folder / LOG).open("a", encoding="utf-8")
+    with stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
         stream.truncate(0)
         yield lambda event: _write(stream, event)
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """What cannot be written to a folder is told with its name."""
+    try:
+        yield
+    except OSError as error:
+        raise RobotError(f"{folder}: expected a folder that can be written to: {error.strerror}") from None
 
 
 def _check_free(path: Path) -> None:
@@ -130,12 +142,23 @@ class Terminals:
         """The file of port names of each robot."""
         return [self._folder / str(number) / ROBOT for number in range(len(self._twin.robots))]
 
-    def __enter__(self) -> Self:
+    def check(self) -> None:
+        """Make sure that nothing of somebody else's is in the places of the ports and their files.
+
+        Raises:
+            RobotError: if something is.
+        """
         for file in self.robots:
+            if os.path.lexists(file.parent) and not file.parent.is_dir():
+                raise RobotError(f"{file.parent} is there, and is no folder; move it, or choose another folder")
             for name in (ROBOT, *DEVICES):
                 _check_free(file.with_name(name))
+
+    def __enter__(self) -> Self:
+        self.check()
         for number, file in enumerate(self.robots):
-            file.parent.mkdir(exist_ok=True)
+            with _writing(file.parent):
+                file.parent.mkdir(exist_ok=True)
             for device in DEVICES:
                 self._plug_in(number, device)
             file.write_bytes(_BEGINS[ROBOT] + dump(self._settings(number)).encode())

@@ -128,7 +128,8 @@ class TestStop:
         hosts = ["no..such..host", "slow", "192.0.2.1", "127.0.0.1"]
         code, out, err = robot_command("stop", *hosts, "--port", port)
         assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
-        assert err == f"Error: no..such..host: no such host; 192.0.2.1: no answer on UDP port {port}, as if nothing ran there\n"
+        silent = f"192.0.2.1: no answer on UDP port {port}, as if nothing ran there"
+        assert err == f"Error: no..such..host: no such host; {silent}\n"
         assert waited == [True]
 
     def test_a_name_that_is_not_found_in_time(self, robot_command, answering, monkeypatch):

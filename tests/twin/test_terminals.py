@@ -271,6 +271,16 @@ def test_somebody_else_s_file_is_left_alone(tmp_path, name, text):
     assert not (tmp_path / "0").exists()
 
 
+def test_a_folder_that_cannot_be_written_to(tmp_path):
+    file = tmp_path / "0"
+    file.touch()
+    with pytest.raises(RobotError, match=f"{file} is there, and is no folder"), running(tmp_path):
+        pass
+    expected = f"{file}/log: expected a folder that can be written to: Not a directory"
+    with pytest.raises(RobotError, match=expected), open_log(file / "log"):
+        pass
+
+
 def test_what_somebody_puts_in_the_place_of_a_twin_s_file_stays(tmp_path):
     with running(tmp_path) as terminals:
         mine = [terminals.robots[0], terminals.robots[0].with_name("rvr")]
@@ -312,7 +322,7 @@ class TestTheCommand:
             process.send_signal(number)
             _, messages = process.communicate(timeout=20)
         assert process.returncode == 0
-        assert "of a core for each; at most " in messages
+        assert "of a core for each second; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
 
     def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
@@ -326,6 +336,17 @@ class TestTheCommand:
         usual = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
         assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
         assert found == usual
+
+    def test_mistakes_are_told_before_it_compiles(self, run_command, tmp_path, monkeypatch):
+        monkeypatch.setattr(Arena, "rehearse", lambda *_: pytest.fail("compiles"))
+        line = ["mercator-robot", main, "twin", "aggregation", "--folder", tmp_path]
+        script = tmp_path / "faults.yaml"
+        script.write_text("faults: [{kind: silence, at: 1, robot: 3, device: rvr}]")
+        words = f"Error: {script}: faults[0].robot: expected a robot's number, 0 to 2, found 3\n"
+        assert run_command(*line, "--faults", script) == (3, "", words)
+        (tmp_path / "2").touch()
+        words = f"Error: {tmp_path}/2 is there, and is no folder; move it, or choose another folder\n"
+        assert run_command(*line) == (1, "", words)
 
     def test_it_ends_by_itself(self, tmp_path):
         with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:

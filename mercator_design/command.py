@@ -6,6 +6,7 @@ Results go to stdout or named files, messages to stderr.
 import contextlib
 import math
 import os
+import signal
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -63,6 +64,7 @@ class Signalled(BaseException):
 def run(command: click.Command, name: str) -> None:
     """Run a command line; every way out has its exit code."""
     _open_streams()
+    stdout = sys.stdout
     try:
         sys.exit(command.main(prog_name=name, standalone_mode=False))
     except click.exceptions.Exit as stop:
@@ -81,9 +83,13 @@ def run(command: click.Command, name: str) -> None:
     except Signalled as signalled:
         tell(str(signalled))
         sys.exit(signalled.exit_code)
+    except SystemExit:
+        if sys.stdout is stdout:
+            raise
+        _discard(stdout)  # its reader went away, and knows: click has wrapped it, and would exit with 1
+        sys.exit(128 + signal.SIGPIPE)
     except OSError as error:
-        if not isinstance(error, BrokenPipeError):  # the reader of our output went away, and knows
-            tell(f"Error: {error}")
+        tell(f"Error: {error}")
         _discard(sys.stdout)
         sys.exit(1)
     except MemoryError:

@@ -1,8 +1,8 @@
 """The command `mdesign`; each verb has its file.
 
 Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
-0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted. Heavy
-modules are imported by the verb that needs them, so that `--help` is quick.
+0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted, 141
+the output was not read to its end. Heavy modules are imported by the verb that needs them, so that `--help` is quick.
 """
 
 import click
@@ -41,7 +41,8 @@ def cli() -> None:
 
     \b
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
-    75 terminated (resume the race), 130 interrupted.
+    75 terminated (resume the race), 130 interrupted, 141 the output was
+    not read to its end.
     """  # noqa: D301 - click reads the control character
 
 

@@ -186,6 +186,8 @@ def uninstall(root: Path) -> Iterator[Finding]:
         yield Finding(str(path), is_fine=True, words="removed")
     if there:
         yield from _run_all([*_READ_UNITS, *_READ_RULES], root)
+    else:
+        yield Finding(str(root), is_fine=True, words="nothing is installed")
 
 
 def _rules(root: Path) -> dict[str, str]:

@@ -180,7 +180,8 @@ class Checker:
         kinds = [*_EVENTS] if self._kind is None else [self._kind]
         kind = event.get("kind")
         if kind not in kinds:
-            raise ValueError(f"expected the log of a {' or '.join(kinds)}, found that of a {kind}")
+            found = f"that of a {kind}" if kind in [*_EVENTS] else "one of another program"
+            raise ValueError(f"expected the log of a {' or '.join(kinds)}, found {found}")
         _check_values(event, {**_START, **_STARTS[kind]})
         self._events = {**_EVENTS[kind], **_ENDS}
 

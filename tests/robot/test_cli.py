@@ -77,7 +77,10 @@ class TestRun:
         code, _, err = robot_command("run", fsm, "--robot", settings)
         assert (code, f"Error: {settings}:2: limits.speeed: unknown key; did you mean 'speed'?" in err) == (3, True)
         monkeypatch.setenv("MERCATOR_ROBOT", str(settings))
-        assert robot_command("run", fsm)[0] == 3
+        code, _, err = robot_command("run", fsm)
+        assert (code, err.startswith(f"Error: MERCATOR_ROBOT: {settings}:2: limits.speeed: ")) == (3, True)
+        for verb in (["stop"], ["calibrate", "color"], ["install", "--dry-run"]):
+            assert robot_command(*verb)[2].startswith("Error: MERCATOR_ROBOT: ")
         assert robot_command("run", fsm, "--robot", tmp_path / "none.yaml")[0] == 3
 
     def test_a_port_that_is_missing(self, robot_command, fsm, tmp_path):

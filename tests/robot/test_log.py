@@ -167,7 +167,7 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
         (1, {"time": "1970-01-01T00:00:00+01:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
         (1, {"reference_model": {"hue_period": 0.0}}, "start.reference_model: expected a reference model's constants"),
-        (1, {"kind": "walk"}, "expected the log of a run, found that of a walk"),
+        (1, {"kind": "walk"}, "expected the log of a run, found one of another program"),
         (2, {"event": "circle"}, 'event: expected one of cycle, note, end, found "circle"'),
         (2, {"event": "start"}, 'event: expected one of cycle, note, end, found "start"'),
         (3, {"time": [0.1]}, "cycle.time: expected seconds from 0 to 1e+06, found another list"),

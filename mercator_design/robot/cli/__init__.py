@@ -51,7 +51,8 @@ def cli() -> None:
     \b
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid FSM or robot.yaml,
     4 something stopped the robot: a sensor, the battery, the swarm, ...;
-    128 + N signal N stopped it: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP.
+    128 + N signal N stopped it: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP;
+    141 the output was not read to its end.
     """  # noqa: D301 - click reads the control character
 
 

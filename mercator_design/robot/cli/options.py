@@ -7,16 +7,27 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from mercator_design.command import FILE, naming
+from mercator_design.errors import SettingsError
 from mercator_design.robot.settings import Settings, read_settings
 
+_VARIABLE = "MERCATOR_ROBOT"
+_SETTINGS, _FILE = "settings", "robot"
+"""Parameters of verbs that the option --robot becomes."""
 FC = TypeVar("FC", bound=Callable[..., Any])
 
 
 def settings_of(path: Path | None) -> Settings:
-    """The settings in a robot.yaml, or as usual without one."""
-    return Settings() if path is None else read_settings(path)
+    """The settings in the robot.yaml that a verb was given, or as usual without one."""
+    try:
+        return Settings() if path is None else read_settings(path)
+    except SettingsError as error:
+        source = click.get_current_context().get_parameter_source
+        if ParameterSource.ENVIRONMENT in map(source, (_SETTINGS, _FILE)):
+            raise SettingsError(f"{_VARIABLE}: {error}") from None
+        raise
 
 
 def new_file(given: str | None, kind: str, robot: str) -> Path:
@@ -55,13 +66,13 @@ def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:
         "--robot",
         name,
         type=FILE,
-        envvar="MERCATOR_ROBOT",
+        envvar=_VARIABLE,
         metavar="ROBOT.yaml",
         callback=lambda _context, _parameter, path: read(path),
-        help="What is particular to this robot.  [default: $MERCATOR_ROBOT, or a Mercator as usual]",
+        help=f"What is particular to this robot.  [default: ${_VARIABLE}, or a Mercator as usual]",
     )
 
 
-ROBOT = _robot("settings", settings_of)
-ROBOT_FILE = _robot("robot", lambda path: path)
+ROBOT = _robot(_SETTINGS, settings_of)
+ROBOT_FILE = _robot(_FILE, lambda path: path)
 """The option of verbs that change the file."""

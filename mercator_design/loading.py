@@ -117,13 +117,14 @@ def parse(
     defaults: Mapping[str, str] = types.MappingProxyType({}),
     find_base: FindBase | None = None,
     may_be_empty: bool = False,
+    lines: bool = True,
 ) -> T:
     """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`.
 
-    One that `may_be_empty`, or of comments only, says nothing of any key.
+    One that `may_be_empty`, or of comments only, says nothing of any key. Without `lines` errors do not tell them.
     """
     try:
-        tree = compose(text, label, folder or Path.cwd(), may_be_empty=may_be_empty)
+        tree = compose(text, label, folder or Path.cwd(), may_be_empty=may_be_empty, lines=lines)
         if find_base is not None:
             tree = _on_base(tree, find_base, [str(Path(label).resolve())])
         for assignment in overrides:

@@ -83,13 +83,13 @@ def read_text(path: Path) -> str:
         raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
 
 
-def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False) -> Node:
+def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True) -> Node:
     """The tree of the one document in a text; of an empty one, if it may be, that of a mapping without keys.
 
     Raises:
-        Fault: with label and line.
+        Fault: with label, and with the line if there are `lines`.
     """
-    return _Composer(text, label, folder, lines=True).document(may_be_empty=may_be_empty)
+    return _Composer(text, label, folder, lines=lines).document(may_be_empty=may_be_empty)
 
 
 class _Composer:

@@ -158,7 +158,9 @@ def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
 
 
 def _told(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - what `kind` says
-    return parse(header[key], kind, error=FsmError, label=f"{key} in the header") if key in header else usual
+    if key not in header:
+        return usual
+    return parse(header[key], kind, error=FsmError, label=f"{key} in the header", lines=False)
 
 
 def _floats(levels: Levels) -> RGB:

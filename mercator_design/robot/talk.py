@@ -31,6 +31,12 @@ _REMEDIES: Mapping[DeviceName, str] = {
     "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
     "plugged in?",
 }
+_REMEDIES_OF_HEARD: Mapping[DeviceName, str] = {
+    "rvr": "it was heard before: has it still power, is a wire loose, or is this computer too busy?",
+    "lidar": "it was heard before: has it power (5 V, 1 A, and more while its motor starts), does its motor turn, is a "
+    "cable loose, or is this computer too busy?",
+    "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy?",
+}
 _JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
 
 Said: TypeAlias = Response | Notification | Health | DeviceInfo | ScanStarted | Acknowledgement
@@ -121,10 +127,11 @@ class Talk:
         """What to look at if a device says nothing, or nothing that makes sense."""
         if device == "rvr" and self._is_joined:
             return _JOINED
+        remedy = (_REMEDIES_OF_HEARD if device in self._understood else _REMEDIES)[device]
         lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
         if lost <= (_MUCH if device in self._understood else 0):
-            return _REMEDIES[device]
-        return f"{_REMEDIES[device]} ({lost} bytes from it make no sense: another device, or another baud rate)"
+            return remedy
+        return f"{remedy} ({lost} bytes from it make no sense: another device, or another baud rate)"
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Hear the devices until something is so, or for so long; whether it is. Errors are those of `attend`."""
@@ -173,8 +180,9 @@ class Talk:
             case _:
                 heard = self._hub.receive(data)
         for event in heard:
-            self._understood.add(line.device)
-            if isinstance(event, Unknown) and event.frame.encode() == self._sent:
+            if not isinstance(event, Unknown):
+                self._understood.add(line.device)
+            elif event.frame.encode() == self._sent:
                 self._is_joined = True
             if isinstance(event, Said):
                 self.said.append(event)

@@ -127,7 +127,7 @@ def test_each_device_by_itself(found, devices, monkeypatch):
         (
             "proximity",
             lambda d: d.deaf.add("proximity"),
-            "no answer; is this the hub's port (`mercator-robot install` gives it a name",
+            "no answer; it was heard before: are all sensors plugged in, is its cable loose,",
         ),
     ],
 )

@@ -68,8 +68,23 @@ class TestRun:
         code, _, err = robot_command("run", fsm)
         assert (code, err.startswith(f"Error: {fsm}:1: --s0, the behaviour of state 0: expected one of")) == (3, True)
         assert robot_command("run", tmp_path / "none.txt")[0] == 3
-        fsm.write_text(f"# floor: black, pink\n{GO}")
-        assert "found 'pink'" in robot_command("run", fsm)[2]
+
+    @pytest.mark.parametrize(
+        ("line", "words"),
+        [
+            ("floor: black, pink", "floor in the header: expected black, .*, found 'pink'"),
+            ("control period: 0.5", 'control period in the header: expected .*, found "0.5"'),
+            (
+                "reference model: {neighbour_rangee: 1}",
+                "reference model in the header: neighbour_rangee: unknown key.*",
+            ),
+            ("reference model: {", "reference model in the header: not valid YAML: .*"),
+        ],
+    )
+    def test_a_header_that_is_none(self, robot_command, fsm, line, words):
+        fsm.write_text(f"# {line}\n{GO}")
+        code, _, err = robot_command("run", fsm)
+        assert (code, bool(re.fullmatch(f"Error: {fsm}: {words}\n", err))) == (3, True), err
 
     def test_settings_that_are_none(self, robot_command, fsm, tmp_path, monkeypatch):
         settings = tmp_path / "robot.yaml"

@@ -178,7 +178,7 @@ class TestReadings:
             devices.silent.add("proximity")
             robot.attend(time.monotonic() + 0.7)
             with pytest.raises(
-                Stopped, match=r"^proximity: nothing for 0\.\d\d s; the limit is 0\.5 s; is this the hub's"
+                Stopped, match=r"^proximity: nothing for 0\.\d\d s; the limit is 0\.5 s; it was heard before: are all"
             ):
                 robot.readings()
 
@@ -266,12 +266,15 @@ class TestStart:
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
-            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; is it switched on"),
-            (lambda d: d.silent.add("color_detection"), r"^ground: nothing yet; is it switched on"),
-            (lambda d: setattr(d, "is_stuck", True), r"^lidar: nothing yet; has it power"),
+            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; it was heard before: has it still power"),
+            (
+                lambda d: d.silent.add("color_detection"),
+                r"^ground: nothing yet; it was heard before: has it still power",
+            ),
+            (lambda d: setattr(d, "is_stuck", True), r"^lidar: nothing yet; it was heard before: has it power"),
             (
                 unplug_one,
-                r"^proximity: nothing yet; .* are all sensors plugged in\?$",
+                r"^proximity: nothing yet; it was heard before: are all sensors plugged in, ",
             ),
             (
                 lambda d: d.instead.update(set_custom_control_system_timeout={"error": 3}),

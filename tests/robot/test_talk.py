@@ -105,6 +105,14 @@ def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(talk, line):
         talk.ask("get_battery_percentage")
 
 
+def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(talk, line):
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, percentage=87)
+    talk.ask("get_battery_percentage")
+    line.answer = lambda _commands: b""
+    with pytest.raises(RobotError, match=r"^rvr: no answer; it was heard before: has it still power, [^(]*\?$"):
+        talk.ask("get_battery_percentage")
+
+
 def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(talk, line):
     noise = b"\x00\xf8\x1c"
     line.answer = lambda _commands: noise

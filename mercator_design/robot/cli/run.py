@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, OutputFile, read_controller, tell
+from mercator_design.errors import FsmError
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
@@ -49,5 +50,8 @@ def run(
     if dry_run:
         tell("Dry run: the wheels do not turn.")
     with naming_in_the_end(path, "log", tell):
-        drive(settings, what, path, tell)
+        try:
+            drive(settings, what, path, tell)
+        except FsmError as error:  # of its header
+            raise FsmError(f"{fsm}: {error}") from None
         tell("The duration is over.")

@@ -23,7 +23,10 @@ _CHOOSE = use_sensors(0).code
 
 
 class Hub:
-    """The hub, which sends from when it has power."""
+    """The hub, which sends from when it has power.
+
+    plugged_in: Bit i of sensor i: whether there is one.
+    """
 
     def __init__(self, measure: Callable[[], Sequence[float]], *, now: float = 0.0) -> None:
         """A hub in binary mode with all sensors in use.
@@ -35,7 +38,7 @@ class Hub:
         self._measure = measure
         self._line = command_decoder()
         self._text = False
-        self._mask = (1 << SENSORS) - 1
+        self.plugged_in = self._mask = (1 << SENSORS) - 1
         self._due = now
 
     def receive(self, data: bytes, now: float) -> bytes:
@@ -47,11 +50,12 @@ class Hub:
         """The frame that is due by now."""
         if now < self._due:
             return b""
-        period = max(self._mask.bit_count(), 1) / RATE
+        mask = self._mask & self.plugged_in
+        period = max(mask.bit_count(), 1) / RATE
         self._due = next_due(self._due, period, now)
-        used = [self._mask >> i & 1 for i in range(SENSORS)]
+        used = [mask >> i & 1 for i in range(SENSORS)]
         distances = [_millimetres(d) if on else NOTHING for d, on in zip(self._measure(), used, strict=True)]
-        frame = Distances(tuple(distances), self._mask)
+        frame = Distances(tuple(distances), mask)
         return frame.encode_text() if self._text else frame.encode()
 
     def _obey(self, command: Command) -> bytes:

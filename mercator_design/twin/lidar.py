@@ -44,7 +44,10 @@ _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 +
 
 
 class Lidar:
-    """The lidar. Its motor has power while its port is open, as DTR is then on."""
+    """The lidar. Its motor has power while its port is open, as DTR is then on.
+
+    health: What it says of it: 0 is good, 1 a warning, 2 an error.
+    """
 
     def __init__(self, scan: Scan, *, samples: int, number: int = 0) -> None:
         """A lidar without power on its motor.
@@ -55,6 +58,7 @@ class Lidar:
             number: Of the robot, which is in its serial number.
         """
         self._scan, self._samples, self._number = scan, samples, number
+        self.health = 0
         self._line = command_decoder()
         self._ready = -math.inf  # from when on it listens
         self._turns = math.inf  # from when on the motor has its speed
@@ -94,7 +98,7 @@ class Lidar:
         elif command == "device_info":
             return DeviceInfo(6, (1, 4), 1, f"{2026112100000000 + self._number:016}").encode()
         elif command == "health":
-            return Health(0).encode()
+            return Health(self.health).encode()
         else:
             self._scans = now
             self._restart(now)

@@ -39,12 +39,12 @@ class Robot:
         measure = functools.partial(arena.measure, number)
         self.rvr = Rvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
         self.lidar = Lidar(functools.partial(arena.scan, number), samples=arena.samples, number=number)
-        hub = Hub(functools.partial(measure, "proximity"))
+        self.hub = Hub(functools.partial(measure, "proximity"))
         self._number, self._log = number, log
         self._faults = [fault for fault in script.faults if fault.robot == number]
         self._on: list[Fault] = []
         self._seen: dict[str, Any] = {}
-        devices: dict[DeviceName, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": hub}
+        devices: dict[DeviceName, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": self.hub}
         self._lines = {
             name: _Line(
                 device, self._damage(script.seed, name, "to_robot"), self._damage(script.seed, name, "from_robot")

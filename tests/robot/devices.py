@@ -1,95 +1,119 @@
-"""The three devices of a robot on pseudo-terminals: they answer, stream what a test sets, and note what they hear."""
+"""A robot's three devices as a test has them in hand: the twin's, on its pseudo-terminals, amid what the test sets."""
 
 import contextlib
+import functools
 import math
-import os
-import random
-import select
+import tempfile
 import threading
 import time
+from collections import deque
+from pathlib import Path
 
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.multiflex import Acknowledgement, Distances
-from mercator_design.robot.ports import PortNames
-from mercator_design.robot.rvr import Command
-from mercator_design.robot.rvr_messages import COMMANDS, Processor
-from mercator_design.robot.rvr_streaming import SERVICES, StreamData
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
+import numpy as np
 
-LINES = ("rvr", "lidar", "proximity")
-QUIET = {name: dict.fromkeys(service.attributes, 0.0) for name, service in SERVICES.items()}
-"""What every service streams of a robot that stands on black, in the dark."""
+from mercator_design.robot.ports import DEVICES, PortNames
+from mercator_design.robot.ydlidar import Packet, encode_command
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.twin.faults import Flip, PortLoss, Script, Silence, WrongBaud
+from mercator_design.twin.lidar import FINE, SPINS_UP, Lidar
+from mercator_design.twin.terminals import Terminals
+from mercator_design.twin.twin import Twin
+
+CLEAR = (math.inf,) * 8
+"""What a hub measures that has nothing around."""
 
 
-class Devices(threading.Thread):
-    """A context manager; `names` are the ports.
+class Surroundings:
+    """In the place of an `Arena`: one robot, which measures what a test sets, wherever its treads take it.
 
-    sensed: What each service streams.
-    millimetres: What the hub tells.
-    robots: Angles [rad] and distances [m] of heads of other robots' lidars.
-    battery, percentage: State, of which 3 is critical, and charge.
-    firmware: Of the RVR.
-    mask: Of the hub's sensors in use.
-    measuring: Time [s] from one measurement of the hub to the next.
-    stuck: Whether the lidar's motor does not turn.
-    health: Of the lidar; 2 is an error.
+    measured: What its devices measure: at first on black, in the dark, facing +x.
+    heads: Angles [rad] and distances [m] of heads of other robots' lidars.
+    """
+
+    robots, period, cycle, samples = 1, 0.01, 10, 719
+    poses = np.zeros((1, 3))
+    robot_model = load_robot_model("mercator")
+
+    def __init__(self):
+        self.ticks, self.heads = 0, []
+        self.measured = dict.fromkeys(("ground_sensors", "accelerometer", "gyroscope", "imu"), (0.0, 0.0, 0.0))
+        self.measured |= dict.fromkeys(("locator", "velocity", "treads"), (0.0, 0.0))
+        self.measured |= {"ambient_light": (0.0,), "quaternion": (1.0, 0.0, 0.0, 0.0), "proximity": CLEAR}
+
+    def step(self, _):
+        self.ticks += 1
+
+    def measure(self, _, device):
+        return self.measured[device]
+
+    def scan(self, _):
+        ranges = np.zeros(FINE * self.samples)
+        for angle, distance in self.heads:
+            half = math.asin(self.robot_model.lidar.head_radius / distance)
+            edges = [round((angle + side) / math.tau * len(ranges)) for side in (-half, half)]
+            ranges[np.arange(*edges) % len(ranges)] = distance
+        return ranges
+
+
+class Devices(Surroundings):
+    """A context manager; `names` are the ports, `rvr`, `lidar` and `hub` the twin's devices.
+
     silent: Names of lines, and of services, that tell nothing.
     deaf: Names of lines that take nothing.
-    refused: By name of a command, the error that answers it.
     joined: Names of lines on which there is no device, but what is sent comes back.
-    noise: What the RVR says in place of anything else.
-    damage: Chance that a byte has a wrong bit.
-    forgets: Whether commands run out.
-    commands: Of the RVR: time [s], name, values.
-    wheels: Speeds of the treads [m/s] from a time on: those commanded, or zero when a command had run out.
+    unplugged: Names of lines that have no port.
+    damaged: Names of lines on which one byte of a thousand that a device tells has a wrong bit.
+    wrong_baud: Names of lines on which nothing that a device tells makes sense.
+    instead: By name of a command, what answers it in place of the RVR, which does not obey it: values, or an `error`.
+    is_stuck: Whether the lidar's motor does not turn.
+    suspended: A lock; while a test has it, no device does anything.
+    commands: That the RVR heard: time [s], name, values.
+    lidar_commands: Their names.
+    log: The twin's.
     """
 
     def __init__(self):
-        super().__init__(daemon=True)
-        self._pairs = {name: os.openpty() for name in LINES}
-        self._ends = {name: device for name, (device, _) in self._pairs.items()}
-        self.names = PortNames(**{name: os.ttyname(port) for name, (_, port) in self._pairs.items()})
-        self.sensed = {name: dict(values) for name, values in QUIET.items()}
-        self.millimetres = [multiflex.NOTHING] * 8
-        self.robots = []
-        self.battery, self.measuring = 1, 0.1
-        self.silent, self.deaf, self.joined = set(), set(), set()
-        self.firmware, self.percentage, self.mask = (9, 1, 462), 87, 0xFF
-        self.stuck, self.damage, self._draw = False, 0.0, random.Random(1)
-        self.refused, self.health, self.noise, self.forgets = {}, 0, b"", True
-        self.commands, self.wheels, self.lidar_commands = [], [], []
-        self._rvr = rvr.Device()
-        self._heard = {"lidar": ydlidar.command_decoder(), "proximity": multiflex.command_decoder()}
-        self._period = None
-        self._timeout, self._runs_out, self._controller = 2.0, math.inf, 0
-        self._scans = False
-        self._angle = 0
-        self._over = threading.Event()
-        self._rounds = 0
+        super().__init__()
+        self.silent, self.deaf, self.joined, self.unplugged, self.damaged, self.wrong_baud = (set() for _ in range(6))
+        self.instead, self.is_stuck, self.suspended = {}, False, threading.Lock()
+        self.commands, self.lidar_commands, self.log = [], [], []
+        self._told, self._is_over, self._stack = deque(), False, contextlib.ExitStack()
+        self._twin = Twin(self, Script(faults=list(self._faults())), self.log.append)
+        (robot,) = self._twin.robots
+        self.rvr, self.lidar, self.hub = robot.rvr, robot.lidar, robot.hub
+        self.rvr.level = 87.0
+        robot.receive = functools.partial(self._receive, robot.receive)
+        self.rvr._obey = functools.partial(self._obey, self.rvr._obey)
+        self.rvr._senses._stream = functools.partial(self._stream, self.rvr._senses._stream)
+        self.lidar._obey = functools.partial(self._obey_lidar, self.lidar._obey)
+        self.lidar._packet = functools.partial(self._packet, self.lidar._packet)
+        self.lidar.set_motor(on=True, now=-SPINS_UP)
+
+    def _faults(self):
+        for line in DEVICES:
+            yield by_hand(lambda line=line: line in self.silent, Silence, device=line, direction="from_robot")
+            yield by_hand(lambda line=line: line in self.deaf, Silence, device=line, direction="to_robot")
+            yield by_hand(lambda line=line: line in self.unplugged, PortLoss, device=line)
+            yield by_hand(lambda line=line: line in self.damaged, Flip, device=line, direction="from_robot", rate=1e-3)
+            yield by_hand(lambda line=line: line in self.wrong_baud, WrongBaud, device=line, direction="from_robot")
 
     def __enter__(self):
-        for _, port in self._pairs.values():
-            os.close(port)  # the robot's program opens it by name
-        for device in self._ends.values():
-            os.set_blocking(device, False)  # what nobody reads is lost
-        self.start()
+        compile_scan()
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        terminals = self._stack.enter_context(Terminals(self._twin, folder))
+        self.names = PortNames(**{line: str(folder / "0" / line) for line in DEVICES})
+        loop = threading.Thread(target=terminals.run, args=[self._turn], daemon=True)
+        loop.start()
+        self._stack.callback(loop.join)
         return self
 
     def __exit__(self, *_):
-        self._over.set()
-        self.join()
-        for device in list(self._ends):
-            self.unplug(device)
-
-    def unplug(self, line):
-        """Whoever has the port loses it."""
-        end = self._ends.pop(line)
-        self.settle()
-        os.close(end)
+        self._is_over = True
+        self._stack.close()
 
     def tell(self, name, **values):
         """A notification of the RVR."""
-        self._send("rvr", self._rvr.notify(name, **values))
+        self._told.append(self.rvr._line.notify(name, **values))
 
     def when(self, done, seconds=20.0):
         """Wait until something is so."""
@@ -100,148 +124,74 @@ class Devices(threading.Thread):
 
     def settle(self):
         """Wait until what was told before is on its way, and all that follows is as the test has set it."""
-        rounds = self._rounds
-        self.when(lambda: self._rounds >= rounds + 2 or not self.is_alive())
+        ticks = self.ticks
+        self.when(lambda: self.ticks >= ticks + 2)
+
+    def is_let_go(self):
+        """Whether nobody has a port any more that somebody had."""
+        opened = [event["open"] for event in self.log if event["event"] == "port"]
+        return any(opened) and 2 * sum(opened) == len(opened)
+
+    @property
+    def wheels(self):
+        """What the treads were told [m/s] each time that it was something else: time [s], left, right."""
+        (start,) = [event["start"] for event in self.log if event["event"] == "clock"]
+        told = [event for event in self.log if event["event"] == "wheels"]
+        return [(start + event["time"], event["left"], event["right"]) for event in told]
 
     def drives(self):
         """Whether the wheels have been turned."""
-        return self.driven() > 0
+        return any(left or right for _, left, right in self.wheels)
 
     def driven(self):
-        """How often they have."""
-        return sum(bool(left or right) for _, left, right in self.wheels)
+        """How often they were told to."""
+        return sum(name == "drive_tank_si_units" and any(values.values()) for _, name, values in self.commands)
 
     def rests_since(self):
         """When the wheels came to rest for good [s]."""
-        last = max(k for k, (_, left, right) in enumerate(self.wheels) if left or right)
-        assert last + 1 < len(self.wheels), "the wheels still turn"
-        return self.wheels[last + 1][0]
+        assert self.drives(), "the wheels never turned"
+        when, *told = self.wheels[-1]
+        assert told == [0.0, 0.0], "the wheels still turn"
+        return when
 
-    def run(self):
-        streamed = turned = measured = time.monotonic()
-        while not self._over.is_set():
-            self._rounds += 1
-            self._hear()
-            now = time.monotonic()
-            if now > self._runs_out and self.forgets:
-                self._runs_out, self._controller = math.inf, 0
-                self.wheels.append((now, 0.0, 0.0))
-            if self._period is not None and now - streamed >= self._period:
-                streamed = now
-                self._stream()
-            if self._scans and now - turned >= 0.01:
-                self._scan((now - turned) * 7 * 360)
-                turned = now
-            elif not self._scans:
-                turned = now
-            if now - measured >= self.measuring:
-                measured = now
-                self._send("proximity", Distances(tuple(self.millimetres), self.mask).encode())
+    def _turn(self, _):
+        """In each turn of the twin's loop; whether it is over."""
+        while self._told:
+            self.rvr._said.append(self._told.popleft())
+        with self.suspended:
+            return self._is_over
 
-    def _hear(self):
-        ends = {end: line for line, end in self._ends.items() if line not in self.deaf}
-        ready, _, _ = select.select(list(ends), [], [], 0.005)
-        for end in ready:
-            try:
-                data = os.read(end, 4096)
-            except OSError:  # nobody has the port open
-                time.sleep(0.001)
-                continue
-            if ends[end] in self.joined:
-                os.write(end, data)
-            elif ends[end] == "rvr":
-                for command in self._rvr.receive(data):
-                    self._obey(command)
-            else:
-                for command in self._heard[ends[end]].receive(data):
-                    self._answer(command)
+    def _receive(self, usual, line, data, now):
+        return data if line in self.joined else usual(line, data, now)
 
-    def _send(self, line, data):
-        if line in self._ends and line not in self.silent:
-            data = self.noise if self.noise and line == "rvr" else data
-            if self.damage:
-                data = bytes(
-                    b ^ (1 << self._draw.randrange(8) if self._draw.random() < self.damage else 0) for b in data
-                )
-            with contextlib.suppress(OSError):
-                os.write(self._ends[line], data)
+    def _obey(self, usual, command):
+        self.commands.append((time.monotonic(), command.name, command.values))
+        if command.name in self.instead:
+            return self.rvr._line.answer(command.frame, **self.instead[command.name])
+        if command.name == "wake":
+            self.rvr._notify("did_wake")
+        return usual(command)
 
-    def _obey(self, command):
-        now = time.monotonic()
-        assert isinstance(command, Command), command
-        self.commands.append((now, command.name, command.values))
-        answer = {}
-        match command.name:
-            case "get_main_application_version":
-                answer = dict(zip(("major", "minor", "revision"), self.firmware, strict=True))
-            case "get_battery_percentage":
-                answer = {"percentage": self.percentage}
-            case "wake":
-                self.tell("did_wake")
-            case "get_battery_voltage_state":
-                answer = {"state": self.battery}
-            case "get_active_control_system_id":
-                answer = {"controller_id": self._controller}
-            case "set_custom_control_system_timeout":
-                self._timeout = command.values["command_timeout"] / 1000
-            case "restore_default_control_system_timeout":
-                self._timeout = 2.0
-            case "drive_tank_si_units":
-                self.wheels.append((now, command.values["left_velocity"], command.values["right_velocity"]))
-                self._runs_out, self._controller = now + self._timeout, 2
-            case "drive_stop":
-                self.wheels.append((now, 0.0, 0.0))
-                self._runs_out, self._controller = math.inf, 0
-            case "start_streaming_service":
-                self._period = command.values["period"] / 1000
-            case "clear_streaming_service":
-                self._period = None
-        assert answer or not COMMANDS[command.name].returns
-        if error := self.refused.get(command.name, 0):
-            answer = {}
-        else:
-            assert self._rvr.follow(command), command
-        self._send("rvr", self._rvr.answer(command.frame, error, **answer))
+    def _stream(self, usual, processor, slot):
+        return b"" if self.silent.intersection(self.rvr._line.slots.of(processor)[slot]) else usual(processor, slot)
 
-    def _stream(self):
-        for processor in Processor:
-            for slot, services in self._rvr.slots.of(processor).items():
-                if not self.silent.intersection(services):
-                    values = {name: self.sensed[name] for name in services}
-                    self._send("rvr", self._rvr.stream(StreamData(processor, slot, is_valid=True, values=values)))
-
-    def _answer(self, command):
-        if isinstance(command, multiflex.Command):
-            self._send("proximity", Acknowledgement(command.code, ok=True).encode())
-            return
+    def _obey_lidar(self, usual, command, now):
         self.lidar_commands.append(command)
-        match command:
-            case "health":
-                self._send("lidar", Health(self.health).encode())
-            case "device_info":
-                self._send("lidar", DeviceInfo(6, (1, 5), 1, "8312230285877766").encode())
-            case "scan":
-                self._send("lidar", ScanStarted().encode())
-                self._scans = True
-            case "stop" | "force_stop":
-                self._scans = False
+        return usual(command, now)
 
-    def _scan(self, degrees):
-        """Go on by some degrees, half a degree a sample, at most to the end of the turn."""
-        if self.stuck:
-            self._send("lidar", Packet(64, 64, (0,)).encode())
-            return
-        if self._angle == 0:
-            self._send("lidar", Packet(0, 0, (0,), is_ring_start=True).encode())
-        n = max(1, min(80, round(2 * degrees), 720 - self._angle))
-        first, last = 32 * self._angle, 32 * (self._angle + n - 1)
-        samples = tuple(self._sample(math.radians(0.5 * (self._angle + k))) for k in range(n))
-        self._send("lidar", Packet(first, last, samples).encode())
-        self._angle = (self._angle + n) % 720
+    def _packet(self, usual, first, count):
+        return Packet(64, 64, (0,)).encode() if self.is_stuck else usual(first, count)
 
-    def _sample(self, clockwise):
-        for angle, distance in self.robots:
-            corrected = ydlidar.correction(distance) - clockwise
-            if abs((corrected - angle + math.pi) % math.tau - math.pi) < math.asin(0.035 / distance):
-                return round(4000 * distance)
-        return 0
+
+def by_hand(is_on, kind, **values):
+    """A fault that is there as long as a test has it so."""
+    return type(kind.__name__, (kind,), {"is_on": lambda _, now: is_on()})(at=0.0, robot=0, **values)
+
+
+@functools.cache
+def compile_scan():
+    """Before time counts."""
+    lidar = Lidar(functools.partial(Surroundings().scan, 0), samples=Surroundings.samples)
+    lidar.set_motor(on=True, now=-SPINS_UP)
+    lidar.receive(encode_command("scan"), 0.0)
+    lidar.advance(1.0)

@@ -10,6 +10,8 @@ from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
 from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 
 STREAMED = [name for name in SERVICES if name not in {"speed", "core_time", "encoders"}]
+QUIET = {name: dict.fromkeys(service.attributes, 0.0) for name, service in SERVICES.items()}
+"""What every service streams of a robot that stands on black, in the dark."""
 COLOR = ("red", "green", "blue", "confidence", "color_classification_id")
 
 

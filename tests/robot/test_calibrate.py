@@ -17,11 +17,11 @@ from mercator_design.robot.cli import main
 from mercator_design.robot.cli.calibrate import _give
 from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.multiflex import NOTHING
 from mercator_design.robot.ports import open_ports
 from mercator_design.robot.proximity_calibration import direction, hub
 from mercator_design.robot.settings import Settings, read_settings
-from tests.robot.devices import Devices
+from mercator_design.twin import hub as twin_hub
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON
 
 RING = Settings().proximity_angles
@@ -31,9 +31,9 @@ COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 
 
 @pytest.fixture
-def devices():
+def devices(monkeypatch):
+    monkeypatch.setattr(twin_hub, "RATE", 800.0)
     with Devices() as devices:
-        devices.measuring = 0.01
         yield devices
 
 
@@ -91,7 +91,7 @@ class TestColor:
     def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
         def put_on(line):
             name = line.split()[4].rstrip(",")
-            devices.sensed["color_detection"].update(zip("rgb", FLOOR[name], strict=True))
+            devices.measured["ground_sensors"] = FLOOR[name]
 
         kept = "labels: {red: [90, 10, 10]}  # by hand\n"
         with calibrate(
@@ -116,7 +116,7 @@ class TestColor:
         assert lamp(devices) == [True, False]
 
     def test_a_robot_that_knows_one_colour_only_is_told(self, devices, tmp_path):
-        devices.sensed["color_detection"].update(zip("rgb", FLOOR["gray"], strict=True))
+        devices.measured["ground_sensors"] = FLOOR["gray"]
         with calibrate(tmp_path, devices, "color", "gray", "--seconds", "0.6") as process:
             said = answer(process, devices, lambda _: None)
         assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
@@ -174,9 +174,9 @@ class TestColor:
     def test_what_was_measured_before_does_not_count(self, devices, monkeypatch):
         monkeypatch.setattr(ground_calibration, "_PERIOD", 33)
         with ground_sensor(devices.names) as sensor:
-            devices.sensed["color_detection"]["r"] = 200
+            devices.measured["ground_sensors"] = 200, 0, 0
             time.sleep(0.1)
-            devices.sensed["color_detection"]["r"] = 100
+            devices.measured["ground_sensors"] = 100, 0, 0
             settle(devices)
             assert {red for red, _, _ in sensor.measure(0.5)} == {100.0}
 
@@ -208,7 +208,7 @@ class TestColor:
         levels = {"black": 7, "white": 8}
 
         def put_on(line):
-            devices.sensed["color_detection"].update(dict.fromkeys("rgb", levels[line.split()[-1]]))
+            devices.measured["ground_sensors"] = (levels[line.split()[-1]],) * 3
 
         with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="black and white are 2 levels"):
             ground_calibration.calibrate(sensor, levels, {}, 1.0, put_on, lambda _said: None)
@@ -270,13 +270,13 @@ class Hand:
 
     def __call__(self, question):
         self.questions.append(question)
-        self.devices.millimetres = [NOTHING] * 8
+        self.devices.measured["proximity"] = [*CLEAR]
         for sensor, place in enumerate(WIRED):
             if direction(RING[place]) in question:
                 self.hold(sensor)
 
     def hold(self, sensor):
-        self.devices.millimetres[sensor] = round(1000 * self.distance) + 2 * sensor - 3
+        self.devices.measured["proximity"][sensor] = self.distance + 0.002 * sensor - 0.003
 
 
 def find(devices, ask, distance=None):
@@ -322,7 +322,7 @@ class TestProximity:
             def __call__(self, question):
                 super().__call__(question)
                 if (sensors := next(self.wrong, None)) is not None:
-                    self.devices.millimetres = [NOTHING] * 8
+                    self.devices.measured["proximity"] = [*CLEAR]
                     for sensor in sensors:
                         self.hold(sensor)
 
@@ -354,7 +354,7 @@ class TestProximity:
             find(devices, Hand(devices, distance), 0.3)
 
     def test_a_sensor_that_is_unplugged(self, devices):
-        devices.mask = 0xF6
+        devices.hub.plugged_in = 0xF6
         with pytest.raises(RobotError, match="proximity: not plugged in, says the hub: sensors 0, 3"):
             find(devices, Hand(devices))
 
@@ -365,7 +365,7 @@ class TestProximity:
                 sensors.measure(0.5)
 
     def test_offsets_are_taken_from_what_a_robot_senses(self, devices):
-        devices.millimetres = [312, 55, 20, *[NOTHING] * 5]
+        devices.measured["proximity"] = [0.312, 0.055, 0.02, *CLEAR[3:]]
         settings = Settings(ports=devices.names, proximity_offsets=(0.012, 0.2, 0.1, 0.1, -0.1, 0.0, 0.0, 0.0))
         with (
             open_ports(settings.ports) as ports,

@@ -1,23 +1,27 @@
 """mercator-robot check: what is fine, and what is wrong with what to do."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
-from tests.robot.devices import Devices
+from mercator_design.twin import hub
+from tests.robot.devices import CLEAR, Devices
 
 
 @pytest.fixture
-def devices():
+def devices(monkeypatch):
+    monkeypatch.setattr(hub, "RATE", 400.0)
     with Devices() as devices:
-        devices.measuring = 0.02
-        devices.robots = [(1.0, 2.0)]
-        devices.millimetres = [500, 65535, 20, *[65535] * 5]
+        devices.heads = [(1.0, 2.0)]
+        devices.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
         yield devices
 
 
@@ -61,21 +65,22 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     monkeypatch.setattr(checking, "_LISTEN", 1.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
-    assert fine["firmware st"] == "9.1.462"
+    assert fine["firmware st"] == "9.2.482"
     assert fine["battery"] == "87 %"
-    assert fine["lidar"] == "model 6, firmware 1.5, serial 8312230285877766"
+    assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
     assert 4.0 <= float(fine["lidar's turns"].split()[0]) <= 7.5
     assert fine["lidar's sight"].endswith("readings in a turn")
     assert fine["sensor 0, at +45 degrees"].startswith("0.50 m;")
     assert fine["sensor 1, at +0 degrees"].startswith("nothing in sight;")
     assert fine["sensor 2, at -45 degrees"].startswith("too near;")
-    assert not devices.wheels
+    assert not any(name.startswith("drive") for _, name, _ in devices.commands)
     assert devices.lidar_commands[-1] == "stop"
 
 
 def test_one_that_is_not(found, devices, monkeypatch):
     monkeypatch.setattr(checking, "_LISTEN", 1.0)
-    devices.firmware, devices.percentage, devices.mask, devices.robots = (8, 3, 400), 12, 0xFE, []
+    devices.instead["get_main_application_version"] = {"major": 8, "minor": 3, "revision": 400}
+    devices.rvr.level, devices.hub.plugged_in, devices.heads = 12.0, 0xFE, []
     code, _, wrong, err = found()
     assert wrong == {
         "firmware nordic": "8.3.400; update it with the app Sphero Edu",
@@ -104,12 +109,24 @@ def test_each_device_by_itself(found, devices, monkeypatch):
 @pytest.mark.parametrize(
     ("device", "trouble", "words"),
     [
-        ("rvr", {"noise": b"\x00\xf8\x1c"}, "bytes from it make no sense: another device, or another baud rate)"),
-        ("lidar", {"silent": {"lidar"}}, "no answer; has it power (5 V, 1 A, and more while its motor starts)?"),
-        ("lidar", {"health": 2}, "it reports an error, 0x0; take its power away for a moment"),
+        (
+            "rvr",
+            lambda d: d.wrong_baud.add("rvr"),
+            "bytes from it make no sense: another device, or another baud rate)",
+        ),
+        (
+            "lidar",
+            lambda d: d.silent.add("lidar"),
+            "no answer; has it power (5 V, 1 A, and more while its motor starts)?",
+        ),
+        (
+            "lidar",
+            lambda d: setattr(d.lidar, "health", 2),
+            "it reports an error, 0x0; take its power away for a moment",
+        ),
         (
             "proximity",
-            {"deaf": {"proximity"}},
+            lambda d: d.deaf.add("proximity"),
             "no answer; is this the hub's port (`mercator-robot install` gives it a name",
         ),
     ],
@@ -118,10 +135,29 @@ def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, w
     monkeypatch.setattr(talk, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
-    for name, value in trouble.items():
-        setattr(devices, name, value)
+    trouble(devices)
     code, _, wrong, _ = found()
     assert (code, words in wrong[device]) == (1, True), wrong
+
+
+def test_a_lidar_s_warning(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    devices.lidar.health = 1
+    code, _, wrong, _ = found()
+    assert (code, wrong) == (1, {"lidar's health": "a warning, 0x0; take its power away for a moment"})
+
+
+def test_names_that_others_may_have(found, monkeypatch):
+    hub, radio = ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyACM1")
+    hub.vid, hub.pid, hub.serial_number = 0x0483, 0x5740, "3058"
+    radio.vid, radio.pid = 0x1366, 0x0105
+    monkeypatch.setattr(list_ports, "comports", lambda: [hub, radio])
+    monkeypatch.setattr(checking, "_DEVICES", {})
+    _, _, wrong, _ = found(lidar="/dev/ttyUSB0", proximity="/dev/ttyACM0")
+    assert wrong == {
+        "proximity's name": "/dev/ttyACM0 may be any of /dev/ttyACM0 (usb:0483:5740:3058), /dev/ttyACM1 "
+        "(usb:1366:0105), as they come: name it so in robot.yaml, or install names for them"
+    }
 
 
 def test_a_line_that_hears_itself(found, devices, monkeypatch):
@@ -139,13 +175,13 @@ def test_a_line_that_hears_itself(found, devices, monkeypatch):
 )
 def test_firmware_is_compared_by_numbers(found, devices, monkeypatch, firmware, is_fine):
     monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
-    devices.firmware = firmware
+    devices.instead["get_main_application_version"] = dict(zip(("major", "minor", "revision"), firmware, strict=True))
     _, fine, _, _ = found()
     assert ("firmware nordic" in fine) == is_fine
 
 
 def test_a_motor_that_does_not_turn(found, devices):
-    devices.stuck = True
+    devices.is_stuck = True
     _, _, wrong, _ = found()
     assert wrong == {"lidar's turns": "0.0 a second; does its motor turn? It needs 5 V and 1 A, and a cable for both"}
 
@@ -201,6 +237,7 @@ class TestUart:
             "enable_uart=0\nenable_uart=1\n",
             "dtoverlay=disable-bt\n",
             "dtoverlay=pi3-miniuart-bt\n",
+            "[cm4]\nenable_uart=0\n[pi4]\nenable_uart=1\n",
         ],
     )
     def test_on(self, config):
@@ -213,6 +250,7 @@ class TestUart:
             "enable_uart=1\nenable_uart=0\n",
             "dtoverlay=disable-bt\nenable_uart=0\n",
             "arm_64bit=1\n",
+            "[pi5]\nenable_uart=1\n",
         ],
     )
     def test_off_or_at_a_rate_that_changes(self, config):

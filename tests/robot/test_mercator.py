@@ -13,14 +13,15 @@ from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot import mercator, ports, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import PortNames, open_ports
+from mercator_design.robot.ports import DEVICES, PortNames, open_ports
 from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, converted
 from mercator_design.robot.settings import Limits, Settings
 from mercator_design.sim.robot_model import load_robot_model
-from tests.robot.devices import QUIET, Devices
+from tests.robot.devices import CLEAR, Devices
+from tests.robot.lines import QUIET
 
 SENSES = ("proximity", "neighbours", "ground")
 PREPARATIONS = (
@@ -84,14 +85,18 @@ class TestReadings:
 
     def axes(self, devices, robot):
         """What is to the right, forwards and up on the line is forwards, to the left and up here."""
-        right_forwards_up = {"x": 0.25, "y": 0.5, "z": 1.0}
-        devices.sensed |= dict.fromkeys(("accelerometer", "gyroscope", "locator", "velocity"), right_forwards_up)
-        devices.sensed["quaternion"] = {"w": 0.1, "x": 0.2, "y": 0.3, "z": 0.4}
-        devices.sensed["imu"] = {"pitch": 10.0, "roll": 20.0, "yaw": 90.0}
-        devices.sensed["ambient_light"] = {"light": 500.0}
+        right_forwards_up, degree = (0.25, 0.5, 1.0), math.pi / 180.0
+        devices.measured |= {
+            "accelerometer": right_forwards_up,
+            "gyroscope": [degree * turn for turn in right_forwards_up],
+            "locator": (0.5, -0.25),  # of an arena, in which the robot faced +x
+            "velocity": right_forwards_up[:2],
+            "quaternion": (0.1, 0.2, 0.3, 0.4),
+            "imu": (10.0 * degree, 20.0 * degree, 90.0 * degree),
+            "ambient_light": (500.0,),
+        }
         told(robot)
         values = {name: sample.values for name, sample in robot.samples.items()}
-        degree = math.pi / 180.0
         expected = {
             "acceleration": (0.5 * 9.80665, -0.25 * 9.80665, 9.80665),
             "turning": (0.5 * degree, -0.25 * degree, degree),
@@ -105,22 +110,22 @@ class TestReadings:
             assert values[name] == pytest.approx(vector, abs=2e-5), name
 
     def ground(self, devices, robot):
-        devices.sensed["color_detection"] |= {"r": 190, "g": 200, "b": 30}
+        devices.measured["ground_sensors"] = 190, 200, 30
         assert told(robot)[5:8] == (255.0, 255.0, 0.0)
         assert robot.samples["ground"].values == (190, 200, 30)
 
     def obstacles(self, devices, robot):
-        """Sensor 7 looks to the left; 65535 is nothing, less than 50 too near, more than 2000 too far."""
-        devices.millimetres = [2500, 65535, 2000, 401, 65535, 65535, 65535, 200]
+        """Sensor 7 looks to the left; less than 0.05 m is too near, more than 2 m too far."""
+        devices.measured["proximity"] = [2.5, math.inf, 2.0, 0.401, *[math.inf] * 3, 0.2]
         readings = told(robot)
         weight = proximity_weight(ReferenceModel(), 0.2)
         assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, weight))
-        devices.millimetres = [65535, 30, *[65535] * 6]
+        devices.measured["proximity"] = [math.inf, 0.03, *CLEAR[2:]]
         assert told(robot)[:2] == pytest.approx((1.0, 0.0))
 
     def robots(self, devices, robot):
         """One in front, over the end of the ring; one to the left and behind; one that is too far."""
-        devices.robots = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
+        devices.heads = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
         readings = told(robot, 0.6)
         assert readings.neighbours == 2
         places = sorted(robot.neighbours)
@@ -136,8 +141,8 @@ class TestReadings:
         right, left = -math.pi / 2.0, math.pi / 2.0
         angles = tuple(angle + right for angle in Settings().proximity_angles)
         with robot_on(devices, proximity_angles=angles, lidar_angle=left) as robot:
-            devices.millimetres[1] = 200
-            devices.robots = [(0.0, 0.4)]
+            devices.measured["proximity"] = [math.inf, 0.2, *CLEAR[2:]]
+            devices.heads = [(0.0, 0.4)]
             readings = told(robot, 0.5)
         weight = proximity_weight(ReferenceModel(), 0.2)
         assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, -weight))
@@ -155,10 +160,10 @@ class TestReadings:
 
     def robots_after_a_turn(self, devices, robot):
         """What was seen before the robot turned is still where it was."""
-        devices.robots = [(0.0, 0.4)]
+        devices.heads = [(0.0, 0.4)]
         told(robot, 0.6)
         devices.silent = {"lidar"}
-        devices.sensed["imu"]["yaw"] += 30.0
+        devices.measured["imu"] = 0.0, 0.0, devices.measured["imu"][2] + math.radians(30.0)
         told(robot)
         assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
 
@@ -186,20 +191,32 @@ def impatient(monkeypatch):
     monkeypatch.setattr(start, "_WAKING", 0.2)
 
 
+ASKED = "get_active_control_system_id"
+
+
+def say_nothing(devices):
+    """Of commands that run out, or of speed zero."""
+    devices.instead[ASKED] = {"error": 2}
+    devices.rvr._notifies["robot_has_stopped"] = False
+
+
 def tell_that_it_stopped(devices, after):
-    """Of commands that run out, or of speed zero, the RVR says no more than this."""
-    asked = "get_active_control_system_id"
-    devices.refused[asked] = 2
-    devices.when(lambda: asked in [name for _, name, _ in devices.commands])
+    """And no more than this."""
+    say_nothing(devices)
+    devices.when(lambda: ASKED in [name for _, name, _ in devices.commands])
     time.sleep(after)
     devices.tell("robot_has_stopped")
+
+
+def unplug_one(devices):
+    devices.hub.plugged_in = 0x7F
 
 
 class TestStart:
     @pytest.mark.usefixtures("whole_start")
     def test_commands(self, devices):
         with robot_on(devices) as robot:
-            assert robot.facts["firmware_st"] == "9.1.462"
+            assert robot.facts["firmware_st"] == "9.2.482"
             assert robot.facts["battery"] == "87 %"
             assert robot.facts["commands_end"] == "seen after 0.3 s"
         names = [name for _, name, _ in devices.commands]
@@ -215,7 +232,7 @@ class TestStart:
     @pytest.mark.parametrize(
         ("prepare", "is_seen"),
         [
-            (lambda d: d.refused.update(get_active_control_system_id=2), False),
+            (say_nothing, False),
             (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.3]).start(), True),
             (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.0]).start(), False),
         ],
@@ -234,37 +251,41 @@ class TestStart:
     @pytest.mark.usefixtures("whole_start")
     def test_commands_that_do_not_end(self, devices):
         """Such a robot is not driven, unless somebody permits it."""
-        devices.forgets = False
+        devices.instead["set_custom_control_system_timeout"] = {}
         refusal = r"^rvr: .* does not end after 0.3 s, .* limits.unending_commands in robot.yaml$"
         with pytest.raises(RobotError, match=refusal), robot_on(devices, ()):
             pass
+        devices.when(devices.is_let_go)
         with robot_on(devices, (), limits=Limits(unending_commands=True)) as robot:
             assert robot.facts["commands_end"] == "not seen"
 
     @pytest.mark.parametrize(
         ("prepare", "words"),
         [
-            (lambda d: setattr(d, "battery", 3), r"^rvr: the battery is critical; charge it$"),
+            (lambda d: setattr(d.rvr, "level", 5.0), r"^rvr: the battery is critical; charge it$"),
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
             (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; is it switched on"),
             (lambda d: d.silent.add("color_detection"), r"^ground: nothing yet; is it switched on"),
-            (lambda d: setattr(d, "stuck", True), r"^lidar: nothing yet; has it power"),
-            (lambda d: setattr(d, "mask", 0x7F), r"^proximity: nothing yet; .* are all sensors plugged in\?$"),
+            (lambda d: setattr(d, "is_stuck", True), r"^lidar: nothing yet; has it power"),
             (
-                lambda d: d.refused.update(set_custom_control_system_timeout=3),
+                unplug_one,
+                r"^proximity: nothing yet; .* are all sensors plugged in\?$",
+            ),
+            (
+                lambda d: d.instead.update(set_custom_control_system_timeout={"error": 3}),
                 r"^rvr: set_custom_control_system_timeout was refused: not yet implemented$",
             ),
             (
-                lambda d: d.refused.update(set_custom_control_system_timeout=0x55),
+                lambda d: d.instead.update(set_custom_control_system_timeout={"error": 0x55}),
                 r"^rvr: set_custom_control_system_timeout was refused: error 0x55$",
             ),
             *(
-                (lambda d, name=name: d.refused.update({name: 4}), rf"^rvr: {name} was refused: restricted$")
+                (lambda d, name=name: d.instead.update({name: {"error": 4}}), rf"^rvr: {name} was refused: restricted$")
                 for name in PREPARATIONS
             ),
-            (lambda d: setattr(d, "health", 2), r"^lidar: it reports an error"),
+            (lambda d: setattr(d.lidar, "health", 2), r"^lidar: it reports an error"),
         ],
     )
     @pytest.mark.usefixtures("impatient")
@@ -272,12 +293,12 @@ class TestStart:
         prepare(devices)
         with pytest.raises(RobotError, match=words) as refused, robot_on(devices):
             pass
-        assert refused.value.exit_code == (4 if devices.battery == 3 else 1)
+        assert refused.value.exit_code == (4 if devices.rvr.level < 6.0 else 1)
         assert not devices.drives()
-        assert devices.wheels[-1][1:] == (0.0, 0.0)
+        assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
 
     def test_another_baud_rate_is_told(self, devices, impatient):
-        devices.noise = b"\x00\xf8\x1c"
+        devices.wrong_baud = {"rvr"}
         words = r"\d+ bytes from it make no sense: another device, or another baud rate"
         with pytest.raises(RobotError, match=words), robot_on(devices):
             pass
@@ -301,8 +322,9 @@ def test_the_end(devices, monkeypatch):
     monkeypatch.setattr(mercator, "stop_lidar", lambda _talk, _line: end("lidar"))
     with robot_on(devices, ()) as robot:
         robot.drive(Wheels(0.5, 0.5))
+        devices.when(devices.drives)
     assert ended == ["rvr", "lidar"]
-    devices.when(lambda: devices.drives() and not any(devices.wheels[-1][1:]))
+    devices.when(lambda: not any(devices.wheels[-1][1:]))
 
 
 def test_damaged_bytes(devices):
@@ -310,18 +332,32 @@ def test_damaged_bytes(devices):
 
     One packet of the lidar in ten is lost, and with it perhaps the robot that is there, never all the time (1e-20).
     """
-    devices.damage = 0.001
-    devices.robots = [(0.5, 0.5)]
+    devices.damaged = set(DEVICES)
+    devices.heads = [(0.5, 0.5)]
     with robot_on(devices) as robot:
         found = [told(robot, 0.1).neighbours for _ in range(25)]
         robot.drive(Wheels(0.5, 0.5))
     assert set(found[5:]) | {0.0} == {0.0, 1.0}
 
 
+def test_who_was_held_up_senses_anew(devices):
+    """What came meanwhile, and waits in the ports, is of any time ago."""
+    with robot_on(devices) as robot:
+        devices.measured["proximity"] = (0.1, *CLEAR[1:])
+        time.sleep(1.0)
+        devices.measured["proximity"] = CLEAR
+        devices.heads = [(0.0, 0.4)]
+        devices.settle()
+        robot.sense_anew()
+        assert all(time.monotonic() - sample.time < 0.3 for sample in robot.samples.values())
+        readings = robot.readings()
+        assert (readings.proximity_x, readings.neighbours) == (0.0, 1.0)
+
+
 def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
     refused = "get_battery_percentage", "get_battery_voltage_state", "set_all_leds"
     with robot_on(devices, ()) as robot:
-        devices.refused = dict.fromkeys(refused, 4)
+        devices.instead = {name: {"error": 4} for name in refused}
         robot.show(dict.fromkeys(LIGHTS, (0, 0, 0)))
         robot._polled = -math.inf
         robot.poll()
@@ -338,7 +374,7 @@ def test_a_lidar_that_sees_nothing_is_noted(devices):
 
     with robot_on(devices, ()) as robot:
         assert lidar_notes(robot) == ["lidar: sees nothing"]
-        devices.robots = [(0.0, 0.4)]
+        devices.heads = [(0.0, 0.4)]
         assert lidar_notes(robot) == ["lidar: sees nothing", "lidar: sees something again"]
 
 

@@ -14,7 +14,7 @@ import pytest
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from mercator_design.robot.swarm import Speaker
-from tests.robot.devices import Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
 RATES = {
@@ -26,7 +26,7 @@ RATES = {
     "position": 20.0,
     "velocity": 20.0,
     "ambient_light": 20.0,
-    "proximity": 10.0,
+    "proximity": 6.25,
 }
 """What `Devices` tell in a second."""
 
@@ -76,9 +76,8 @@ def until_it_records(devices, folder):
 
 def test_every_sample_of_every_sensor(tmp_path):
     with recording(tmp_path, "--duration", 1.5) as (devices, process):
-        devices.sensed["color_detection"].update(r=200, g=100, b=50)
-        devices.sensed["accelerometer"].update(x=0.0, y=1.0, z=1.0)
-        devices.millimetres[:3] = [20, 500, 1999]
+        devices.measured |= {"ground_sensors": (200, 100, 50), "accelerometer": (0.0, 1.0, 1.0)}
+        devices.measured["proximity"] = [0.02, 0.5, 1.999, *CLEAR[3:]]
         _, messages = process.communicate(timeout=30)
         assert process.returncode == 0, messages
         assert "The recording is recording.jsonl" in messages
@@ -101,12 +100,12 @@ def test_every_sample_of_every_sensor(tmp_path):
     assert samples["proximity"][-1]["values"] == [0.0, 0.5, 1.999, *[None] * 5]
     turns = [each for each in rest if each["event"] == "turn"]
     assert 5 <= len(turns) <= 13
-    assert {len(turn["readings"]) for turn in turns} == {721}
+    assert {len(turn["readings"]) for turn in turns} == {719}
 
 
 def test_turns_have_angles_from_the_robot_s_front(tmp_path):
     with recording(tmp_path, "--duration", 1) as (devices, process):
-        devices.robots.append((1.0, 0.8))
+        devices.heads = [(1.0, 0.8)]
         process.communicate(timeout=30)
     *_, turn = events(tmp_path, "turn")
     seen = [angle for angle, reach in turn["readings"] if reach == 0.8]

@@ -20,7 +20,8 @@ from mercator_design.robot.samples import STREAMED, Sample, converted
 from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.sweep import BINS, Sweep
 from mercator_design.robot.ydlidar import Packet
-from tests.robot.devices import QUIET, Devices
+from tests.robot.devices import CLEAR, Devices
+from tests.robot.lines import QUIET
 from tests.robot.ways import asked
 
 LATEST = 0.25
@@ -276,10 +277,9 @@ class TestServe:
     def test_from_start_to_end(self, devices, monkeypatch):
         """One node through all that goes on, as it takes seconds to start."""
         monkeypatch.setattr(mercator, "_POLL", 0.5)
-        silent, white = [], {"r": 250, "g": 251, "b": 252}
-        devices.sensed["color_detection"] |= white
-        devices.robots = [(math.pi / 2, 0.5)]
-        devices.millimetres[1] = 123
+        silent = []
+        devices.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *CLEAR[2:]]}
+        devices.heads = [(math.pi / 2, 0.5)]
 
         def act(orders):
             orders.take_colours(leds(*[(9, 8, 7)] * 5))

@@ -5,7 +5,7 @@ from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import FIELDS, STREAMED, converted
-from tests.robot.devices import QUIET
+from tests.robot.lines import QUIET
 
 
 def test_samples_have_the_values_of_the_table():

@@ -20,11 +20,10 @@ import pytest
 from mercator_design.robot.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.multiflex import NOTHING
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
-from tests.robot.devices import Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
@@ -267,7 +266,7 @@ class TestDriving:
 
     def test_it_does_not_drive_towards_what_is_near(self, tmp_path):
         with driving(tmp_path, "--guard", "0.3") as drive:
-            drive.devices.millimetres = [NOTHING, 250, *[NOTHING] * 6]
+            drive.devices.measured["proximity"] = [math.inf, 0.25, *CLEAR[2:]]
             time.sleep(0.3)
             drive.press(UP)
             time.sleep(0.3)
@@ -280,7 +279,7 @@ class TestDriving:
     def test_what_is_shown(self, tmp_path):
         with driving(tmp_path) as drive:
             drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
-            drive.devices.millimetres = [300, 2000, 20, *[NOTHING] * 5]
+            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *CLEAR[3:]]
             time.sleep(0.8)
             shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
@@ -334,9 +333,9 @@ WAYS = {
     },
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
-    "hub lost": (lambda drive: drive.devices.unplug("proximity"), 0.0, 4, "proximity: /dev/pts/"),
+    "hub lost": (lambda drive: drive.devices.unplugged.add("proximity"), 0.0, 4, "/proximity is lost: "),
     "battery": (
-        lambda drive: drive.devices.tell("battery_voltage_state_change", state=3),
+        lambda drive: setattr(drive.devices.rvr, "level", 5.0),
         0.0,
         4,
         "rvr: the battery is critical",
@@ -423,7 +422,7 @@ class TestWaysOut:
         with driving(tmp_path, "-o", "drive.jsonl", fault=limit) as drive, drive.holding():
             (tmp_path / "fault").touch()
             drive.ended(1, "drive.jsonl: cannot be written: File too large")
-            assert not any(left for _, left, _ in drive.devices.wheels[-3:])
+            drive.devices.rests_since()
 
 
 class TestUsage:

@@ -13,6 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from mercator_design.robot.log import read
 from tests.robot.devices import Devices
 
 LATEST = 0.25
@@ -34,8 +35,15 @@ talk._LOOK = 0.001
 """Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about."""
 IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
-OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.5\n"
+OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.2\n"
 """Lets a program ask after the battery more often."""
+SLOW = """
+import time
+from mercator_design.robot.mercator import Mercator
+close = Mercator.close
+Mercator.close = lambda robot: (close(robot), time.sleep(0.5))
+"""
+"""Lets a run keep its ports for a while after its end."""
 
 # What a controller does from the moment on at which there is a file "fault"; it prints when that is.
 FAULTS = """
@@ -82,6 +90,10 @@ class Robot:
         """Let the controller's fault begin; when it has [s]."""
         (self.folder / "fault").touch()
         return float(self.process.stdout.readline())
+
+    def cycles(self):
+        """How many its log has."""
+        return sum(event["event"] == "cycle" for event in read(self.folder / "log.jsonl"))
 
     def ended(self, seconds=10.0):
         """The exit code, and what was said."""

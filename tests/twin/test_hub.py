@@ -55,6 +55,8 @@ def test_fewer_sensors_are_quicker(talk):
     frames = talk.wait(1.2)[1:]
     assert len(frames) == pytest.approx(12, abs=1)
     assert set(frames) == {Distances((*MILLIMETRES[:4], *4 * [NOTHING]), 0x0F)}
+    talk.hub.plugged_in = 0xF6
+    assert set(talk.wait(0.5)[1:]) == {Distances((NOTHING, *MILLIMETRES[1:3], *5 * [NOTHING]), 0x06)}
     talk.send(use_sensors(0))
     assert set(talk.wait(0.2)) == {Distances((NOTHING,) * 8, 0)}
 

@@ -113,7 +113,8 @@ class TestCommands:
     def test_who_it_is_and_how(self):
         talk = Talk()
         assert talk.send("device_info", "health") == [DeviceInfo(6, (1, 4), 1, "2026112100000005"), Health(0)]
-        assert talk.hear(b"\xa5\x91") == [Health(0)]  # as the manual has it
+        talk.lidar.health = 2
+        assert talk.hear(b"\xa5\x91") == [Health(2)]  # as the manual has it
 
     def test_while_it_scans_it_hears_only_what_ends_that(self):
         talk = Talk()

@@ -37,10 +37,9 @@ from mercator_design.robot.log_events import FORMAT, Checker, Kind
 
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
-_WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
+_HANGS = 10.0  # [s] for which events may wait for the disk
 _ROUNDING = 1e-9  # of wheels that are decided again
 _LONGEST = 1 << 20  # bytes of a line
-_LAST = 10.0  # [s] that the end may take to be written
 
 
 class Log:
@@ -66,6 +65,7 @@ class Log:
         self.began = math.nan
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._waits_since = math.inf
         self._thread = threading.Thread(target=self._write_all, daemon=True)
 
     def __enter__(self) -> Self:
@@ -86,7 +86,7 @@ class Log:
         if has_begun:
             self.note("end", why=why, time=now())
         self._events.put(None)
-        self._thread.join(_LAST)
+        self._thread.join(_HANGS)
         if self._thread.is_alive():
             self._fail("the disk hangs")
             return
@@ -101,8 +101,11 @@ class Log:
 
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
+        at = time.monotonic()
+        if self._events.empty():
+            self._waits_since = at
         self._events.put({"event": event, **values})
-        if self._events.qsize() > _WAITING and not self.failure:
+        if at - self._waits_since > _HANGS and not self.failure:
             self._fail("the disk hangs")
 
     def remark(self, text: str) -> None:

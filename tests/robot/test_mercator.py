@@ -340,6 +340,20 @@ def test_damaged_bytes(devices):
     assert set(found[5:]) | {0.0} == {0.0, 1.0}
 
 
+def test_who_was_held_up_senses_anew(devices):
+    """What came meanwhile, and waits in the ports, is of any time ago."""
+    with robot_on(devices) as robot:
+        devices.measured["proximity"] = (0.1, *CLEAR[1:])
+        time.sleep(1.0)
+        devices.measured["proximity"] = CLEAR
+        devices.heads = [(0.0, 0.4)]
+        devices.settle()
+        robot.sense_anew()
+        assert all(time.monotonic() - sample.time < 0.3 for sample in robot.samples.values())
+        readings = robot.readings()
+        assert (readings.proximity_x, readings.neighbours) == (0.0, 1.0)
+
+
 def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
     refused = "get_battery_percentage", "get_battery_voltage_state", "set_all_leds"
     with robot_on(devices, ()) as robot:

@@ -13,6 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from mercator_design.robot.log import read
 from tests.robot.devices import Devices
 
 LATEST = 0.25
@@ -90,6 +91,10 @@ class Robot:
         """Let the controller's fault begin; when it has [s]."""
         (self.folder / "fault").touch()
         return float(self.process.stdout.readline())
+
+    def cycles(self):
+        """How many its log has."""
+        return sum(event["event"] == "cycle" for event in read(self.folder / "log.jsonl"))
 
     def ended(self, seconds=10.0):
         """The exit code, and what was said."""

@@ -32,8 +32,8 @@ from mercator_design.robot import mercator, talk
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
 talk._LOOK, talk._TRIES = 0.0002, 3
 """
-"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about. If nothing
-answers, it ends sooner."""
+"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
+And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.2\n"

@@ -38,7 +38,7 @@ NEAR = ReferenceModel().neighbour_range
 @pytest.fixture(autouse=True)
 def soon(request, monkeypatch):
     """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
-    monkeypatch.setattr(talk, "_LOOK", 0.001)
+    monkeypatch.setattr(talk, "_LOOK", 0.0002)
     if "whole_start" not in request.fixturenames:
         monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
 

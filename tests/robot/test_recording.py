@@ -2,9 +2,11 @@
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -165,6 +167,24 @@ def test_sensors_that_fall_silent_are_told_and_the_others_go_on(tmp_path):
     for name in ("proximity", "lidar"):
         assert messages.count(f"Warning: {name}: nothing for") == 1
         assert len(told(name)) == 1
+
+
+def test_a_program_that_was_suspended_tells_of_the_gap(tmp_path):
+    def noted():
+        return [note["text"] for note in events(tmp_path, "note")]
+
+    with recording(tmp_path) as (devices, process):
+        until_it_records(devices, tmp_path)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGCONT)
+        devices.when(lambda: any(each.startswith("held up") for each in noted()))
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=10)
+        assert process.returncode == 0, messages
+    told = re.findall(r"Warning: (held up for (\S+) s: samples are missing, or have wrong times)", messages)
+    assert max(float(seconds) for _, seconds in told) > 1.0
+    assert [text for text, _ in told] == [each for each in noted() if each.startswith("held up")]
 
 
 def test_the_battery_is_asked_after(tmp_path):

@@ -43,9 +43,20 @@ class TestKeys:
         assert keys(b" \x1b[1;5A\x1b[3~\x1bOPx\n\xc3\x1b\x1b[A") == (["stop"] * 8 + ["forward"], b"")
 
     @pytest.mark.parametrize(
-        "start", [b"\x1b[[A", b"\x1b[?1;2c", b"\x1b[0 q", b"\x1b]11;rgb:0/a/w\a", b"\x1bP>|wasd\x1b\\"]
+        "start",
+        [
+            b"\x1b[[A",
+            b"\x1b[?1;2c",
+            b"\x1b[0 q",
+            b"\x1b]11;rgb:0/a/w\a",
+            b"\x1bP>|wasd\x1b\\",
+            b"\x1b[M ww",
+            b"\x1b[M#\xe1\n",
+            b"\x1bw",
+            b"\x1bq",
+        ],
     )
-    def test_keys_of_consoles_and_what_terminals_say_are_one_key_that_stops(self, start):
+    def test_keys_of_consoles_clicks_alt_and_what_terminals_say_are_one_key_that_stops(self, start):
         assert keys(start + b"w") == (["stop", "forward"], b"")
         for cut in range(1, len(start)):
             assert keys(start[:cut]) == ([], start[:cut])
@@ -59,7 +70,7 @@ class TestKeys:
         tty.setraw(terminal)
         os.set_blocking(terminal, False)
         keyboard = Keyboard(terminal)
-        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"w", ["stop", "forward"]), (b"", [])):
+        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"\x1b[A", ["stop", "forward"]), (b"", [])):
             os.write(fingers, pressed)
             assert keyboard.pressed() == found
         os.close(fingers)
@@ -279,9 +290,10 @@ class TestDriving:
         with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
             drive.devices.when(lambda: asked(drive.devices) > 5)
 
-    def test_a_terminal_of_another_user(self, tmp_path):
-        """As after `su`: it can be opened by its general name only."""
-        with driving(tmp_path, lead=OWN_TERMINAL + "import os; os.ttyname = lambda _: '/no/terminal'\n") as drive:
+    @pytest.mark.parametrize("ttyname", ["lambda _: '/no/terminal'", "lambda _: os.stat('/no/terminal')"])
+    def test_a_terminal_that_can_be_opened_by_its_general_name_only(self, tmp_path, ttyname):
+        """As after `su`, and in containers, where it has no other."""
+        with driving(tmp_path, lead=OWN_TERMINAL + f"import os; os.ttyname = {ttyname}\n") as drive:
             drive.press(UP)
             drive.devices.when(drive.devices.drives)
             drive.press(b"q")

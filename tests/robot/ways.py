@@ -30,9 +30,10 @@ MAIN = "from mercator_design.robot.cli import main; main()"
 SOON = """
 from mercator_design.robot import mercator, talk
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-talk._LOOK = 0.001
+talk._LOOK, talk._TRIES = 0.0002, 3
 """
-"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about."""
+"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
+And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.2\n"
@@ -41,7 +42,7 @@ SLOW = """
 import time
 from mercator_design.robot.mercator import Mercator
 close = Mercator.close
-Mercator.close = lambda robot: (close(robot), time.sleep(0.5))
+Mercator.close = lambda robot: (close(robot), time.sleep(0.3))
 """
 """Lets a run keep its ports for a while after its end."""
 

@@ -92,7 +92,7 @@ def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_pa
             began = time.monotonic()
             cycles = robot.cycles()
             robot.devices.deaf.add("rvr")
-            check(robot, 4, "rvr: it does not answer any more; is it switched on", zeros=False)
+            check(robot, 4, "rvr: it does not answer any more; it was heard before", zeros=False)
             assert CYCLE * (robot.cycles() - cycles) < 3.2
             return robot.devices.rests_since() - began - COMMANDS_END
 

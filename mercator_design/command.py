@@ -4,11 +4,12 @@ Results go to stdout or named files, messages to stderr.
 """
 
 import contextlib
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import click
 
@@ -30,6 +31,16 @@ LENIENT = click.option(
     is_flag=True,
     help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
 )
+
+
+class NumberRange(click.FloatRange):
+    """Numbers of a range; click takes what is no number for one of any."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
 
 
 class Signalled(BaseException):

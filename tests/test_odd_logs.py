@@ -121,3 +121,15 @@ def test_a_log_that_breaks_off_is_read(kinds, tmp_path, reader):
     for cut in (1, len(lines[-1]) // 2, len(lines[-1]), len(lines[-1]) + 1):
         path.write_text("".join(lines)[:-cut])
         run(path)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_last_line_that_was_changed_is_told(kinds, tmp_path, reader):
+    """It is whole, so nobody is still writing it."""
+    kind, run = READERS[reader]
+    *lines, last = map(line, kinds[kind])
+    path = tmp_path / "log.jsonl"
+    for changed_to in (last.replace("why", "whY"), "garbage\n", "\n"):
+        path.write_text("".join(lines) + changed_to)
+        with pytest.raises(RobotError, match=rf"log.jsonl, line {len(lines) + 1}: "):
+            run(path)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller
 from mercator_design.errors import RobotError, printable
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @click.argument("fsm", type=FILE, required=False)
 @click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
 @click.option("--start", is_flag=True, help="Run FSM on all robots, if it has been copied to all.")
-@click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
+@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
 @click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
 @FLAVOUR
 @LENIENT
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--timeout",
-    type=click.FloatRange(1.0, 3600.0),
+    type=NumberRange(1.0, 3600.0),
     default=60.0,
     show_default=True,
     metavar="SECONDS",

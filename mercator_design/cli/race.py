@@ -19,7 +19,7 @@ from mercator_design.cli.racing import (
     run,
 )
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts
-from mercator_design.command import tell
+from mercator_design.command import NumberRange, tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option("--scheduler", metavar="ADDRESS", help="Of Dask, such as tcp://host:8786 or a scheduler file.")
 @click.option(
     "--timeout",
-    type=click.FloatRange(0, min_open=True),
+    type=NumberRange(0, min_open=True),
     metavar="SECONDS",
     help="An experiment that takes longer has failed (with --executor processes).",
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.install import NAMED, RULES
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import DeviceName, Line
+from mercator_design.robot.ports import DeviceName, Line, PortNames, sharing
 from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import firmware_name, start_hub, start_lidar, stop_lidar, wake_rvr
@@ -37,6 +37,7 @@ def check(settings: Settings) -> Iterator[Finding]:
     yield check_console(settings.ports.rvr, kernel)
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
+    yield from check_names(settings.ports)
     yield from of_devices(settings, _DEVICES)
 
 
@@ -77,7 +78,7 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
     """
     if not config or _names(port).isdisjoint(_HEADER):
         return
-    lines = ["".join(line.partition("#")[0].split()) for line in config.splitlines()]
+    lines = _for_all(config)
     told = [line for line in lines if line.startswith("enable_uart=")]
     without_bluetooth = any(
         line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
@@ -91,6 +92,17 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
     else:
         words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
         yield Finding("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
+
+
+def _for_all(config: str) -> list[str]:
+    """The lines of a config.txt, without spaces and comments, that every Pi 4 heeds."""
+    lines, are_heeded = [], True
+    for line in ("".join(each.partition("#")[0].split()) for each in config.splitlines()):
+        if line.startswith("["):
+            are_heeded = line in {"[all]", "[pi4]"}
+        elif are_heeded:
+            lines.append(line)
+    return lines
 
 
 def check_programs(port: str) -> Finding:
@@ -107,6 +119,15 @@ def check_programs(port: str) -> Finding:
             case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
                 found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
     return Finding("other programs", not found, "; ".join(sorted(found)) or "none that takes ports")
+
+
+def check_names(names: PortNames) -> Iterator[Finding]:
+    """Whether a port's name may be another device's after the next start."""
+    for device in NAMED:
+        name = getattr(names, device)
+        if rivals := sharing(name):
+            words = f"{name} may be any of {rivals}, as they come: name it so in robot.yaml, or install names for them"
+            yield Finding(f"{device}'s name", is_fine=False, words=words)
 
 
 def _names(port: str) -> set[str]:
@@ -137,7 +158,11 @@ def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
             readings.append(sum(distance > 0.0 for _, distance in turn))
 
     talk = Talk([line], take)
-    yield Finding("lidar", is_fine=True, words=start_lidar(talk, line)["lidar"])
+    facts = start_lidar(talk, line)
+    yield Finding("lidar", is_fine=True, words=facts["lidar"])
+    if "lidar_health" in facts:
+        words = f"{facts['lidar_health']}; take its power away for a moment"
+        yield Finding("lidar's health", is_fine=False, words=words)
     try:
         talk.until(lambda: bool(times), _LISTEN)  # the motor starts
         times.clear()

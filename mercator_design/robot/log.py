@@ -171,7 +171,7 @@ def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
                 try:
                     event = from_line(line)
                 except ValueError as error:
-                    if number > 1 and next(lines, None) is None:
+                    if number > 1 and not line.endswith(b"\n") and next(lines, None) is None:
                         return
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 try:

@@ -89,10 +89,16 @@ def usb_port(device: DeviceName, name: str) -> ListPortInfo:
     if found is None:
         wrong = "is not a USB device" if Path(path).exists() else "is not connected"
         raise RobotError(f"{device}: {path} {wrong}; connected are {_listed(ports.values())}")
-    rivals = [port for port in ports.values() if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
-    if len(rivals) > 1:  # a name by the order in which they came
-        raise RobotError(f"{device}: which of {_listed(rivals)} is it? Name it so in robot.yaml")
+    if rivals := sharing(name):
+        raise RobotError(f"{device}: which of {rivals} is it? Name it so in robot.yaml")
     return found
+
+
+def sharing(name: str) -> str:
+    """The USB devices of which each may have a port's name, by the order in which they came; empty if only one may."""
+    of_usb = [port for port in list_ports.comports() if port.vid is not None]
+    rivals = [port for port in of_usb if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
+    return _listed(rivals) if len(rivals) > 1 else ""
 
 
 class _Port(serial.Serial):

@@ -12,6 +12,7 @@ from mercator_design.robot.rvr_messages import Processor
 from mercator_design.robot.talk import Talk
 from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
 
+_ERROR = 2  # health of a lidar
 _WAKING = 2.0  # [s] that the RVR may take to wake up
 
 
@@ -79,7 +80,7 @@ def rest_rvr(talk: Talk) -> None:
 
 
 def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
-    """Start the lidar's motor and its scan: what device it is.
+    """Start the lidar's motor and its scan: what device it is, and what it warns of.
 
     Raises:
         RobotError: if it does not answer, or has an error.
@@ -87,12 +88,15 @@ def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
     stop_lidar(talk, line)
     line.set_dtr(high=True)
     health = talk.exchange("lidar", partial(encode_command, "health"), Health)
-    if health.status == 2:
+    if health.status == _ERROR:
         raise RobotError(f"lidar: it reports an error, {health.error_code:#x}; take its power away for a moment")
     info = talk.exchange("lidar", partial(encode_command, "device_info"), DeviceInfo)
     talk.exchange("lidar", partial(encode_command, "scan"), ScanStarted)
     major, minor = info.firmware
-    return {"lidar": f"model {info.model}, firmware {major}.{minor}, serial {info.serial}"}
+    facts = {"lidar": f"model {info.model}, firmware {major}.{minor}, serial {info.serial}"}
+    if health.status:
+        facts["lidar_health"] = f"a warning, {health.error_code:#x}"
+    return facts
 
 
 def stop_lidar(talk: Talk, line: Line) -> None:

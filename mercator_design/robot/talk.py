@@ -22,10 +22,10 @@ _REMEMBERED = 100
 _MUCH = 1000  # bytes without a meaning from a device that makes sense; a few are normal after a start
 _REMEDIES: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
-    "turns it on)? Are TX and RX crossed? Is a login shell on the port (raspi-config)? Do its lamps flash yellow (more "
-    "than 2.15 A; switch it off and on)? Does the UART work (`mercator-robot check` tells, with "
-    "TX and RX joined in place of the RVR)?",
-    "lidar": "has it power (5 V, 1 A, and more while its motor starts)?",
+    "turns it on), and this computer's at 115200 baud whatever its clock (enable_uart=1)? Are TX and RX crossed? Is a "
+    "login shell on the port (raspi-config)? Do its lamps flash yellow (more than 2.15 A; switch it off and on)? Does "
+    "the UART work (`mercator-robot check` tells, with TX and RX joined in place of the RVR)?",
+    "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which speaks at 128000 baud?",
     "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
     "plugged in?",
 }

@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, NumberRange, tell
 from mercator_design.errors import RobotError
 
 
@@ -20,9 +20,7 @@ from mercator_design.errors import RobotError
     help="For ports, robot.yaml of each robot, and the log.",
 )
 @click.option("--faults", type=FILE, metavar="FILE.yaml", help="What goes wrong, and when.")
-@click.option(
-    "--duration", type=click.FloatRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]"
-)
+@click.option("--duration", type=NumberRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]")
 @click.option("--no-noise", is_flag=True, help="What is measured, and what the treads do, is exact.")
 @seed_of("Of where the robots stand, and of noise.")
 @ROBOT_MODEL

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.colours import COLOURS, ColourName
-from mercator_design.command import naming, tell
+from mercator_design.command import NumberRange, naming, tell
 from mercator_design.loading import dump
 from mercator_design.robot import ground_calibration, proximity_calibration
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -18,7 +18,7 @@ from mercator_design.robot.settings_file import change, rehearse
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(
-    "--seconds", type=click.FloatRange(0.2, 60.0), default=3.0, show_default=True, help="Of each measurement."
+    "--seconds", type=NumberRange(0.2, 60.0), default=3.0, show_default=True, help="Of each measurement."
 )
 
 
@@ -58,7 +58,7 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
 @ROBOT_FILE
 @click.option(
     "--distance",
-    type=click.FloatRange(0.1, 1.0),
+    type=NumberRange(0.1, 1.0),
     metavar="METRES",
     help="From each sensor to what is held before it: measures `proximity_offsets` too.",
 )

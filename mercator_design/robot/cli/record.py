@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from mercator_design.command import Signalled, tell
+from mercator_design.command import NumberRange, Signalled, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.recording import record as write
 from mercator_design.robot.settings import Settings
@@ -13,7 +13,7 @@ from mercator_design.robot.settings import Settings
 
 @click.command(short_help="Record the sensors of the robot at rest.")
 @ROBOT
-@click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="[default: until Ctrl-C]")
+@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="[default: until Ctrl-C]")
 @click.option(
     "-o",
     "--output",

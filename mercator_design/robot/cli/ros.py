@@ -4,7 +4,7 @@ import contextlib
 
 import click
 
-from mercator_design.command import tell
+from mercator_design.command import NumberRange, tell
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.ros import Node, serve
 from mercator_design.robot.settings import Settings
@@ -15,7 +15,7 @@ from mercator_design.robot.settings import Settings
 @ROBOT
 @click.option(
     "--rate",
-    type=click.FloatRange(0.1, 20.0),
+    type=NumberRange(0.1, 20.0),
     default=5.0,
     show_default=True,
     metavar="HZ",
@@ -23,7 +23,7 @@ from mercator_design.robot.settings import Settings
 )
 @click.option(
     "--silence",
-    type=click.FloatRange(0.1, 2.0),
+    type=NumberRange(0.1, 2.0),
     default=0.3,
     show_default=True,
     metavar="SECONDS",

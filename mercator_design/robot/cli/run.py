@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
@@ -15,7 +15,7 @@ from mercator_design.robot.settings import Settings
 @click.command(short_help="Run the PFSM of an fsm.txt.")
 @click.argument("fsm", type=FILE)
 @ROBOT
-@click.option("--duration", type=click.FloatRange(0.1, 1e6), metavar="SECONDS", help="[default: until it is stopped]")
+@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="[default: until it is stopped]")
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**63 - 1),

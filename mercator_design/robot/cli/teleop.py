@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from mercator_design.command import tell
+from mercator_design.command import NumberRange, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.teleop import HELD, REPEATED
@@ -23,7 +23,7 @@ from mercator_design.robot.teleop import teleop as drive
 @ROBOT
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1.55),
+    type=NumberRange(0.01, 1.55),
     default=0.15,
     show_default=True,
     metavar="M/S",
@@ -31,7 +31,7 @@ from mercator_design.robot.teleop import teleop as drive
 )
 @click.option(
     "--guard",
-    type=click.FloatRange(0.05, 2.0),
+    type=NumberRange(0.05, 2.0),
     metavar="METRES",
     help="Do not drive towards what a proximity sensor sees nearer than this.",
 )

@@ -1,0 +1,31 @@
+"""What the commands mdesign and mercator-robot share."""
+
+import click
+import pytest
+
+from mercator_design.cli import cli as mdesign
+from mercator_design.robot.cli import cli as mercator_robot
+
+
+def verbs(group):
+    """All of a command, and of its verbs."""
+    for name in group.list_commands(click.Context(group)):
+        verb = group.get_command(click.Context(group), name)
+        yield verb
+        if isinstance(verb, click.Group):
+            yield from verbs(verb)
+
+
+@pytest.mark.parametrize("command", [mdesign, mercator_robot])
+def test_what_is_no_number_is_in_no_range(command):
+    """A duration or a guard that is NaN would be none."""
+    numbers = [
+        (click.Context(verb), option)
+        for verb in verbs(command)
+        for option in verb.params
+        if isinstance(option.type, click.types.FloatParamType)
+    ]
+    assert numbers
+    for context, option in numbers:
+        with pytest.raises(click.BadParameter, match="'nan' is not a number"):
+            option.type_cast_value(context, "nan")

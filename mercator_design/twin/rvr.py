@@ -5,7 +5,7 @@ It falls asleep when nothing is said to it for five minutes, and refuses to do a
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from mercator_design.robot.rvr import Command, Device, Flags, Unknown
@@ -113,10 +113,10 @@ class Rvr:
         self._watch_battery()
         return self._take_said()
 
-    def stall(self, motor: int, duration: float) -> None:
-        """A motor (0 left, 1 right) is stuck, and cut off for so long [s]."""
-        name, values = self._drive.stall(motor, duration)
-        self._notify(name, **values)
+    def stall(self, motors: Iterable[int]) -> None:
+        """These motors (0 left, 1 right), and no others, are stuck, and cut off, from now on."""
+        for name, values in self._drive.stall(motors):
+            self._notify(name, **values)
 
     def _obey(self, event: Command | Unknown) -> bytes:
         frame = event.frame

@@ -26,6 +26,7 @@ _SLEW = {"a": -177.78, "b": 533.33, "c": 200.0, "linear_acceleration": 0.5, "lin
 _GAIN = 5.0  # of the yaw controller [1/s]
 _AIMED = 5.0  # [degrees] from the aim, within which a robot that stood drives off
 _ARRIVED = 0.02  # [m] from the end of a position drive
+_HEADING_FLAGS = 0b111111  # all of them
 _AT_ONCE = 1e6  # [m/s2]
 _REST: Treads = (0.0, 0.0)
 
@@ -149,9 +150,12 @@ class Drive:
         self.drive_rc_si_units(FASTEST_TURN * yaw_angular_velocity / 127, TOP * linear_velocity / 127, flags)
         self.by = "drive_rc_normalized"
 
-    def drive_with_heading(self, speed: int, heading: int, flags: int) -> None:
+    def drive_with_heading(self, speed: int, heading: int, flags: int) -> Error | None:
+        if heading > 359 or flags > _HEADING_FLAGS:
+            return Error.BAD_DATA_VALUE
         forwards = -1.0 if flags & 1 else 1.0
         self._drive("drive_with_heading", _YAW, self._towards(-heading, forwards * TOP * speed / 255))
+        return None
 
     def drive_with_yaw_si(self, yaw_angle: float, linear_velocity: float) -> None:
         self._drive("drive_with_yaw_si", _YAW, self._towards(yaw_angle, linear_velocity))

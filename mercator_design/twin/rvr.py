@@ -22,6 +22,7 @@ _WARNING = 10.0  # [s] before it sleeps
 _UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
 _THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
 _EMPTY, _FULL = 6.4, 8.2  # [V]
+_ECHO = 16  # bytes at most
 _CURRENT = 0.35  # [A] of a motor that turns
 _VERSIONS = {Processor.NORDIC: (9, 1, 462), Processor.ST: (9, 2, 482)}
 _MADE_UP: Mapping[str, Mapping[str, Any]] = {
@@ -173,8 +174,8 @@ class Rvr:
             self._battery_state = state
             self._notify("battery_voltage_state_change", state=state)
 
-    def echo(self, _: Processor, data: bytes) -> Mapping[str, Any]:
-        return {"data": data}
+    def echo(self, _: Processor, data: bytes) -> Mapping[str, Any] | Error:
+        return {"data": data} if len(data) <= _ECHO else Error.BAD_DATA_LENGTH
 
     def generate_api_error(self, _: Processor, error: int) -> Error | None:
         return Error(error) if error in set(Error) else Error.BAD_DATA_VALUE

@@ -69,6 +69,7 @@ VALUES = {
     "f32": 0.25, "bool": True, "bytes": b"", "text": "x",
     "configuration": bytes.fromhex("000902"), "token": 3, "led_group": 0b111, "led_brightness_values": (1, 2, 3),
     "data": b"\x8d\xd8\xab", "error": 6, "left_mode": 1, "right_mode": 2, "period": 50, "interval": 100,
+    "id0": 4, "id1": 5,
 }  # fmt: skip
 
 
@@ -112,6 +113,10 @@ class TestCommands:
             (0x16, 0x34, 2, struct.pack(">ffB", 0.0, math.inf, 0), Error.BAD_DATA_VALUE),
             (0x16, 0x38, 2, struct.pack(">ffffB", 0, 0, 1, 1, 3), Error.BAD_DATA_VALUE),
             (0x16, 0x38, 2, struct.pack(">ffffB", 0, 0, 1, -1, 0), Error.BAD_DATA_VALUE),
+            (0x16, 0x07, 2, struct.pack(">BHB", 51, 360, 0), Error.BAD_DATA_VALUE),
+            (0x16, 0x07, 2, struct.pack(">BHB", 51, 359, 64), Error.BAD_DATA_VALUE),
+            (0x18, 0x4A, 2, b"\4\6", Error.BAD_DATA_VALUE),
+            (0x10, 0x00, 1, bytes(17), Error.BAD_DATA_LENGTH),
             (0x16, 0x3E, 2, struct.pack(">f", 0.0), Error.BAD_DATA_VALUE),
             (0x16, 0x3C, 2, struct.pack(">ffffB", 0, 0, 0, -1.0, 1), Error.BAD_DATA_VALUE),
             (0x16, 0x46, 2, b"\x09", Error.BAD_DATA_VALUE),

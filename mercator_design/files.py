@@ -65,12 +65,12 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
     It has the owner and the rights of the one before it. A link is followed, and a device or pipe written to.
     """
-    path = Path(os.path.realpath(path))
     before = path.stat() if path.exists() else None
     if before is not None and not stat.S_ISREG(before.st_mode):
         with path.open("wb") as file:
             yield file
         return
+    path = Path(os.path.realpath(path))  # not before: where /dev/stdout leads to a pipe there is no file
     draft = path.with_name(f".{path.name[:200]}-{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:

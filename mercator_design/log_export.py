@@ -16,7 +16,7 @@ from mercator_design import __version__
 from mercator_design.checked_lines import Event
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
-from mercator_design.robot.log import condition_met, controller_of, read, understanding
+from mercator_design.robot.log import NO_END, condition_met, controller_of, read, understanding
 from mercator_design.robot.samples import FIELDS
 from mercator_design.robot.sweep import BINS, STEP
 
@@ -114,7 +114,7 @@ class _Log:
         self.start, self._events = start, events
         self.robot: str = start["robot"]
         self.time = self._began = datetime.fromisoformat(start["time"]).timestamp()
-        self._count, self._why = 0, "the log has no end: it is still being written, or the program was killed"
+        self._count, self._why = 0, NO_END
 
     def events(self) -> Iterator[Event]:
         """Those after the start."""

@@ -71,3 +71,12 @@ def test_nothing_is_left_of_what_goes_wrong(tmp_path):
     with pytest.raises(TypeError), replacing(path) as file:
         file.writelines([b"half", None])
     assert [each.read_text() for each in tmp_path.iterdir()] == ["before"]
+
+
+def test_what_a_name_of_the_system_leads_to_is_written_to():
+    """As /dev/stdout before `|`, and `>(...)`: a link that leads to no path."""
+    end, pipe = os.pipe()
+    write_text(Path(f"/dev/fd/{pipe}"), "through")
+    os.close(pipe)
+    with os.fdopen(end) as file:
+        assert file.read() == "through"

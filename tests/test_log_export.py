@@ -318,7 +318,8 @@ def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
     for times in (8, 20):
         path = tmp_path / f"{times}.jsonl"
         with path.open("w") as file:
-            file.writelines(to_lines(itertools.chain(events[:1], *itertools.repeat(events[1:-1], times))))
+            again = (event | {"time": event["time"] + 100.0 * k} for k in range(times) for event in events[1:-1])
+            file.writelines(to_lines(itertools.chain(events[:1], again)))
         with (tmp_path / "out").open("wb") as file:
             tracemalloc.start()
             write(path, file)

@@ -221,6 +221,7 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     centres, sd = _moments(values)
     inside = (centres - _MARGIN * sd > low) & (centres + _MARGIN * sd < high)
     use = _kept(use, inside, f"too near to the ends of the range, {low:g} to {high:g}", where, notes)
+    use = _kept(use, _is_spread(series.times, values), "all their samples have the same time", where, notes)
     use = _kept(use, *_steady(series.times, values, use), where, notes)
     if out := np.sum(far[:, use]):
         notes.append(f"{where}: {out} of {np.sum(seen[use])} samples left out: they lie far from the others")
@@ -275,6 +276,11 @@ def _without_sweep(values: Floats, angles: Floats) -> Floats:
     slopes = np.nansum(off * (values - _moments(values)[0]), axis=0) / np.maximum(sweep, _SWEEP**2)
     found: Floats = values - np.where(sweep > len(values) * _SWEEP**2, slopes, 0.0) * off
     return found
+
+
+def _is_spread(times: Floats, values: Floats) -> NDArray[np.bool_]:
+    """Which channels measured something at more than one time."""
+    return np.array([len(np.unique(times[~np.isnan(channel)])) > 1 for channel in values.T], dtype=bool)
 
 
 def _steady(times: Floats, values: Floats, use: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], str]:

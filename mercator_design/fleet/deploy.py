@@ -41,7 +41,9 @@ _START = f"""
 {_BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
 mkdir -p logs || exit 1
-name=logs/run-$(date +%Y%m%d-%H%M%S)
+name=logs/run-$(date +%Y%m%d-%H%M%S) number=
+while [ -e "$name$number.jsonl" ] || [ -e "$name$number.txt" ]; do number=$((number - 1)); done
+name=$name$number
 setsid python3 {PROGRAM} run {FSM} -o "$name.jsonl" "$@" >"$name.txt" 2>&1 </dev/null &
 echo $! >pid
 for _ in $(seq 200); do
@@ -161,7 +163,8 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[Result]:
             return "no logs"
         to = folder / robot.name
         to.mkdir(parents=True, exist_ok=True)
-        _run("scp", robot, ["-p", _on(robot, "logs/*"), str(to)], timeout)
+        # Absolute, as scp takes what has a colon before its first slash for a host.
+        _run("scp", robot, ["-p", _on(robot, "logs/*"), str(to.resolve())], timeout)
         return f"{count} files in {to}"
 
     return _on_all(fleet, of)

@@ -9,7 +9,7 @@ from mercator_design.errors import RobotError, Stopped
 from mercator_design.robot.log import Log
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import open_ports
-from mercator_design.robot.safety import Signals, Watchdog, go_first
+from mercator_design.robot.safety import STALL, Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
 
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
@@ -23,12 +23,13 @@ class Control:
 
     def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
         self.robot, self._watchdog, self._log = robot, watchdog, log
+        self._heard = time.monotonic()
 
     def arm(self) -> None:
         """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
 
         Raises:
-            RobotError: if no first heartbeat comes, or as `wait`.
+            RobotError: if no first heartbeat comes, or a sensor that is needed tells nothing new; or as `wait`.
         """
         end = time.monotonic() + _FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
@@ -37,6 +38,8 @@ class Control:
                     "swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?"
                 )
             self.wait(time.monotonic() + 0.1)
+        if time.monotonic() - self._heard > STALL:  # somebody was told something, and took his time
+            self.robot.sense_anew()
         self._watchdog.arm()
 
     def wait(self, until: float) -> float:
@@ -51,7 +54,8 @@ class Control:
             raise Stopped(self.robot.brake.why)
         if self._log is not None and self._log.failure:
             raise RobotError(self._log.failure)
-        return time.monotonic()
+        self._heard = time.monotonic()
+        return self._heard
 
     def cycles(self, period: float) -> Iterator[float]:
         """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
@@ -84,7 +88,7 @@ def in_control(
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
-        RobotError: if a device cannot be used, or the log cannot be written.
+        RobotError: if a device cannot be used, the log cannot be written, or the RVR does not come to rest in the end.
         Signalled: if a signal came.
     """
     go_first(1)
@@ -96,5 +100,6 @@ def in_control(
         with watchdog, contextlib.closing(robot), signals.until_stopped():  # nothing interrupts the closing
             robot.start()
             yield Control(robot, watchdog, log)
-    if log is not None and log.failure:
-        raise RobotError(log.failure)
+    for wrong in (log.failure if log is not None else "", robot.unrest):
+        if wrong:
+            raise RobotError(wrong)

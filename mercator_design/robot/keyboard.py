@@ -24,9 +24,14 @@ _KEYS: dict[bytes, Key] = {
     b"\x04": "quit",
     **{start + letter: key for start in (b"\x1b[", b"\x1bO") for letter, key in _ARROWS.items()},
 }
-# Keys, among them those of the Linux console with [[, and what a terminal says of itself, which begins with ] or P.
-_KEY = re.compile(rb"\x1b(?:\[\[.|\[[0-?]*[ -/]*[@-~]|O.|[]P][^\a\x1b]{0,200}(?:\a|\x1b\\))|.", re.DOTALL)
-_BEGUN = re.compile(rb"\x1b(?:\[(?:\[|[0-?]*[ -/]*)|O|[]P][^\a\x1b]{0,200}\x1b?)?\Z")  # its other bytes may follow
+# Keys, among them those of the Linux console with [[ and those with Alt; clicks, which begin with [M; and what
+# terminals say of themselves, which begins with ] or P.
+_KEY = re.compile(
+    rb"\x1b(?:\[\[.|\[M[^\x1b]{3}|\[[0-?]*[ -/]*[@-~]|O.|[]P][^\a\x1b]{0,200}(?:\a|\x1b\\)|[^\x1b])|.", re.DOTALL
+)
+_BEGUN = re.compile(  # its other bytes may follow
+    rb"\x1b(?:\[(?:\[|M[^\x1b]{0,2}|[0-?]*[ -/]*)|O|[]P][^\a\x1b]{0,200}\x1b?)?\Z"
+)
 _SPLIT = 0.3  # [s] within which the bytes of a key come
 _CLEAR_LINE = "\r\x1b[K"
 
@@ -101,7 +106,9 @@ def keyboard() -> Iterator[Keyboard]:
 
 def _open() -> int:
     """The terminal, opened anew: that of the shell must go on to wait for keys."""
-    for name in (os.ttyname(sys.stdin.fileno()), "/dev/tty"):  # the first may be another user's, after `su`
-        with contextlib.suppress(OSError):
-            return os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    flags = os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK
+    with contextlib.suppress(OSError):  # another user's, after `su`, or one that has no name, as in containers
+        return os.open(os.ttyname(sys.stdin.fileno()), flags)
+    with contextlib.suppress(OSError):
+        return os.open("/dev/tty", flags)
     raise RobotError("the terminal cannot be opened")

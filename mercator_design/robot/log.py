@@ -21,7 +21,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,10 +37,10 @@ from mercator_design.robot.log_events import FORMAT, Checker, Kind
 
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
-_WAITING = 1000  # events that may wait for the disk: a run has ten or so a second
+NO_END = "the log has no end: it is still being written, or the program was killed"
+_HANGS = 10.0  # [s] for which events may wait for the disk
 _ROUNDING = 1e-9  # of wheels that are decided again
 _LONGEST = 1 << 20  # bytes of a line
-_LAST = 10.0  # [s] that the end may take to be written
 
 
 class Log:
@@ -66,6 +66,7 @@ class Log:
         self.began = math.nan
         self.failure = ""
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._waits_since = math.inf
         self._thread = threading.Thread(target=self._write_all, daemon=True)
 
     def __enter__(self) -> Self:
@@ -73,9 +74,14 @@ class Log:
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except OSError as error:
             raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
-        with contextlib.suppress(OSError):  # a folder that may be written, but not read
-            sync_folder(self.path.parent)
-        self._thread.start()
+        try:
+            with contextlib.suppress(OSError):  # a folder that may be written, but not read
+                sync_folder(self.path.parent)
+            self._thread.start()
+        except BaseException:  # a signal
+            os.close(self._file)
+            self.path.unlink(missing_ok=True)
+            raise
         return self
 
     def __exit__(
@@ -86,7 +92,7 @@ class Log:
         if has_begun:
             self.note("end", why=why, time=now())
         self._events.put(None)
-        self._thread.join(_LAST)
+        self._thread.join(_HANGS)
         if self._thread.is_alive():
             self._fail("the disk hangs")
             return
@@ -101,8 +107,11 @@ class Log:
 
     def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Append an event."""
+        at = time.monotonic()
+        if self._events.empty():
+            self._waits_since = at
         self._events.put({"event": event, **values})
-        if self._events.qsize() > _WAITING and not self.failure:
+        if at - self._waits_since > _HANGS and not self.failure:
             self._fail("the disk hangs")
 
     def remark(self, text: str) -> None:
@@ -227,18 +236,25 @@ def controller_of(start: Mapping[str, Any]) -> tuple[Pfsm, Controller]:
     return pfsm, Controller(pfsm, ReferenceModel(**start["reference_model"]))
 
 
-def replay(path: Path) -> Iterator[tuple[Pfsm, Decision]]:
+def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
     """Run the controller of a log again on its readings and draws.
+
+    Args:
+        path: Of the log.
+        doubt: Called at last if the log has no end.
 
     Raises:
         RobotError: as `read`, or if the log is not of this version's making.
     """
     events = read(path)
     with understanding(path):
-        pfsm, controller = controller_of(next(events))
+        event = next(events)
+        pfsm, controller = controller_of(event)
         for event in events:
             if event["event"] == "cycle":
                 yield pfsm, _decide(controller, event)
+        if event["event"] != "end":
+            doubt(NO_END)
 
 
 def condition_met(controller: Controller, event: Event) -> str:

@@ -152,6 +152,7 @@ class Checker:
         self._kind = kind
         self._events: Mapping[str, Mapping[str, _Form]] = {}  # that may come
         self._lines = 0
+        self._latest: dict[str, float] = {}  # time of each event: only those of a name come in their order
 
     def check(self, event: Event) -> None:
         """Make sure that a log begins or goes on with an event.
@@ -170,6 +171,10 @@ class Checker:
             raise ValueError(f"event: expected {schema.one_of([*self._events])}, found {_found(name)}")
         else:
             _check_values(event, self._events[name])
+            if "time" in self._events[name]:
+                latest, self._latest[name] = self._latest.get(name, 0.0), event["time"]
+                if event["time"] < latest:
+                    raise ValueError(f"{name}.time: expected at least {latest}, found {event['time']}")
         if name == "sample":
             _check_values(event, {"values": _SAMPLES[event["sensor"]]})
 

@@ -50,6 +50,7 @@ class Mercator:
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer, before they are `report`ed; the latest.
+    unrest: Why it may not be at rest, once it is closed; empty if it is.
     listen: Is called with all that is heard, and when [s].
     """
 
@@ -82,9 +83,9 @@ class Mercator:
         _, self._lidar, _ = lines
         self._settings, self._model = settings, settings.reference_model
         self._labels = labels
-        self._sweep = Sweep(settings.lidar_angle)  # in a frame that does not turn
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
+        self._sweep = Sweep(settings.lidar_angle)  # in a frame that does not turn
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self._is_blind = self._do_commands_end = False
         self._polled, self._unanswered = -math.inf, 0
@@ -92,6 +93,7 @@ class Mercator:
         self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
+        self.unrest = ""
         self.notes: deque[str] = deque(maxlen=_NOTES)
         self._note: Callable[[str], None] = self.notes.append
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
@@ -220,12 +222,15 @@ class Mercator:
             self._talk.tell("set_all_leds", **lights(colours))
 
     def close(self) -> None:
-        """Stop the wheels, then all else; nothing is raised."""
+        """Stop the wheels, then all else; nothing is raised, but `unrest` says if the RVR does not obey any more."""
         self.brake.stop("the run has ended")
         talk = self._talk
         talk.is_ending = True
-        with contextlib.suppress(RobotError):
+        try:
             rest_rvr(talk)
+        except RobotError as error:
+            self.unrest = f"it was not seen that the RVR stopped: {error}"
+            self._note(self.unrest)
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
 
@@ -245,7 +250,22 @@ class Mercator:
             talk.ask(name, processor, **values)
         self.facts |= start_lidar(talk, self._lidar)
         start_hub(talk)
-        talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
+        self._until_all_is_told()
+
+    def sense_anew(self) -> None:
+        """Wait until all that is needed is told again: what came while nobody listened may be of any time ago.
+
+        Raises:
+            RobotError: if it is not.
+            Stopped: as `attend`.
+        """
+        self._talk.catch_up()
+        self.samples.clear()
+        self._sweep = Sweep(self._settings.lidar_angle)
+        self._until_all_is_told()
+
+    def _until_all_is_told(self) -> None:
+        self._talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
         for why in self.stale(time.monotonic()).values():
             raise RobotError(why)
 

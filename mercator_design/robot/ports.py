@@ -20,9 +20,11 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.loading import Pattern
+from mercator_design.loading import FieldError, Pattern
 
-PortName = Annotated[str, Pattern(r"/.+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")]
+PortName = Annotated[
+    str, Pattern(r"/[^\0\n]+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")
+]
 DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
 BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
@@ -39,6 +41,13 @@ class PortNames:
     rvr: PortName = "/dev/serial0"  # the Sphero RVR, on the header of the Raspberry Pi
     lidar: PortName = "usb:10c4:ea60"  # the YDLIDAR X4's adapter, a CP2102
     proximity: PortName = "/dev/ttyACM0"  # the Teraranger Hub Multiflex
+
+    def __post_init__(self) -> None:
+        devices: dict[str, DeviceName] = {}
+        for device in DEVICES:
+            name = getattr(self, device)
+            if (other := devices.setdefault(name, device)) != device:
+                raise FieldError(device, f"{name} is the port of {other} already")
 
 
 class Ports(NamedTuple):
@@ -57,7 +66,15 @@ def open_ports(names: PortNames) -> Iterator[Ports]:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
-        yield Ports(*(stack.enter_context(open_port(device, getattr(names, device))) for device in DEVICES))
+        devices: dict[str, DeviceName] = {}
+        ports = []
+        for device in DEVICES:
+            name = getattr(names, device)
+            path = os.path.realpath(find_port(device, name))
+            if (other := devices.setdefault(path, device)) != device:
+                raise RobotError(f"{device}: {name} is {path}, the port of {other} already")
+            ports.append(stack.enter_context(open_port(device, name)))
+        yield Ports(*ports)
 
 
 def find_port(device: DeviceName, name: str) -> str:
@@ -152,7 +169,7 @@ def _wrong(path: str, error: OSError) -> str:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM:
-            return f"no permission; {_permission(Path(path).group(), getpass.getuser())}"
+            return f"no permission; {_permission(_group(path), _user())}"
         case errno.EBUSY | errno.EAGAIN:
             return _in_use(_users(path))
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
@@ -167,9 +184,26 @@ def _in_use(users: list[str]) -> str:
 
 def _permission(group: str, user: str) -> str:
     """What gives a user the rights of a group."""
-    if user in grp.getgrnam(group).gr_mem:
-        return f"{user} is in the group {group}, but was not when this shell began: log in again"
+    with contextlib.suppress(KeyError):
+        if user in grp.getgrnam(group).gr_mem:
+            return f"{user} is in the group {group}, but was not when this shell began: log in again"
     return f"`sudo usermod -aG {group} {user}`, and log in again"
+
+
+def _group(path: str) -> str:
+    """Of a port; its number if it has no name, as in containers."""
+    try:
+        return Path(path).group()
+    except KeyError:
+        return str(Path(path).stat().st_gid)
+
+
+def _user() -> str:
+    """Who this is; the number if there is no name, as in containers."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # the latter from Python 3.13 on
+        return str(os.getuid())
 
 
 def _users(path: str) -> list[str]:

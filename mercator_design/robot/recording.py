@@ -8,7 +8,7 @@ Written and read as the log of a run (log.py):
     turn    of the lidar: the time at which it ended, and its readings, angle [rad, from the robot's front] and range
             [m] of each; 0 where nothing came back
     wheels  of a drive: the speeds to which the treads were told to go, left and right [m/s]
-    note    what a device told, or that a sensor has fallen silent
+    note    what a device told, that a sensor has fallen silent, or that the program was held up
     end     why the recording ended
 """
 
@@ -21,13 +21,14 @@ from typing import Any
 from mercator_design.robot.control import in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.safety import STALL
 from mercator_design.robot.samples import converted
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.talk import Event
 from mercator_design.robot.ydlidar import Packet, Turns
 
 _EVERYTHING = ("ground", "neighbours", "proximity")  # senses, which need all devices
-_SHOW = 0.5  # [s] between looks at what has come
+_LOOK = 0.1  # [s] between looks at what has come
 
 
 class Recorder:
@@ -96,10 +97,14 @@ def record(
         end = math.inf if duration is None else begin + duration
         silent: dict[str, str] = {}
         while now < end:
-            now = control.wait(min(now + _SHOW, end))
+            due = min(now + _LOOK, end)
+            now = control.wait(due)
             before, silent = silent, robot.stale(now)
-            for name in silent.keys() - before.keys():
-                tell(f"Warning: {silent[name]}")
-                log.remark(silent[name])
+            doubts = [silent[name] for name in silent.keys() - before.keys()]
+            if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
+                doubts.append(f"held up for {now - due:.1f} s: samples are missing, or have wrong times")
+            for doubt in doubts:
+                tell(f"Warning: {doubt}")
+                log.remark(doubt)
             robot.poll()
             show(now - begin, recorder.count)

@@ -180,7 +180,8 @@ class Watchdog(threading.Thread):
             if message == HEARTBEAT:
                 self.heard = time.monotonic()
             elif message == STOP:
-                self._brake.stop(f"swarm: told to stop by {sender[0]}")
+                if not self._brake.why:  # zeros again and again would hold up the shutting down
+                    self._brake.stop(f"swarm: told to stop by {sender[0]}")
                 with contextlib.suppress(OSError):
                     listening.sendto(self._answer, sender)
 

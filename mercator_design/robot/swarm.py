@@ -90,13 +90,16 @@ class Speaker:
         """Tell the robots to stop, again and again, for a while after the last has been looked up."""
         stopped: dict[str, None] = {}
         answered = set()
+        waiting = select.poll()  # select knows no more than 1024 descriptors
+        for each in self._sockets.values():
+            waiting.register(each, select.POLLIN)
         end = time.monotonic() + seconds
         latest = end + _LOOK_UP
         while (now := time.monotonic()) < end:
             if len(self._addresses) < len(self._sockets):
                 end = min(now + seconds, latest)
             self.tell(STOP)
-            select.select([*self._sockets.values()], [], [], 0.05)
+            waiting.poll(50)
             for host, each in self._sockets.items():
                 with contextlib.suppress(ConnectionError):  # nobody listens there
                     for answer, (address, _) in hear(each):

@@ -18,6 +18,8 @@ from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted
 _ANSWER = 0.3  # [s] that a device may take to answer, ...
 _TRIES = 5  # ... and how often it is asked
 _LOOK = 0.01  # [s]
+_BEHIND = 1.0  # [s] that it takes to hear what fits into the system's buffers, at most, ...
+_PAUSE = 0.004  # ... and between messages of a device that is heard as they come
 _REMEMBERED = 100
 _MUCH = 1000  # bytes without a meaning from a device that makes sense; a few are normal after a start
 _REMEDIES: Mapping[DeviceName, str] = {
@@ -146,6 +148,12 @@ class Talk:
                 self._hear(line)
             if left <= 0.0:
                 return
+
+    def catch_up(self) -> None:
+        """Hear all that has come already, however much; errors are those of `attend`."""
+        end = time.monotonic() + _BEHIND
+        while time.monotonic() < end and select.select(self._open, [], [], _PAUSE)[0]:
+            self.attend(time.monotonic())
 
     def _hear(self, line: Line) -> None:
         try:

@@ -347,3 +347,13 @@ def test_the_seed_decides(mdesign, tmp_path):
 
     assert run(1, "a.yaml") == run(1, "b.yaml")
     assert run(1, "c.yaml") != run(2, "d.yaml")
+
+
+def test_samples_that_came_at_one_time_are_left_out(calibrate, tmp_path):
+    """As after the program was held up."""
+    found = measured(centres={name: CENTRES[name] for name in ("proximity", "velocity")})
+    times, values = found["proximity"]
+    found["proximity"] = np.full_like(times, 20.0), values
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))
+    assert [*sensors] == ["velocity"]
+    assert "proximity, still.jsonl: 8 of 8 channels left out: all their samples have the same time" in notes

@@ -37,6 +37,7 @@ if program == "ssh":
     os.chdir(home)
     os.execvp("sh", ["sh", "-c", " ".join(words[1:])])
 *sources, target = [word.replace("[" + host + "]:", str(home) + "/") if ":" in word else word for word in words]
+assert all(Path(word).is_absolute() for word in (*sources, target))  # whatever else might be a host, or an option
 for source in sources:
     for file in glob.glob(source):
         shutil.copy(file, target)
@@ -248,3 +249,29 @@ def test_a_pfsm_that_is_none(deploy, field):
     (field / "fsm.txt").write_text("--nstates 1 --s0 9")
     assert deploy("fsm.txt")[0] == 3
     assert not (field / "calls").exists()
+
+
+def test_logs_of_a_day_that_comes_again_are_kept(deploy, field):
+    """A Pi has no clock."""
+    (field / "bin/date").write_text("#!/bin/sh\necho 20260101-000000\n")
+    (field / "bin/date").chmod(0o755)
+    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
+    logs = field / "r1/mercator/logs"
+    logs.mkdir(parents=True)
+    old = {f"run-20260101-000000{number}" for number in (".jsonl", ".txt", "-1.txt")}
+    for name in old:
+        (logs / name).write_text("old")
+    (field / "r1/mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
+    code, out, _ = deploy("fsm.txt", "--start")
+    assert (code, "FAILED  r1               Error: rvr: /dev/no_such_port" in out) == (1, True), out
+    assert {(logs / name).read_text() for name in old} == {"old"}
+    assert {path.name for path in logs.iterdir()} - old == {"run-20260101-000000-2.txt"}
+
+
+@pytest.mark.parametrize("folder", ["logs-12:30", "-p"])
+def test_a_folder_that_scp_would_take_for_something_else(deploy, field, folder):
+    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
+    (field / "r1/mercator/logs").mkdir(parents=True)
+    (field / "r1/mercator/logs/run.jsonl").write_text("log")
+    assert deploy(f"--collect={folder}") == (0, f"ok      r1               1 files in {folder}/r1\n", "")
+    assert (field / folder / "r1/run.jsonl").read_text() == "log"

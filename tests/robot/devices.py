@@ -19,11 +19,11 @@ from mercator_design.twin.lidar import FINE, SPINS_UP, Lidar
 from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
 
-NOWHERE = [math.inf] * 8
+CLEAR = (math.inf,) * 8
 """What a hub measures that has nothing around."""
 
 
-class Hand:
+class Surroundings:
     """In the place of an `Arena`: one robot, which measures what a test sets, wherever its treads take it.
 
     measured: What its devices measure: at first on black, in the dark, facing +x.
@@ -38,7 +38,7 @@ class Hand:
         self.ticks, self.heads = 0, []
         self.measured = dict.fromkeys(("ground_sensors", "accelerometer", "gyroscope", "imu"), (0.0, 0.0, 0.0))
         self.measured |= dict.fromkeys(("locator", "velocity", "treads"), (0.0, 0.0))
-        self.measured |= {"ambient_light": (0.0,), "quaternion": (1.0, 0.0, 0.0, 0.0), "proximity": NOWHERE}
+        self.measured |= {"ambient_light": (0.0,), "quaternion": (1.0, 0.0, 0.0, 0.0), "proximity": CLEAR}
 
     def step(self, _):
         self.ticks += 1
@@ -55,7 +55,7 @@ class Hand:
         return ranges
 
 
-class Devices(Hand):
+class Devices(Surroundings):
     """A context manager; `names` are the ports, `rvr`, `lidar` and `hub` the twin's devices.
 
     silent: Names of lines, and of services, that tell nothing.
@@ -191,7 +191,7 @@ def by_hand(is_on, kind, **values):
 @functools.cache
 def compile_scan():
     """Before time counts."""
-    lidar = Lidar(functools.partial(Hand().scan, 0), samples=Hand.samples)
+    lidar = Lidar(functools.partial(Surroundings().scan, 0), samples=Surroundings.samples)
     lidar.set_motor(on=True, now=-SPINS_UP)
     lidar.receive(encode_command("scan"), 0.0)
     lidar.advance(1.0)

@@ -21,7 +21,7 @@ from mercator_design.robot.ports import open_ports
 from mercator_design.robot.proximity_calibration import direction, hub
 from mercator_design.robot.settings import Settings, read_settings
 from mercator_design.twin import hub as twin_hub
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON
 
 RING = Settings().proximity_angles
@@ -270,7 +270,7 @@ class Hand:
 
     def __call__(self, question):
         self.questions.append(question)
-        self.devices.measured["proximity"] = [*NOWHERE]
+        self.devices.measured["proximity"] = [*CLEAR]
         for sensor, place in enumerate(WIRED):
             if direction(RING[place]) in question:
                 self.hold(sensor)
@@ -322,7 +322,7 @@ class TestProximity:
             def __call__(self, question):
                 super().__call__(question)
                 if (sensors := next(self.wrong, None)) is not None:
-                    self.devices.measured["proximity"] = [*NOWHERE]
+                    self.devices.measured["proximity"] = [*CLEAR]
                     for sensor in sensors:
                         self.hold(sensor)
 
@@ -365,7 +365,7 @@ class TestProximity:
                 sensors.measure(0.5)
 
     def test_offsets_are_taken_from_what_a_robot_senses(self, devices):
-        devices.measured["proximity"] = [0.312, 0.055, 0.02, *NOWHERE[3:]]
+        devices.measured["proximity"] = [0.312, 0.055, 0.02, *CLEAR[3:]]
         settings = Settings(ports=devices.names, proximity_offsets=(0.012, 0.2, 0.1, 0.1, -0.1, 0.0, 0.0, 0.0))
         with (
             open_ports(settings.ports) as ports,

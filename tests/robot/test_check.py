@@ -6,12 +6,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
 from mercator_design.twin import hub
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 
 
 @pytest.fixture
@@ -19,7 +21,7 @@ def devices(monkeypatch):
     monkeypatch.setattr(hub, "RATE", 400.0)
     with Devices() as devices:
         devices.heads = [(1.0, 2.0)]
-        devices.measured["proximity"] = [0.5, math.inf, 0.02, *NOWHERE[3:]]
+        devices.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
         yield devices
 
 
@@ -138,6 +140,26 @@ def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, w
     assert (code, words in wrong[device]) == (1, True), wrong
 
 
+def test_a_lidar_s_warning(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    devices.lidar.health = 1
+    code, _, wrong, _ = found()
+    assert (code, wrong) == (1, {"lidar's health": "a warning, 0x0; take its power away for a moment"})
+
+
+def test_names_that_others_may_have(found, monkeypatch):
+    hub, radio = ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyACM1")
+    hub.vid, hub.pid, hub.serial_number = 0x0483, 0x5740, "3058"
+    radio.vid, radio.pid = 0x1366, 0x0105
+    monkeypatch.setattr(list_ports, "comports", lambda: [hub, radio])
+    monkeypatch.setattr(checking, "_DEVICES", {})
+    _, _, wrong, _ = found(lidar="/dev/ttyUSB0", proximity="/dev/ttyACM0")
+    assert wrong == {
+        "proximity's name": "/dev/ttyACM0 may be any of /dev/ttyACM0 (usb:0483:5740:3058), /dev/ttyACM1 "
+        "(usb:1366:0105), as they come: name it so in robot.yaml, or install names for them"
+    }
+
+
 def test_a_line_that_hears_itself(found, devices, monkeypatch):
     """With a jumper in the place of the RVR: it is not the UART."""
     monkeypatch.setattr(talk, "_TRIES", 1)
@@ -215,6 +237,7 @@ class TestUart:
             "enable_uart=0\nenable_uart=1\n",
             "dtoverlay=disable-bt\n",
             "dtoverlay=pi3-miniuart-bt\n",
+            "[cm4]\nenable_uart=0\n[pi4]\nenable_uart=1\n",
         ],
     )
     def test_on(self, config):
@@ -227,6 +250,7 @@ class TestUart:
             "enable_uart=1\nenable_uart=0\n",
             "dtoverlay=disable-bt\nenable_uart=0\n",
             "arm_64bit=1\n",
+            "[pi5]\nenable_uart=1\n",
         ],
     )
     def test_off_or_at_a_rate_that_changes(self, config):

@@ -1,8 +1,10 @@
 """The command line of mercator-robot: what a user types, and what is said of mistakes."""
 
 import contextlib
+import fcntl
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -150,6 +152,24 @@ class TestStop:
         assert (code, out) == (1, "")
         assert err == "Error: 127.0.0.1: no answer\n"
 
+    def test_more_descriptors_than_select_knows(self, robot_command, answering, monkeypatch):
+        speaking = swarm._speaking
+
+        def far():
+            with speaking() as near:
+                made = socket.socket(fileno=fcntl.fcntl(near, fcntl.F_DUPFD_CLOEXEC, 1024))
+            made.setblocking(False)
+            return made
+
+        usual = resource.getrlimit(resource.RLIMIT_NOFILE)
+        monkeypatch.setattr(swarm, "_speaking", far)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(2048, usual[0]), usual[1]))
+        try:
+            code, out, err = robot_command("stop", "127.0.0.1", "--port", answering[0])
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, usual)
+        assert (code, out, err) == (0, "r2 (127.0.0.1) has stopped\n", "")
+
     def test_a_host_that_is_not_known(self, robot_command):
         code, _, err = robot_command("stop", "no..such..host")
         assert (code, err) == (1, "Error: no..such..host: no such host\n")
@@ -187,3 +207,15 @@ def test_heartbeats_until_they_end_and_then_stop(robot, number):
         finally:
             beating.kill()
     assert beating.returncode == (0 if number == signal.SIGINT else 128 + number)
+
+
+def test_no_input_is_no_terminal():
+    line = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()", "teleop"]
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$@" <&-', "sh", *line],  # noqa: S607
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, "teleop needs a terminal" in done.stderr) == (2, True), done.stderr

@@ -252,6 +252,17 @@ class TestServices:
         assert "\nUser=root\n" in files(root)[RUN]
         assert install("--user", "root")[2] == ""
 
+    @pytest.mark.parametrize("error", [KeyError, OSError])
+    def test_who_has_no_name_is_asked_for_one(self, install, monkeypatch, error):
+        def unknown():
+            raise error
+
+        monkeypatch.delenv("SUDO_USER", raising=False)
+        monkeypatch.setattr(getpass, "getuser", unknown)
+        words = f"Error: user {os.getuid()} has no name; --user names who is to run the robot\n"
+        assert install()[::2] == (1, words)
+        assert install("--user", "daemon")[0] == 0
+
     def test_a_port_that_is_no_usb_device(self, install, root, robot):
         assert (
             "WRONG  /dev/mercator-lidar        /dev/null is not a USB device; connected"

@@ -20,7 +20,7 @@ from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, converted
 from mercator_design.robot.settings import Limits, Settings
 from mercator_design.sim.robot_model import load_robot_model
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
 
 SENSES = ("proximity", "neighbours", "ground")
@@ -38,7 +38,7 @@ NEAR = ReferenceModel().neighbour_range
 @pytest.fixture(autouse=True)
 def soon(request, monkeypatch):
     """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
-    monkeypatch.setattr(talk, "_LOOK", 0.001)
+    monkeypatch.setattr(talk, "_LOOK", 0.0002)
     if "whole_start" not in request.fixturenames:
         monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
 
@@ -120,7 +120,7 @@ class TestReadings:
         readings = told(robot)
         weight = proximity_weight(ReferenceModel(), 0.2)
         assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, weight))
-        devices.measured["proximity"] = [math.inf, 0.03, *NOWHERE[2:]]
+        devices.measured["proximity"] = [math.inf, 0.03, *CLEAR[2:]]
         assert told(robot)[:2] == pytest.approx((1.0, 0.0))
 
     def robots(self, devices, robot):
@@ -141,7 +141,7 @@ class TestReadings:
         right, left = -math.pi / 2.0, math.pi / 2.0
         angles = tuple(angle + right for angle in Settings().proximity_angles)
         with robot_on(devices, proximity_angles=angles, lidar_angle=left) as robot:
-            devices.measured["proximity"] = [math.inf, 0.2, *NOWHERE[2:]]
+            devices.measured["proximity"] = [math.inf, 0.2, *CLEAR[2:]]
             devices.heads = [(0.0, 0.4)]
             readings = told(robot, 0.5)
         weight = proximity_weight(ReferenceModel(), 0.2)
@@ -338,6 +338,20 @@ def test_damaged_bytes(devices):
         found = [told(robot, 0.1).neighbours for _ in range(25)]
         robot.drive(Wheels(0.5, 0.5))
     assert set(found[5:]) | {0.0} == {0.0, 1.0}
+
+
+def test_who_was_held_up_senses_anew(devices):
+    """What came meanwhile, and waits in the ports, is of any time ago."""
+    with robot_on(devices) as robot:
+        devices.measured["proximity"] = (0.1, *CLEAR[1:])
+        time.sleep(1.0)
+        devices.measured["proximity"] = CLEAR
+        devices.heads = [(0.0, 0.4)]
+        devices.settle()
+        robot.sense_anew()
+        assert all(time.monotonic() - sample.time < 0.3 for sample in robot.samples.values())
+        readings = robot.readings()
+        assert (readings.proximity_x, readings.neighbours) == (0.0, 1.0)
 
 
 def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):

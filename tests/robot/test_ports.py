@@ -5,6 +5,7 @@ import dataclasses
 import errno
 import grp
 import os
+import pwd
 import subprocess
 import sys
 import termios
@@ -159,6 +160,36 @@ def test_a_group_in_which_a_user_is_but_the_shell_is_not(monkeypatch):
     monkeypatch.setattr(grp, "getgrnam", lambda _: grp.struct_group(("dialout", "x", 20, ["pi"])))
     assert ports._permission("dialout", "pi").endswith("was not when this shell began: log in again")
     assert ports._permission("dialout", "me") == "`sudo usermod -aG dialout me`, and log in again"
+
+
+def test_users_and_groups_without_names_have_numbers(terminals, monkeypatch):
+    """As in containers."""
+    _, names = terminals
+
+    def refuse(*_, **__):
+        raise serial.SerialException(errno.EACCES, "could not open")
+
+    def unknown(_):
+        raise KeyError
+
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    monkeypatch.setattr(grp, "getgrgid", unknown)
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    words = f"`sudo usermod -aG {Path(names.rvr).stat().st_gid} {os.getuid()}`"
+    with pytest.raises(RobotError, match=rf"^rvr: {names.rvr}: no permission; {words}"), open_ports(names):
+        pass
+
+
+def test_two_paths_to_one_port(terminals, tmp_path):
+    _, names = terminals
+    link = tmp_path / "proximity"
+    link.symlink_to(names.rvr)
+    both = dataclasses.replace(names, proximity=str(link))
+    expected = f"^proximity: {link} is {names.rvr}, the port of rvr already$"
+    with pytest.raises(RobotError, match=expected), open_ports(both):
+        pass
 
 
 class TestPortsByWhatTheyAre:

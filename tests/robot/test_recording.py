@@ -2,9 +2,11 @@
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -12,7 +14,7 @@ import pytest
 from mercator_design.robot.log import read
 from mercator_design.robot.samples import STANDARD_GRAVITY
 from mercator_design.robot.swarm import Speaker
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
 RATES = {
@@ -75,7 +77,7 @@ def until_it_records(devices, folder):
 def test_every_sample_of_every_sensor(tmp_path):
     with recording(tmp_path, "--duration", 1.5) as (devices, process):
         devices.measured |= {"ground_sensors": (200, 100, 50), "accelerometer": (0.0, 1.0, 1.0)}
-        devices.measured["proximity"] = [0.02, 0.5, 1.999, *NOWHERE[3:]]
+        devices.measured["proximity"] = [0.02, 0.5, 1.999, *CLEAR[3:]]
         _, messages = process.communicate(timeout=30)
         assert process.returncode == 0, messages
         assert "The recording is recording.jsonl" in messages
@@ -165,6 +167,24 @@ def test_sensors_that_fall_silent_are_told_and_the_others_go_on(tmp_path):
     for name in ("proximity", "lidar"):
         assert messages.count(f"Warning: {name}: nothing for") == 1
         assert len(told(name)) == 1
+
+
+def test_a_program_that_was_suspended_tells_of_the_gap(tmp_path):
+    def noted():
+        return [note["text"] for note in events(tmp_path, "note")]
+
+    with recording(tmp_path) as (devices, process):
+        until_it_records(devices, tmp_path)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGCONT)
+        devices.when(lambda: any(each.startswith("held up") for each in noted()))
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=10)
+        assert process.returncode == 0, messages
+    told = re.findall(r"Warning: (held up for (\S+) s: samples are missing, or have wrong times)", messages)
+    assert max(float(seconds) for _, seconds in told) > 1.0
+    assert [text for text, _ in told] == [each for each in noted() if each.startswith("held up")]
 
 
 def test_the_battery_is_asked_after(tmp_path):

@@ -13,7 +13,7 @@ from mercator_design.robot.ports import open_port
 from mercator_design.robot.rvr import Host
 from mercator_design.robot.ydlidar import encode_command
 from tests.robot.devices import Devices
-from tests.robot.ways import LAST, SOON, free_port, running
+from tests.robot.ways import LAST, SLOW, SOON, free_port, running
 
 
 @pytest.fixture
@@ -71,15 +71,6 @@ def test_after_a_program_that_was_killed(stop, devices):
     ]
     assert next(v for _, name, v in devices.commands if name == "enable_color_detection") == {"is_enabled": False}
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
-
-
-SLOW = """
-import time
-from mercator_design.robot.mercator import Mercator
-close = Mercator.close
-Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
-"""
-"""Lets a run keep its ports for a while after its end."""
 
 
 def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices, tmp_path):

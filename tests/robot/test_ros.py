@@ -20,7 +20,7 @@ from mercator_design.robot.samples import STREAMED, Sample, converted
 from mercator_design.robot.settings import Settings, Swarm
 from mercator_design.robot.sweep import BINS, Sweep
 from mercator_design.robot.ydlidar import Packet
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
 from tests.robot.ways import asked
 
@@ -278,7 +278,7 @@ class TestServe:
         """One node through all that goes on, as it takes seconds to start."""
         monkeypatch.setattr(mercator, "_POLL", 0.5)
         silent = []
-        devices.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *NOWHERE[2:]]}
+        devices.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *CLEAR[2:]]}
         devices.heads = [(math.pi / 2, 0.5)]
 
         def act(orders):

@@ -56,6 +56,10 @@ def test_ports_that_are_left_out_are_the_usual_ones():
             r'ports.lidar: expected text: a path or usb:VENDOR:PRODUCT\[:SERIAL\], found "ttyUSB0"',
         ),
         ("ports: {lidar: usb:10C4:EA60}", "ports.lidar: expected text: a path or"),
+        (r'ports: {rvr: "/dev/a\0b"}', "ports.rvr: expected text: a path or"),
+        (r'ports: {rvr: "/dev/a\n"}', "ports.rvr: expected text: a path or"),
+        ("ports: {rvr: /dev/a, proximity: /dev/a}", "ports.proximity: /dev/a is the port of rvr already"),
+        ("ports: {rvr: /dev/ttyACM0}", "ports.proximity: /dev/ttyACM0 is the port of rvr already"),
     ],
 )
 def test_what_is_wrong_is_named(text, words):

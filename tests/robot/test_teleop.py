@@ -23,7 +23,7 @@ from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
-from tests.robot.devices import NOWHERE, Devices
+from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
@@ -42,9 +42,20 @@ class TestKeys:
         assert keys(b" \x1b[1;5A\x1b[3~\x1bOPx\n\xc3\x1b\x1b[A") == (["stop"] * 8 + ["forward"], b"")
 
     @pytest.mark.parametrize(
-        "start", [b"\x1b[[A", b"\x1b[?1;2c", b"\x1b[0 q", b"\x1b]11;rgb:0/a/w\a", b"\x1bP>|wasd\x1b\\"]
+        "start",
+        [
+            b"\x1b[[A",
+            b"\x1b[?1;2c",
+            b"\x1b[0 q",
+            b"\x1b]11;rgb:0/a/w\a",
+            b"\x1bP>|wasd\x1b\\",
+            b"\x1b[M ww",
+            b"\x1b[M#\xe1\n",
+            b"\x1bw",
+            b"\x1bq",
+        ],
     )
-    def test_keys_of_consoles_and_what_terminals_say_are_one_key_that_stops(self, start):
+    def test_keys_of_consoles_clicks_alt_and_what_terminals_say_are_one_key_that_stops(self, start):
         assert keys(start + b"w") == (["stop", "forward"], b"")
         for cut in range(1, len(start)):
             assert keys(start[:cut]) == ([], start[:cut])
@@ -58,7 +69,7 @@ class TestKeys:
         tty.setraw(terminal)
         os.set_blocking(terminal, False)
         keyboard = Keyboard(terminal)
-        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"w", ["stop", "forward"]), (b"", [])):
+        for pressed, found in ((b"\x1b", []), (b"", ["stop"]), (b"\x1b[A", ["stop", "forward"]), (b"", [])):
             os.write(fingers, pressed)
             assert keyboard.pressed() == found
         os.close(fingers)
@@ -255,7 +266,7 @@ class TestDriving:
 
     def test_it_does_not_drive_towards_what_is_near(self, tmp_path):
         with driving(tmp_path, "--guard", "0.3") as drive:
-            drive.devices.measured["proximity"] = [math.inf, 0.25, *NOWHERE[2:]]
+            drive.devices.measured["proximity"] = [math.inf, 0.25, *CLEAR[2:]]
             time.sleep(0.3)
             drive.press(UP)
             time.sleep(0.3)
@@ -268,7 +279,7 @@ class TestDriving:
     def test_what_is_shown(self, tmp_path):
         with driving(tmp_path) as drive:
             drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
-            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *NOWHERE[3:]]
+            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *CLEAR[3:]]
             time.sleep(0.8)
             shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
@@ -278,9 +289,10 @@ class TestDriving:
         with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
             drive.devices.when(lambda: asked(drive.devices) > 5)
 
-    def test_a_terminal_of_another_user(self, tmp_path):
-        """As after `su`: it can be opened by its general name only."""
-        with driving(tmp_path, lead=OWN_TERMINAL + "import os; os.ttyname = lambda _: '/no/terminal'\n") as drive:
+    @pytest.mark.parametrize("ttyname", ["lambda _: '/no/terminal'", "lambda _: os.stat('/no/terminal')"])
+    def test_a_terminal_that_can_be_opened_by_its_general_name_only(self, tmp_path, ttyname):
+        """As after `su`, and in containers, where it has no other."""
+        with driving(tmp_path, lead=OWN_TERMINAL + f"import os; os.ttyname = {ttyname}\n") as drive:
             drive.press(UP)
             drive.devices.when(drive.devices.drives)
             drive.press(b"q")

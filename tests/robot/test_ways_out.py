@@ -16,8 +16,11 @@ from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.swarm import HEARTBEAT, Speaker
-from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SOON, asked, made_in_time, running, soonest
+from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
+from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SLOW, SOON, asked, made_in_time, running, soonest
+
+CYCLE = 0.1
+"""[s]"""
 
 
 def check(robot, code, words, *, zeros=True):
@@ -84,11 +87,13 @@ def test_devices_that_fail(what, tmp_path):
 
 def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(tmp_path):
     def attempt(number):
-        with running(tmp_path / str(number), lead=SOON + OFTEN) as robot:
+        with running(tmp_path / str(number)) as robot:
             robot.drives()
             began = time.monotonic()
+            cycles = robot.cycles()
             robot.devices.deaf.add("rvr")
             check(robot, 4, "rvr: it does not answer any more; is it switched on", zeros=False)
+            assert CYCLE * (robot.cycles() - cycles) < 3.2
             return robot.devices.rests_since() - began - COMMANDS_END
 
     assert soonest(attempt, 0.05) <= 0.05
@@ -176,6 +181,17 @@ def test_a_process_that_was_suspended_does_not_drive_again(tmp_path):
         assert robot.devices.rests_since() - began < 1.0
 
 
+def test_a_robot_that_does_not_obey_in_the_end_is_told(tmp_path):
+    """The duration is over, and the RVR has stopped, if it has, because it hears nothing."""
+    with running(tmp_path, GO, "", "", "--duration", "1") as robot:
+        robot.drives()
+        robot.devices.deaf.add("rvr")
+        error = check(robot, 1, "Error: it was not seen that the RVR stopped: rvr: no answer;", zeros=False)
+        *_, note, end = read(tmp_path / "log.jsonl")
+        assert note["text"] in error
+        assert end["why"] == "The duration is over"
+
+
 STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
 
 
@@ -194,7 +210,7 @@ def test_a_signal_during_the_start(command, tmp_path):
 
 @made_in_time
 def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         robot.process.terminate()
         robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
@@ -374,13 +390,33 @@ def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
 @made_in_time
 def test_a_full_disk(tmp_path):
     """A run whose log is lost is worth nothing."""
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (12000, 12000)); pass"
-    with running(tmp_path, fault=limit) as robot:
-        robot.drives()
-        robot.fault()
-        returned, error = robot.ended()
-        assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
-        robot.devices.rests_since()
+    limit = "import resource; n = os.path.getsize('log.jsonl'); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=limit) as robot:
+            robot.drives()
+            began = robot.fault()
+            returned, error = robot.ended()
+            assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
+            return robot.devices.rests_since() - began - CYCLE
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_a_disk_that_hangs(tmp_path):
+    """Such a run goes on for a while, in which others would recover."""
+    soon = "from mercator_design.robot import log; log._HANGS = 0.5; log.SYNC_EVERY = 0"
+    hangs = f"{soon}; os.fsync = lambda _: time.sleep(60)"
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=hangs) as robot:
+            robot.drives()
+            began = robot.fault()
+            returned, error = robot.ended()
+            assert (returned, "log.jsonl: cannot be written: the disk hangs" in error) == (1, True), error
+            return robot.devices.rests_since() - began - 0.5 - 2 * CYCLE
+
+    assert soonest(attempt) <= LATEST
 
 
 class TestSwarm:
@@ -394,6 +430,17 @@ class TestSwarm:
                 return robot.devices.rests_since() - began
 
         assert soonest(attempt) <= LATEST
+
+    def test_a_flood_of_stops_does_not_hold_up_the_end(self, tmp_path):
+        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.drives()
+            while robot.process.poll() is None:
+                for _ in range(100):
+                    speaker.tell(STOP)
+            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+            assert robot.devices.commands[-1][1] == LAST
+            names = [name for _, name, _ in robot.devices.commands]
+            assert names.count("drive_stop") < 10
 
     def test_stop_during_the_start(self, tmp_path):
         with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:

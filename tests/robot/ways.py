@@ -13,6 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from mercator_design.robot.log import read
 from tests.robot.devices import Devices
 
 LATEST = 0.25
@@ -29,13 +30,21 @@ MAIN = "from mercator_design.robot.cli import main; main()"
 SOON = """
 from mercator_design.robot import mercator, talk
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-talk._LOOK = 0.001
+talk._LOOK, talk._TRIES = 0.0002, 3
 """
-"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about."""
+"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
+And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.2\n"
 """Lets a program ask after the battery more often."""
+SLOW = """
+import time
+from mercator_design.robot.mercator import Mercator
+close = Mercator.close
+Mercator.close = lambda robot: (close(robot), time.sleep(0.3))
+"""
+"""Lets a run keep its ports for a while after its end."""
 
 # What a controller does from the moment on at which there is a file "fault"; it prints when that is.
 FAULTS = """
@@ -82,6 +91,10 @@ class Robot:
         """Let the controller's fault begin; when it has [s]."""
         (self.folder / "fault").touch()
         return float(self.process.stdout.readline())
+
+    def cycles(self):
+        """How many its log has."""
+        return sum(event["event"] == "cycle" for event in read(self.folder / "log.jsonl"))
 
     def ended(self, seconds=10.0):
         """The exit code, and what was said."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mercator_design.command import tell
+from mercator_design.errors import RobotError
 from mercator_design.robot import install as installation
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
 from mercator_design.robot.cli.rows import show
@@ -37,7 +38,7 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         show(installation.uninstall(root))
         return
     ports, findings = installation.connected(settings_of(robot))
-    runs_it = user or os.environ.get("SUDO_USER") or getpass.getuser()
+    runs_it = user or os.environ.get("SUDO_USER") or _user()
     if runs_it == "root" and user is None:
         tell("Warning: the services will run as root; --user names who else is to run the robot")
     setup = installation.Setup(
@@ -54,3 +55,11 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         show(findings)
     else:
         show([*findings, *installation.install(files, root)])
+
+
+def _user() -> str:
+    """Who this is."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # the latter from Python 3.13 on
+        raise RobotError(f"user {os.getuid()} has no name; --user names who is to run the robot") from None

@@ -18,9 +18,10 @@ from mercator_design.robot.log import replay as decisions
 def replay(log: Path) -> None:
     """Show the decision of every cycle of a run, from its log, which may still be written.
 
-    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else.
+    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. A log that
+    has no end is told of.
     """
-    found = [*map(_show, decisions(log))]
+    found = [*map(_show, decisions(log, lambda doubt: tell(f"{log}: {doubt}")))]
     if differing := [*filter(None, found)]:
         raise RobotError(f"{log}: {differing[0]}; {len(differing)} of {len(found)} cycles differ")
     tell(f"{len(found)} cycles, all decided the same")

@@ -277,23 +277,24 @@ class Terminals:
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
-        self._links[link] = os.ttyname(slave)
+        name = os.ttyname(slave)
         os.close(slave)
         self._fds[number, device] = fd
         self._ports[fd] = number, device
         self._closed.register(fd, select.POLLIN)
         fresh = link.with_name(device + _FRESH)
         try:
-            fresh.symlink_to(self._links[link])
+            fresh.symlink_to(name)
             fresh.replace(link)
         except OSError as error:
             raise RobotError(f"{error.strerror}: {fresh}; a twin needs its folder for itself until it ends") from None
+        self._links[link] = name
 
     def _unplug(self, number: int, device: DeviceName) -> None:
         link = self._link(number, device)
         if self._is_mine(link):
             link.unlink()
-        del self._links[link]
+        self._links.pop(link, None)
         self._close(self._fds.pop((number, device)))
 
     def _is_mine(self, path: Path) -> bool:

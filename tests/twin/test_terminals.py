@@ -309,6 +309,18 @@ def test_a_port_that_is_closed_when_the_folder_is_no_longer_its_own(tmp_path, is
     assert not is_replaced or link.read_text() == "mine"
 
 
+def test_a_file_that_comes_where_it_makes_links_stays(tmp_path):
+    with Terminals(Twin(arena((0.0, 0.0, 0.0))), tmp_path) as terminals:
+        link, end, mine = tmp_path / "0" / "rvr", terminals._fds[0, "rvr"], tmp_path / "0" / "rvr.new"
+        with serial.Serial(str(link), 115_200):
+            terminals._look(0.0)
+        mine.write_text("mine")
+        with pytest.raises(RobotError, match=r"File exists: .*0/rvr.new; a twin needs its folder for itself"):
+            terminals._receive(end, 0.0)
+    assert list((tmp_path / "0").iterdir()) == [mine]
+    assert mine.read_text() == "mine"
+
+
 def test_every_robot_has_a_udp_port_of_its_own():
     """Of 2000 times, ports that are drawn one by one had one twice 15 times."""
     assert all(len({*_free_ports(20)}) == 20 for _ in range(2000))

@@ -40,6 +40,43 @@ class Client:
             with contextlib.suppress(BlockingIOError):
                 self.heard[k] += len(os.read(fd, 65536))
 
+    def close(self) -> None:
+        for fd in self.fds:
+            os.close(fd)
+
+
+def measure(mission: str, robots: int, seconds: float, period: int) -> tuple[str, dict[str, list[float]]]:
+    """What a twin says of how it kept time, and what was heard of each device of each robot [bytes/s].
+
+    Args:
+        mission: Whose arena it is.
+        robots: How many.
+        seconds: How long they are driven.
+        period: Of streaming [ms].
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        line = [sys.executable, "-m", "mercator_design.twin", mission, "--set", f"robots={robots}", "--folder", name]
+        with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            for _ in zip(range(robots), process.stdout or (), strict=False):
+                pass
+            clients = [Client(folder / str(number), number, period) for number in range(robots)]
+            start = time.monotonic()
+            ticks = 0
+            while time.monotonic() - start < seconds:
+                for client in clients:
+                    client.tick()
+                ticks += 1
+                time.sleep(max(0.0, start + 0.1 * ticks - time.monotonic()))
+            took = time.monotonic() - start
+            process.terminate()
+            _, told = process.communicate()
+        for client in clients:
+            client.close()
+    heard = zip(*(client.heard for client in clients), strict=True)
+    rates = ([count / took for count in counts] for counts in heard)
+    return told.strip(), dict(zip(("rvr", "lidar", "proximity"), rates, strict=True))
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -48,27 +85,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--period", type=int, default=100, help="of streaming [ms]")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        line = [sys.executable, "-m", "mercator_design.twin", options.mission, "--set", f"robots={options.robots}"]
-        line += ["--folder", name]
-        with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            for _ in zip(range(options.robots), process.stdout or (), strict=False):
-                pass
-            clients = [Client(folder / str(number), number, options.period) for number in range(options.robots)]
-            start = time.monotonic()
-            ticks = 0
-            while time.monotonic() - start < options.seconds:
-                for client in clients:
-                    client.tick()
-                ticks += 1
-                time.sleep(max(0.0, start + 0.1 * ticks - time.monotonic()))
-            took = time.monotonic() - start
-            process.terminate()
-            _, told = process.communicate()
-    print(f"{options.robots} robots in {options.mission}: {told.strip()}")
-    for k, device in enumerate(("rvr", "lidar", "proximity")):
-        rates = [client.heard[k] / took for client in clients]
+    told, heard = measure(options.mission, options.robots, options.seconds, options.period)
+    print(f"{options.robots} robots in {options.mission}: {told}")
+    for device, rates in heard.items():
         print(f"{device:10} {min(rates):8.0f} to {max(rates):8.0f} bytes/s of a robot")
 
 

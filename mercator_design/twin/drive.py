@@ -1,7 +1,7 @@
 """What the treads of the twin's RVR are told: by commands, until they run out, and by where the robot is."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeAlias
 
 from mercator_design.robot.rvr_messages import Error
@@ -26,6 +26,7 @@ _SLEW = {"a": -177.78, "b": 533.33, "c": 200.0, "linear_acceleration": 0.5, "lin
 _GAIN = 5.0  # of the yaw controller [1/s]
 _AIMED = 5.0  # [degrees] from the aim, within which a robot that stood drives off
 _ARRIVED = 0.02  # [m] from the end of a position drive
+_HEADING_FLAGS = 0b111111  # all of them
 _AT_ONCE = 1e6  # [m/s2]
 _REST: Treads = (0.0, 0.0)
 
@@ -57,7 +58,7 @@ class Drive:
         self._timeout = TIMEOUT
         self._then = 0.0
         self._stopped = True
-        self._stalled: dict[int, float] = {}  # motor: until when
+        self._stalled: frozenset[int] = frozenset()
         self._defaults, self._slew = dict(_CONTROLLERS), dict(_SLEW)
         self._drove_to: bool | None = None
 
@@ -66,7 +67,7 @@ class Drive:
         if self.now >= self._deadline:
             self._stop("timeout")
         self._tell()
-        told = [("motor_stall", {"motor_index": motor, "is_triggered": False}) for motor in self._recovered()]
+        told: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
             0.0 if motor in self._stalled else now + min(max(aim - now, -change), change)
@@ -86,16 +87,11 @@ class Drive:
         self._stop(by)
         self.treads = _REST
 
-    def stall(self, motor: int, duration: float) -> tuple[str, dict[str, Any]]:
-        """A motor (0 left, 1 right) is cut off for some time [s]; the notification that says so."""
-        self._stalled[motor] = self.now + duration
-        return "motor_stall", {"motor_index": motor, "is_triggered": True}
-
-    def _recovered(self) -> list[int]:
-        over = [motor for motor, until in self._stalled.items() if self.now >= until]
-        for motor in over:
-            del self._stalled[motor]
-        return over
+    def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
+        """These motors (0 left, 1 right), and no others, are cut off from now on; the notifications that follow."""
+        stalled = frozenset(motors)
+        changed, self._stalled = sorted(stalled ^ self._stalled), stalled
+        return [("motor_stall", {"motor_index": motor, "is_triggered": motor in stalled}) for motor in changed]
 
     def _tell(self) -> None:
         left, right = self._aim()
@@ -154,9 +150,12 @@ class Drive:
         self.drive_rc_si_units(FASTEST_TURN * yaw_angular_velocity / 127, TOP * linear_velocity / 127, flags)
         self.by = "drive_rc_normalized"
 
-    def drive_with_heading(self, speed: int, heading: int, flags: int) -> None:
+    def drive_with_heading(self, speed: int, heading: int, flags: int) -> Error | None:
+        if heading > 359 or flags > _HEADING_FLAGS:
+            return Error.BAD_DATA_VALUE
         forwards = -1.0 if flags & 1 else 1.0
         self._drive("drive_with_heading", _YAW, self._towards(-heading, forwards * TOP * speed / 255))
+        return None
 
     def drive_with_yaw_si(self, yaw_angle: float, linear_velocity: float) -> None:
         self._drive("drive_with_yaw_si", _YAW, self._towards(yaw_angle, linear_velocity))

@@ -5,7 +5,7 @@ It falls asleep when nothing is said to it for five minutes, and refuses to do a
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from mercator_design.robot.rvr import Command, Device, Flags, Unknown
@@ -22,6 +22,7 @@ _WARNING = 10.0  # [s] before it sleeps
 _UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
 _THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
 _EMPTY, _FULL = 6.4, 8.2  # [V]
+_ECHO = 16  # bytes at most
 _CURRENT = 0.35  # [A] of a motor that turns
 _VERSIONS = {Processor.NORDIC: (9, 1, 462), Processor.ST: (9, 2, 482)}
 _MADE_UP: Mapping[str, Mapping[str, Any]] = {
@@ -113,10 +114,10 @@ class Rvr:
         self._watch_battery()
         return self._take_said()
 
-    def stall(self, motor: int, duration: float) -> None:
-        """A motor (0 left, 1 right) is stuck, and cut off for so long [s]."""
-        name, values = self._drive.stall(motor, duration)
-        self._notify(name, **values)
+    def stall(self, motors: Iterable[int]) -> None:
+        """These motors (0 left, 1 right), and no others, are stuck, and cut off, from now on."""
+        for name, values in self._drive.stall(motors):
+            self._notify(name, **values)
 
     def _obey(self, event: Command | Unknown) -> bytes:
         frame = event.frame
@@ -173,8 +174,8 @@ class Rvr:
             self._battery_state = state
             self._notify("battery_voltage_state_change", state=state)
 
-    def echo(self, _: Processor, data: bytes) -> Mapping[str, Any]:
-        return {"data": data}
+    def echo(self, _: Processor, data: bytes) -> Mapping[str, Any] | Error:
+        return {"data": data} if len(data) <= _ECHO else Error.BAD_DATA_LENGTH
 
     def generate_api_error(self, _: Processor, error: int) -> Error | None:
         return Error(error) if error in set(Error) else Error.BAD_DATA_VALUE

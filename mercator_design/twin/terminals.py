@@ -26,6 +26,8 @@ ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 _BEGINS = {ROBOT: b"# A twin's, which takes this file away when it ends.\n", LOG: b'{"time": 0.0, "event": "'}
 """By which the files of a twin that was killed are known."""
+_FRESH = ".new"
+"""What the name of a link ends in until it takes the place of the one before."""
 _CHUNK = 4096
 _RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
@@ -91,7 +93,7 @@ def _check_free(path: Path) -> None:
 def _is_left(path: Path) -> bool:
     """Whether a file is a twin's."""
     if path.is_symlink():
-        return path.name in DEVICES and str(path.readlink()).startswith("/dev/pts/")
+        return path.name.removesuffix(_FRESH) in DEVICES and str(path.readlink()).startswith("/dev/pts/")
     if not path.is_file() or path.name not in _BEGINS:
         return False
     begins = _BEGINS[path.name]
@@ -130,6 +132,8 @@ class Terminals:
             RobotError: on entering, if somebody else's file is in the place of one of them.
         """
         self._twin, self._folder = twin, folder.resolve()
+        self._head = _BEGINS[ROBOT] + f"# It is process {os.getpid()}.\n".encode()
+        self._links: dict[Path, str] = {}  # where those lead that it has made
         self._fds: dict[tuple[int, DeviceName], int] = {}
         self._ports: dict[int, tuple[int, DeviceName]] = {}
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
@@ -151,17 +155,20 @@ class Terminals:
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
                 raise RobotError(f"{file.parent} is there, and is no folder; move it, or choose another folder")
-            for name in (ROBOT, *DEVICES):
-                _check_free(file.with_name(name))
+            for left in map(file.with_name, (*DEVICES, *(device + _FRESH for device in DEVICES), ROBOT)):
+                _check_free(left)
 
     def __enter__(self) -> Self:
         self.check()
-        for number, file in enumerate(self.robots):
+        for number, (file, port) in enumerate(zip(self.robots, _free_ports(len(self.robots)), strict=True)):
             with _writing(file.parent):
                 file.parent.mkdir(exist_ok=True)
             for device in DEVICES:
+                link = self._link(number, device)
+                for left in (link, link.with_name(device + _FRESH)):
+                    left.unlink(missing_ok=True)
                 self._plug_in(number, device)
-            file.write_bytes(_BEGINS[ROBOT] + dump(self._settings(number)).encode())
+            file.write_bytes(self._head + dump(self._settings(number, port)).encode())
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -169,7 +176,7 @@ class Terminals:
             self._unplug(number, device)
         for file in self.robots:
             with contextlib.suppress(OSError):  # somebody else's files may be there
-                if _is_left(file):
+                if self._is_mine(file):
                     file.unlink()
                 file.parent.rmdir()
 
@@ -196,15 +203,15 @@ class Terminals:
         for number, device, said in self._twin.advance(now):
             self._send(self._fds.get((number, device)), said, now)
 
-    def _settings(self, number: int) -> Settings:
-        """What a program is to know of a robot."""
+    def _settings(self, number: int, port: int) -> Settings:
+        """What a program is to know of a robot, whose UDP port is a free one."""
         model = self._twin.arena.robot_model
         angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
         return Settings(
             name=f"twin-{number}",
             ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
             limits=Limits(speed=model.drive.maximum_speed),
-            swarm=Swarm(port=_free_port()),  # robots are all on one machine
+            swarm=Swarm(port=port),  # robots are all on one machine
             proximity_angles=angles,
             reference_model=model.reference_model,
         )
@@ -282,24 +289,45 @@ class Terminals:
         self._twin.robots[number].note_port(device, is_open=is_open, now=now)
 
     def _plug_in(self, number: int, device: DeviceName) -> None:
-        """Make a port, to which the link leads from one moment to the next, wherever it led before."""
+        """Make a port, to which the link leads from one moment to the next.
+
+        Raises:
+            RobotError: if somebody has put something in the place of the link, or has removed the folder.
+        """
+        link = self._link(number, device)
+        if os.path.lexists(link) and not self._is_mine(link):
+            raise RobotError(f"{link} is no longer this twin's; a twin needs its folder for itself until it ends")
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
-        link = self._link(number, device)
-        fresh = link.with_name(f"{device}.new")
-        fresh.unlink(missing_ok=True)
-        fresh.symlink_to(os.ttyname(slave))
-        fresh.replace(link)
+        name = os.ttyname(slave)
         os.close(slave)
         self._fds[number, device] = fd
         self._ports[fd] = number, device
         self._closed.register(fd, select.POLLIN)
+        fresh = link.with_name(device + _FRESH)
+        try:
+            fresh.symlink_to(name)
+            fresh.replace(link)
+        except OSError as error:
+            raise RobotError(f"{error.strerror}: {fresh}; a twin needs its folder for itself until it ends") from None
+        self._links[link] = name
 
     def _unplug(self, number: int, device: DeviceName) -> None:
-        self._close(self._fds.pop((number, device)))
-        if _is_left(link := self._link(number, device)):
+        link = self._link(number, device)
+        if self._is_mine(link):
             link.unlink()
+        self._links.pop(link, None)
+        self._close(self._fds.pop((number, device)))
+
+    def _is_mine(self, path: Path) -> bool:
+        """Whether a file is still what this twin has made, though others may have written into its robot.yaml."""
+        try:
+            if path.name == ROBOT:
+                return path.read_bytes().startswith(self._head)
+            return str(path.readlink()) == self._links.get(path)
+        except OSError:
+            return False
 
     def _close(self, fd: int) -> None:
         del self._ports[fd]
@@ -312,9 +340,10 @@ class Terminals:
         return self._folder / str(number) / device
 
 
-def _free_port() -> int:
-    """A UDP port that nobody uses."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
-        unused.bind(("", 0))
-        port: int = unused.getsockname()[1]
-        return port
+def _free_ports(count: int) -> list[int]:
+    """UDP ports that nobody uses, each another."""
+    with contextlib.ExitStack() as stack:
+        unused = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
+        for one in unused:
+            one.bind(("", 0))
+        return [one.getsockname()[1] for one in unused]

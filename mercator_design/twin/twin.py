@@ -87,12 +87,11 @@ class Robot:
         begun, ended = ([f for f in these if f not in those] for these, those in ((on, self._on), (self._on, on)))
         self._on = on
         for fault in begun + ended:
-            begins = fault in begun
-            self._tell(now, "fault", kind=fault.kind, device=getattr(fault, "device", "rvr"), begins=begins)
-            if isinstance(fault, Battery):
-                self.rvr.level = fault.level if begins else 100.0
-            elif isinstance(fault, Stall) and begins:
-                self.rvr.stall(("left", "right").index(fault.motor), fault.duration)
+            device = getattr(fault, "device", "rvr")
+            self._tell(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
+        if any(isinstance(fault, Battery) for fault in begun + ended):
+            self.rvr.level = min((fault.level for fault in on if isinstance(fault, Battery)), default=100.0)
+        self.rvr.stall(("left", "right").index(fault.motor) for fault in on if isinstance(fault, Stall))
 
     def _note(self, now: float) -> None:
         """Log what is new."""

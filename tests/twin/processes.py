@@ -20,13 +20,26 @@ def start(*arguments, **streams):
 
 
 @contextlib.contextmanager
+def go_first(process):
+    """A process, or this thread (0), but not what it starts, runs before others where that is permitted."""
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(process, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(3))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # it may have ended
+            os.sched_setscheduler(process, os.SCHED_OTHER, os.sched_param(0))
+
+
+@contextlib.contextmanager
 def twin(folder, robots, *arguments):
     line = ["twin", "aggregation", "--no-noise", "--folder", folder, "--set", f"robots={robots}", *arguments]
     with start(*line, stdout=subprocess.PIPE) as process:
         try:
             for _ in range(robots):
                 assert process.stdout.readline().startswith("robot ")
-            yield process
+            with go_first(process.pid):
+                yield process
         finally:
             process.terminate()
 

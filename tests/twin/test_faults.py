@@ -156,6 +156,36 @@ class TestInATwin:
         states = [event.values["state"] for event in talk.wait(3.0)["rvr"]]
         assert states == [3, 1]
 
+    @pytest.mark.parametrize(
+        ("first", "second", "levels"),
+        [
+            ({"at": 1.0, "duration": 3.0, "level": 20}, {"at": 2.0, "level": 10}, [100, 20, 10, 10, 10]),
+            ({"at": 1.0, "level": 10}, {"at": 2.0, "duration": 1.0, "level": 20}, [100, 10, 10, 10, 10]),
+            ({"at": 1.0, "duration": 1.0, "level": 30}, {"at": 2.0, "duration": 2.0, "level": 3}, [100, 30, 3, 3, 100]),
+        ],
+    )
+    @pytest.mark.parametrize("turned", [False, True])
+    def test_the_lowest_level_counts_as_long_as_it_is_on(self, first, second, levels, turned):
+        faults = [Battery(robot=0, **first), Battery(robot=0, **second)]
+        talk = Talk(script=Script(faults=tuple(reversed(faults) if turned else faults)))
+        found = []
+        for seconds in (0.5, 1.0, 1.0, 1.0, 1.0):
+            talk.wait(seconds)
+            found.append(talk.robot.rvr.level)
+        assert found == levels
+
+    @pytest.mark.parametrize(
+        ("first", "second", "over"),
+        [((0.5, 1.0), (0.7, 0.2), 1.5), ((0.7, 0.2), (0.5, 1.0), 1.5), ((0.5, 0.5), (1.0, 0.5), 1.5)],
+    )
+    def test_a_motor_is_stuck_as_long_as_any_says_so(self, first, second, over):
+        stalls = (Stall(at=at, duration=duration, robot=0, motor="left") for at, duration in (first, second))
+        talk = Talk(script=Script(faults=tuple(stalls)))
+        talk.send("enable_motor_stall_notify", is_enabled=True)
+        before = [event.values["is_triggered"] for event in talk.wait(over - 0.02)["rvr"]]
+        after = [event.values["is_triggered"] for event in talk.wait(0.04)["rvr"]]
+        assert (before, after) == ([True], [False])
+
     def test_a_motor_stalls(self):
         talk = Talk(script=Script(faults=(Stall(at=0.5, duration=0.5, robot=0, motor="right"),)))
         talk.send("enable_motor_stall_notify", is_enabled=True)

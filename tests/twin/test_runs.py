@@ -2,20 +2,26 @@
 
 import contextlib
 import itertools
+import os
+import re
 import shutil
 import signal
 import subprocess
+import threading
 import time
 
 import numpy as np
 import pytest
 
+from benchmarks.robot_cycles import NEAR, kept, most
+from benchmarks.twin import measure
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.robot import safety
 from mercator_design.robot.log import replay
 from mercator_design.robot.settings import read_settings
 from mercator_design.sim.simulate import Simulator
-from tests.robot.ways import in_time
+from tests.robot.ways import ALL, LATEST, in_time, soonest
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
 
@@ -25,10 +31,10 @@ PIPES = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
 
 
 @contextlib.contextmanager
-def run(folder, number, fsm, duration):
+def run(folder, number, fsm, duration, seed=None):
     (folder / "fsm.txt").write_text(fsm)
     line = ["run", folder / "fsm.txt", "--robot", folder / str(number) / "robot.yaml", "--duration", duration]
-    line += ["--seed", number, "-o", folder / f"run{number}.jsonl"]
+    line += ["--seed", number if seed is None else seed, "-o", folder / f"run{number}.jsonl"]
     with start(*line, stderr=subprocess.PIPE) as process:
         try:
             yield process
@@ -42,9 +48,10 @@ def spread(poses):
     return np.mean([np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2)])
 
 
-def until_it_drives(folder):
+def until_it_drives(folder, process):
     until = time.monotonic() + 60.0
     while events(folder, "wheels")[-1]["left"] == 0.0:
+        assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < until
         time.sleep(0.05)
 
@@ -87,13 +94,15 @@ def test_a_colour_is_measured(tmp_path):
         (signal.SIGTERM, 0.25),
         (signal.SIGINT, 0.25),
         (signal.SIGHUP, 0.25),
+        (signal.SIGQUIT, 0.25),
+        (signal.SIGTSTP, 0.25),
         (signal.SIGKILL, 0.32),  # 300 ms by the firmware, and two ticks of the twin
         (signal.SIGSTOP, 0.32),
     ],
 )
 def test_how_soon_wheels_stop_after_a_signal(tmp_path, number, most):
     with twin(tmp_path, 1), run(tmp_path, 0, EXPLORE, 60) as process:
-        until_it_drives(tmp_path)
+        until_it_drives(tmp_path, process)
         time.sleep(1.03)
         sent = time.monotonic()
         process.send_signal(number)
@@ -114,28 +123,36 @@ FAULT = 20.0
         ("kind: silence, device: rvr", 0.32),
         ("kind: silence, device: rvr, direction: from_robot", 0.25 + 0.15),
         ("kind: silence, device: proximity", 0.5 + 0.15),
+        ("kind: silence, device: lidar", 0.6 + 0.15),
         ("kind: wrong_baud, device: rvr", 0.32),
         ("kind: wrong_baud, device: proximity", 0.5 + 0.15),
         ("kind: port_loss, device: rvr", 0.32),
         ("kind: port_loss, device: proximity", 0.25),
+        ("kind: port_loss, device: lidar", 0.25),
         ("kind: battery, level: 3", 0.25),
     ],
 )
 def test_how_soon_wheels_stop_after_a_fault(tmp_path, fault, most):
     """By the limits of docs/robot.md."""
-    script = tmp_path / "faults.yaml"
+    in_time(lambda number: stops_after_a_fault(tmp_path / str(number), fault, most))
+
+
+def stops_after_a_fault(folder, fault, most):
+    folder.mkdir()
+    script = folder / "faults.yaml"
     script.write_text(f"schema: 1\nfaults:\n  - {{{fault}, robot: 0, at: {FAULT}}}\n")
-    with twin(tmp_path, 1, "--faults", script), run(tmp_path, 0, EXPLORE, 60) as process:
-        until_it_drives(tmp_path)
-        (clock,) = events(tmp_path, "clock")
+    with twin(folder, 1, "--faults", script), run(folder, 0, ALL, 60) as process:
+        until_it_drives(folder, process)
+        (clock,) = events(folder, "clock")
         assert time.monotonic() - clock["start"] < FAULT - 1.0
         _, messages = process.communicate(timeout=60)
         assert process.returncode != 0, messages
         time.sleep(0.5)  # by then the RVR stops by itself
-    (begun,) = [event["time"] for event in events(tmp_path, "fault")]
-    last = events(tmp_path, "wheels")[-1]
+    begun = [event["time"] for event in events(folder, "fault")]
+    assert len(begun) == 1, messages
+    last = events(folder, "wheels")[-1]
     assert (last["left"], last["right"]) == (0.0, 0.0)
-    assert 0.0 <= last["time"] - begun <= most, messages
+    assert 0.0 <= last["time"] - begun[0] <= most, messages
 
 
 @pytest.mark.slow
@@ -155,3 +172,89 @@ def test_three_robots_gather_as_in_the_simulator(tmp_path):
         decisions = [decision for _, decision in replay(tmp_path / f"run{number}.jsonl")]
         assert len(decisions) == 300
         assert not any(decision.differs for decision in decisions)
+
+
+GATHER_ON_BLACK = "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 1 --s1 1\n"
+OUTWARDS = "{shape: poses, poses: [[1.7, 0, 0], [-0.85, 1.472, 2.094], [-0.85, -1.472, -2.094]]}"
+BLACK = 1.4  # [m] around the middle
+LARGE = ["--set", "arena.walls.apothem=2", "--set", f"floor.zones[0].radius={BLACK}", "--set", f"placement={OUTWARDS}"]
+
+
+@pytest.mark.slow
+def test_three_robots_gather_on_black(tmp_path):
+    """They face the wall, and explore. In 33 of 2000 simulations one was not there in time: 7e-8 for four in a row."""
+    folders = (tmp_path / str(number) for number in itertools.count())
+    assert any(in_time(lambda _: gathered(next(folders), seed)) for seed in (0, 3, 6, 9))  # noqa: B023 - called at once
+
+
+def gathered(folder, seed):
+    """Whether all robots are on black after a minute, in which they keep time."""
+    folder.mkdir()
+    with beats() as alone, twin(folder, 3, *LARGE), contextlib.ExitStack() as stack:
+        alone.clear()
+        for each in [stack.enter_context(run(folder, n, GATHER_ON_BLACK, 60, seed + n)) for n in range(3)]:
+            _, messages = each.communicate(timeout=120)
+            assert each.returncode == 0, messages
+    logs = [kept(folder / f"run{number}.jsonl") for number in range(3)]
+    assert max(most(log.cpu) for log in logs) < 0.002
+    if all(is_near(period) for period in alone):
+        periods = [period for log in logs for period in log.periods]
+        assert sum(map(is_near, periods)) >= 0.99 * len(periods)
+    places = [np.linalg.norm(np.array(event["poses"])[:, :2], axis=1) for event in events(folder, "poses")]
+    assert min(places[0]) > BLACK
+    return max(places[-1]) < BLACK
+
+
+@contextlib.contextmanager
+def beats():
+    """Periods [s] of what waits for 0.1 s again and again, on each core, and as urgently as a run does.
+
+    Where these are not kept, nothing can be said of runs.
+    """
+    periods, over = [], threading.Event()
+
+    def beat(core):
+        os.sched_setaffinity(0, [core])  # of this thread
+        safety.go_first(1)
+        due = before = time.monotonic()
+        while not over.is_set():
+            due += 0.1
+            time.sleep(max(0.0, due - time.monotonic()))
+            now = time.monotonic()
+            periods.append(now - before)
+            before = now
+
+    threads = [threading.Thread(target=beat, args=[core]) for core in os.sched_getaffinity(0)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield periods
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+
+
+def is_near(period):
+    return abs(period - 0.1) <= NEAR
+
+
+@pytest.mark.slow
+def test_twenty_robots_in_real_time_on_two_cores():
+    """What a robot says each second tells that time goes on as it should."""
+
+    def late(_):
+        cores = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, sorted(cores)[:2])  # the twin's too, which it starts
+        try:
+            told, heard = measure("aggregation_20", robots=20, seconds=10.0, period=100)
+        finally:
+            os.sched_setaffinity(0, cores)
+        cpu, latest, lost = re.search(r"([\d.]+) s of a core for each; at most (\d+) ms late; (\d+) byt", told).groups()
+        assert float(cpu) < 0.5, told
+        assert int(lost) == 0, told
+        for device, least in (("rvr", 1000), ("lidar", 10_000), ("proximity", 110)):
+            assert min(heard[device]) > least
+        return int(latest) / 1000
+
+    assert soonest(late) < LATEST

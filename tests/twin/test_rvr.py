@@ -69,6 +69,7 @@ VALUES = {
     "f32": 0.25, "bool": True, "bytes": b"", "text": "x",
     "configuration": bytes.fromhex("000902"), "token": 3, "led_group": 0b111, "led_brightness_values": (1, 2, 3),
     "data": b"\x8d\xd8\xab", "error": 6, "left_mode": 1, "right_mode": 2, "period": 50, "interval": 100,
+    "id0": 4, "id1": 5,
 }  # fmt: skip
 
 
@@ -112,6 +113,10 @@ class TestCommands:
             (0x16, 0x34, 2, struct.pack(">ffB", 0.0, math.inf, 0), Error.BAD_DATA_VALUE),
             (0x16, 0x38, 2, struct.pack(">ffffB", 0, 0, 1, 1, 3), Error.BAD_DATA_VALUE),
             (0x16, 0x38, 2, struct.pack(">ffffB", 0, 0, 1, -1, 0), Error.BAD_DATA_VALUE),
+            (0x16, 0x07, 2, struct.pack(">BHB", 51, 360, 0), Error.BAD_DATA_VALUE),
+            (0x16, 0x07, 2, struct.pack(">BHB", 51, 359, 64), Error.BAD_DATA_VALUE),
+            (0x18, 0x4A, 2, b"\4\6", Error.BAD_DATA_VALUE),
+            (0x10, 0x00, 1, bytes(17), Error.BAD_DATA_LENGTH),
             (0x16, 0x3E, 2, struct.pack(">f", 0.0), Error.BAD_DATA_VALUE),
             (0x16, 0x3C, 2, struct.pack(">ffffB", 0, 0, 0, -1.0, 1), Error.BAD_DATA_VALUE),
             (0x16, 0x46, 2, b"\x09", Error.BAD_DATA_VALUE),
@@ -274,17 +279,18 @@ class TestDriving:
         talk.send("restore_default_drive_target_slew_parameters")
         assert talk.ask("get_drive_target_slew_parameters") == slew
 
-    def test_a_stalled_motor_is_cut_off_for_some_time(self, talk):
+    def test_a_stalled_motor_is_cut_off(self, talk):
         talk.send("enable_motor_stall_notify", is_enabled=True)
         drive(talk)
-        talk.rvr.stall(1, 0.5)
-        said = talk.wait(0.6)
-        stalls = [(time, *event.values.values()) for time, event in said]
-        assert stalls == [(0.01, 1, True), (0.5, 1, False)]
-        assert talk.rvr.treads == (0.25, 0.125)
-        talk.rvr.stall(0, 0.5)
-        talk.wait(0.1)
-        assert talk.rvr.treads == (0.0, 0.125)
+        for stalled, told, treads in (
+            ([1], [(1, True)], (0.25, 0.0)),
+            ([1, 1], [], (0.25, 0.0)),
+            ([0], [(0, True), (1, False)], (0.0, 0.125)),
+            ([], [(0, False)], (0.25, 0.125)),
+        ):
+            talk.rvr.stall(stalled)
+            assert [(*event.values.values(),) for _, event in talk.wait(0.02)] == told
+            assert talk.rvr.treads == treads
 
 
 def go(talk, seconds):

@@ -29,7 +29,7 @@ from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.settings import Limits
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
-from tests.twin.processes import EXPLORE, events, start, twin
+from tests.twin.processes import EXPLORE, events, go_first, start, twin
 
 SECONDS = float(os.environ.get("SOAK_SECONDS", "1800"))
 SEED = int(os.environ.get("SOAK_SEED", "1"))
@@ -379,21 +379,13 @@ def growth(samples):
     return np.polyfit(times - times[0], sizes, 1)[0] * (samples[-1][0] - samples[0][0])
 
 
-def schedule(process, policy, priority):
-    """Let a process run before others, or not, where that is permitted."""
-    with suppress(OSError):
-        os.sched_setscheduler(process, policy, os.sched_param(priority))
-
-
 @pytest.mark.slow
 def test_soak(tmp_path):
     chance = random.Random(SEED)
     (tmp_path / "faults.yaml").write_text(yaml.safe_dump(script(chance)))
     with ExitStack() as stack:
         process = stack.enter_context(twin(tmp_path, ROBOTS, "--faults", tmp_path / "faults.yaml"))
-        stack.callback(schedule, 0, os.SCHED_OTHER, 0)
-        for number in (0, process.pid):
-            schedule(number, os.SCHED_RR | os.SCHED_RESET_ON_FORK, 3)  # not what they start
+        stack.enter_context(go_first(0))
         soak = Soak(tmp_path, chance, process, stack)
         stack.callback(soak.kill)
         end = time.monotonic() + SECONDS

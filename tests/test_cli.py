@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -787,7 +788,7 @@ class TestMessages:
         os.close(reader)
         with os.fdopen(writer, "wb") as stdout:
             done = run_with_stdout(stdout, verb)
-        assert (done.returncode, done.stderr) == (1, "")
+        assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
 
     def test_no_output_at_all(self):
         script = "import sys; sys.stdout = None; from mercator_design.cli import main; main()"

@@ -155,8 +155,9 @@ class Terminals:
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
                 raise RobotError(f"{file.parent} is there, and is no folder; move it, or choose another folder")
-            for left in map(file.with_name, (*DEVICES, *(device + _FRESH for device in DEVICES), ROBOT)):
-                _check_free(left)
+            with _writing(file.parent):
+                for left in map(file.with_name, (*DEVICES, *(device + _FRESH for device in DEVICES), ROBOT)):
+                    _check_free(left)
 
     def __enter__(self) -> Self:
         self.check()

@@ -438,7 +438,7 @@ class TestSwarm:
                 for _ in range(100):
                     speaker.tell(STOP)
             check(robot, 4, "swarm: told to stop by 127.0.0.1")
-            assert robot.devices.commands[-1][1] == LAST
+            robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
             names = [name for _, name, _ in robot.devices.commands]
             assert names.count("drive_stop") < 10
 

@@ -60,16 +60,18 @@ def measure(mission: str, robots: int, seconds: float, period: int) -> tuple[str
         with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             for _ in zip(range(robots), process.stdout or (), strict=False):
                 pass
-            clients = [Client(folder / str(number), number, period) for number in range(robots)]
-            start = time.monotonic()
-            ticks = 0
-            while time.monotonic() - start < seconds:
-                for client in clients:
-                    client.tick()
-                ticks += 1
-                time.sleep(max(0.0, start + 0.1 * ticks - time.monotonic()))
-            took = time.monotonic() - start
-            process.terminate()
+            try:
+                clients = [Client(folder / str(number), number, period) for number in range(robots)]
+                start = time.monotonic()
+                ticks = 0
+                while time.monotonic() - start < seconds:
+                    for client in clients:
+                        client.tick()
+                    ticks += 1
+                    time.sleep(max(0.0, start + 0.1 * ticks - time.monotonic()))
+                took = time.monotonic() - start
+            finally:
+                process.terminate()
             _, told = process.communicate()
         for client in clients:
             client.close()

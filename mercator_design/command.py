@@ -43,6 +43,9 @@ class OutputFile(click.Path):
         return super().convert(value, param, ctx)
 
 
+OUTPUT_FILE = OutputFile(path_type=Path)
+
+
 class NumberRange(click.FloatRange):
     """Numbers of a range; click takes what is no number for one of any."""
 
@@ -75,13 +78,13 @@ def run(command: click.Command, name: str) -> None:
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:
-        tell(f"Error: {error}")
+        tell(f"Error: {_with_notes(error)}")
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         tell("Interrupted.")
         sys.exit(130)
     except Signalled as signalled:
-        tell(str(signalled))
+        tell(_with_notes(signalled))
         sys.exit(signalled.exit_code)
     except SystemExit:
         if sys.stdout is stdout:
@@ -105,6 +108,11 @@ def _open_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - until the end
+
+
+def _with_notes(error: BaseException) -> str:
+    """What an error says, and what was added to it on its way."""
+    return "; ".join([str(error), *getattr(error, "__notes__", ())])
 
 
 def _discard(stream: TextIO) -> None:

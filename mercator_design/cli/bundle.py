@@ -4,14 +4,14 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import OutputFile, naming, tell
+from mercator_design.command import OUTPUT_FILE, naming, tell
 
 
 @click.command(short_help="Write mercator-robot as one file.")
 @click.option(
     "-o",
     "--output",
-    type=OutputFile(path_type=Path),
+    type=OUTPUT_FILE,
     default="mercator-robot.pyz",
     show_default=True,
     metavar="FILE",

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.command import FILE, OutputFile, naming, tell
+from mercator_design.command import FILE, OUTPUT_FILE, naming, tell
 from mercator_design.errors import MercatorError
 
 
@@ -15,7 +15,7 @@ from mercator_design.errors import MercatorError
 @click.option(
     "-o",
     "--output",
-    type=OutputFile(path_type=Path),
+    type=OUTPUT_FILE,
     required=True,
     metavar="MODEL.yaml",
     help="Robot model to write, a new file.",

@@ -31,6 +31,7 @@ class Control:
         Raises:
             RobotError: if no first heartbeat comes, or a sensor that is needed tells nothing new; or as `wait`.
         """
+        late = time.monotonic() - self._heard  # somebody was told something, and took his time
         end = time.monotonic() + _FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
             if time.monotonic() > end:
@@ -38,8 +39,11 @@ class Control:
                     "swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?"
                 )
             self.wait(time.monotonic() + 0.1)
-        if time.monotonic() - self._heard > STALL:  # somebody was told something, and took his time
+        late = max(late, time.monotonic() - self._heard)
+        if late > STALL:
             self.robot.sense_anew()
+            if self._log is not None:
+                self._log.remark(held_up(late))
         self._watchdog.arm()
 
     def wait(self, until: float) -> float:
@@ -72,6 +76,11 @@ class Control:
             due = max(due + period, time.monotonic())
 
 
+def held_up(seconds: float) -> str:
+    """What is to be noted of a time in which nobody listened."""
+    return f"held up for {seconds:.1f} s: samples are missing, or have wrong times"
+
+
 @contextlib.contextmanager
 def in_control(
     settings: Settings, reads: Iterable[str], labels: Mapping[ColourName, RGB], log: Log | None
@@ -88,7 +97,8 @@ def in_control(
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
-        RobotError: if a device cannot be used, the log cannot be written, or the RVR does not come to rest in the end.
+        RobotError: if a device cannot be used, the log cannot be written, or it was not seen that the RVR stopped; of
+            other exceptions the latter is a note.
         Signalled: if a signal came.
     """
     go_first(1)
@@ -97,9 +107,13 @@ def in_control(
         robot = Mercator(settings, ports, reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
-        with watchdog, contextlib.closing(robot), signals.until_stopped():  # nothing interrupts the closing
-            robot.start()
-            yield Control(robot, watchdog, log)
-    for wrong in (log.failure if log is not None else "", robot.unrest):
-        if wrong:
-            raise RobotError(wrong)
+        try:
+            with watchdog, contextlib.closing(robot), signals.until_stopped():  # nothing interrupts the closing
+                robot.start()
+                yield Control(robot, watchdog, log)
+        except BaseException as error:
+            if robot.unrest:
+                error.add_note(robot.unrest)
+            raise
+    if wrong := "; ".join(filter(None, (log.failure if log is not None else "", robot.unrest))):
+        raise RobotError(wrong)

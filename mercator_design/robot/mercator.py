@@ -230,9 +230,10 @@ class Mercator:
             rest_rvr(talk)
         except RobotError as error:
             self.unrest = f"it was not seen that the RVR stopped: {error}"
-            self._note(self.unrest)
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
+        if self.unrest:
+            self._note(self.unrest)
 
     def start(self) -> None:
         """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
@@ -278,8 +279,8 @@ class Mercator:
         Raises:
             RobotError: if it does, and the settings do not permit that.
         """
-        told = time.monotonic()
         self.brake.drive(0.0, 0.0)
+        told = time.monotonic()
         first = self._controller()
         self.attend(told + 0.5 * COMMANDS_END)
         self._talk.said.clear()  # what has stopped by then did so because its speed is zero
@@ -288,7 +289,10 @@ class Mercator:
         last = self._controller()
         self._do_commands_end = has_stopped or (first, last) == (_TANK, _BRAKING)
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
-        if first == last == _TANK and not has_stopped and not self._settings.limits.unending_commands:
+        if self._do_commands_end or self._settings.limits.unending_commands or not first == last == _TANK:
+            return
+        self.attend(told + 2.0 * COMMANDS_END)  # this computer may have been late, or the line
+        if self._controller() == _TANK:
             raise RobotError(
                 f"rvr: by its own words a command to drive does not end after {COMMANDS_END:g} s, so it would drive on "
                 "if this program died; update its firmware, or permit it: limits.unending_commands in robot.yaml"

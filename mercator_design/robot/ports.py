@@ -72,10 +72,11 @@ def open_ports(names: PortNames) -> Iterator[Ports]:
         ports = []
         for device in DEVICES:
             name = getattr(names, device)
-            path = os.path.realpath(find_port(device, name))
+            found = find_port(device, name)
+            path = os.path.realpath(found)
             if (other := devices.setdefault(path, device)) != device:
                 raise RobotError(f"{device}: {name} is {path}, the port of {other} already")
-            ports.append(stack.enter_context(open_port(device, name)))
+            ports.append(stack.enter_context(open_port(device, found)))
         yield Ports(*ports)
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mercator_design.robot.control import in_control
+from mercator_design.robot.control import held_up, in_control
 from mercator_design.robot.log import Log, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.safety import STALL
@@ -92,8 +92,8 @@ def record(
     with in_control(settings, _EVERYTHING, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
-        robot.introduce(tell)
         begin = now = time.monotonic()
+        robot.introduce(tell)
         end = math.inf if duration is None else begin + duration
         silent: dict[str, str] = {}
         while now < end:
@@ -102,7 +102,7 @@ def record(
             before, silent = silent, robot.stale(now)
             doubts = [silent[name] for name in silent.keys() - before.keys()]
             if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
-                doubts.append(f"held up for {now - due:.1f} s: samples are missing, or have wrong times")
+                doubts.append(held_up(now - due))
             for doubt in doubts:
                 tell(f"Warning: {doubt}")
                 log.remark(doubt)

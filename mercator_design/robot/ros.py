@@ -291,8 +291,8 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
         orders, reports = Orders(robot.brake, silence, tell), Reports(robot, sweep, node.namespace, rate)
         robot.report(tell)
         node.obey(robot.brake, orders)
-        control.arm()
         tell(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
+        control.arm()
         for now in control.cycles(PERIOD):
             robot.check_ages()
             robot.brake.drive(*orders.speeds(now))

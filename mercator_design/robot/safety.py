@@ -27,6 +27,8 @@ STALL = 0.18
 """[s] between commands to the wheels after which the control loop is taken for stalled."""
 _LOOK = 0.02
 """[s] between the watchdog's looks."""
+_AGAIN = 0.2
+"""[s] after which a stop that is told again is obeyed again."""
 _LOCKED = 0.05
 """[s] that a stop waits for a command that is being sent."""
 
@@ -133,6 +135,7 @@ class Watchdog(threading.Thread):
         self._brake, self._heartbeat, self._answer = brake, swarm.heartbeat, STOPPED + name.encode()
         self._listening = None if swarm.port is None else listener(swarm.port)
         self._armed, self._over = threading.Event(), threading.Event()
+        self._obeyed = -math.inf  # when it was told to
         self.heard: float | None = None
 
     @property
@@ -175,13 +178,19 @@ class Watchdog(threading.Thread):
         if self._heartbeat is not None and (self.heard is None or now - self.heard > self._heartbeat):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
+    def _obey_stop(self, why: str) -> None:
+        """Stop the wheels, again if this is told again, but not so often that it holds up the shutting down."""
+        now = time.monotonic()
+        if now - self._obeyed > _AGAIN:
+            self._obeyed = now
+            self._brake.stop(why)
+
     def _hear(self, listening: socket.socket) -> None:
         for message, sender in hear(listening):
             if message == HEARTBEAT:
                 self.heard = time.monotonic()
             elif message == STOP:
-                if not self._brake.why:  # zeros again and again would hold up the shutting down
-                    self._brake.stop(f"swarm: told to stop by {sender[0]}")
+                self._obey_stop(f"swarm: told to stop by {sender[0]}")
                 with contextlib.suppress(OSError):
                     listening.sendto(self._answer, sender)
 

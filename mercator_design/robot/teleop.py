@@ -75,10 +75,10 @@ def teleop(
     with in_control(settings, reads, settings.labels_of({}), log) as control:
         recorder = None if log is None else Recorder(log, control.robot, settings)
         control.robot.introduce(tell)
-        control.arm()
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         with keyboard() as keys:
             try:
+                control.arm()
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal

@@ -161,16 +161,24 @@ class Terminals:
 
     def __enter__(self) -> Self:
         self.check()
-        for number, (file, port) in enumerate(zip(self.robots, _free_ports(len(self.robots)), strict=True)):
-            with _writing(file.parent):
-                file.parent.mkdir(exist_ok=True)
-            for device in DEVICES:
-                link = self._link(number, device)
-                for left in (link, link.with_name(device + _FRESH)):
-                    left.unlink(missing_ok=True)
-                self._plug_in(number, device)
-            file.write_bytes(self._head + dump(self._settings(number, port)).encode())
+        try:
+            for number, (file, port) in enumerate(zip(self.robots, _free_ports(len(self.robots)), strict=True)):
+                with _writing(file.parent):
+                    self._make(number, file, port)
+        except BaseException:
+            self.__exit__()
+            raise
         return self
+
+    def _make(self, number: int, file: Path, port: int) -> None:
+        """The ports of a robot, and the file that names them."""
+        file.parent.mkdir(exist_ok=True)
+        for device in DEVICES:
+            link = self._link(number, device)
+            for left in (link, link.with_name(device + _FRESH)):
+                left.unlink(missing_ok=True)
+            self._plug_in(number, device)
+        file.write_bytes(self._head + dump(self._settings(number, port)).encode())
 
     def __exit__(self, *_: object) -> None:
         for number, device in list(self._fds):

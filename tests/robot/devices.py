@@ -154,6 +154,14 @@ class Devices(Surroundings):
         assert told == [0.0, 0.0], "the wheels still turn"
         return when
 
+    def told_to_rest(self, began):
+        """How long after a time the wheels were told to rest for good [s]; infinite if they did so by themselves."""
+        return self.rests_since() - began if self.stopped_by() != "timeout" else math.inf
+
+    def stopped_by(self):
+        """What told the wheels something last."""
+        return [event["by"] for event in self.log if event["event"] == "wheels"][-1]
+
     def _turn(self, _):
         """In each turn of the twin's loop; whether it is over."""
         while self._told:

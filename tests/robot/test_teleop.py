@@ -354,7 +354,7 @@ class TestWaysOut:
                 began = time.monotonic()
                 act(drive)
                 drive.ended(code, words)
-                return drive.devices.rests_since() - began - allowed
+                return drive.devices.told_to_rest(began) - allowed
 
         assert soonest(attempt) <= LATEST
 
@@ -375,7 +375,7 @@ class TestWaysOut:
                     event for event in read(tmp_path / str(number) / "drive.jsonl", "recording") if "left" in event
                 )
                 assert (last["left"], last["right"]) == (0.0, 0.0)
-                return drive.devices.rests_since() - began
+                return drive.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST
 
@@ -389,7 +389,7 @@ class TestWaysOut:
                 (drive.folder / "fault").touch()
                 began = float(drive.process.stdout.readline())
                 drive.ended(code, words)
-                return drive.devices.rests_since() - began
+                return drive.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST
 
@@ -414,7 +414,7 @@ class TestWaysOut:
                 began = time.monotonic()
                 assert speaker.stop() == (["mercator (127.0.0.1)"], [])
                 drive.ended(4, "swarm: told to stop by 127.0.0.1")
-                return drive.devices.rests_since() - began
+                return drive.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST
 

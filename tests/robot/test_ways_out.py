@@ -80,7 +80,7 @@ def test_devices_that_fail(what, tmp_path):
             began = time.monotonic()
             act(robot)
             check(robot, 4, words)
-            return robot.devices.rests_since() - began - allowed
+            return robot.devices.told_to_rest(began) - allowed
 
     assert soonest(attempt) <= LATEST
 
@@ -109,7 +109,7 @@ def test_signals(number, tmp_path):
             began = time.monotonic()
             robot.process.send_signal(which)
             check(robot, 128 + which, f"Stopped by {number}.")
-            return robot.devices.rests_since() - began
+            return robot.devices.told_to_rest(began)
 
     assert soonest(attempt) <= LATEST
 
@@ -140,11 +140,12 @@ def test_controllers_that_fail(what, tmp_path):
                 (robot.folder / "stop").touch()
             returned, error = robot.ended()
             assert (returned, words in error) == (code, True), (returned, error)
-            return robot.devices.rests_since() - began
+            return robot.devices.told_to_rest(began)
 
     assert soonest(attempt) <= LATEST
 
 
+@made_in_time
 def test_a_stalled_loop_does_not_drive_again_and_can_be_ended(tmp_path):
     with running(tmp_path, fault="time.sleep(60)") as robot:
         robot.drives()
@@ -181,6 +182,7 @@ def test_a_process_that_was_suspended_does_not_drive_again(tmp_path):
         assert robot.devices.rests_since() - began < 1.0
 
 
+@made_in_time
 def test_a_robot_that_does_not_obey_in_the_end_is_told(tmp_path):
     """The duration is over, and the RVR has stopped, if it has, because it hears nothing."""
     with running(tmp_path, GO, "", "", "--duration", "1") as robot:
@@ -190,6 +192,27 @@ def test_a_robot_that_does_not_obey_in_the_end_is_told(tmp_path):
         *_, note, end = read(tmp_path / "log.jsonl")
         assert note["text"] in error
         assert end["why"] == "The duration is over"
+
+
+def test_whatever_ended_the_run_a_robot_that_does_not_obey_is_told(tmp_path):
+    with running(tmp_path) as robot:
+        robot.drives()
+        robot.devices.deaf.add("rvr")
+        robot.process.terminate()
+        check(robot, 143, "Stopped by SIGTERM.; it was not seen that the RVR stopped: rvr: no answer;", zeros=False)
+
+
+@pytest.mark.parametrize("settings", ["", ", heartbeat: 2"])
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_who_was_held_up_before_the_drive_looks_anew(settings, seconds, tmp_path):
+    """By somebody who was told something, and took his time, whether there was a heartbeat to wait for or not."""
+    lead = f"{SOON}introduce = mercator.Mercator.introduce\n"
+    lead += "mercator.Mercator.introduce = lambda robot, tell: (introduce(robot, tell), time.sleep(SECONDS))\n"
+    lead = f"import time\n{lead}".replace("SECONDS", str(seconds))
+    with running(tmp_path, GO, settings, lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+        robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.devices.driven() > 2)
+        notes = [event["text"] for event in read(tmp_path / "log.jsonl") if event["event"] == "note"]
+        assert any(note.startswith("held up for 0.") for note in notes) == (seconds > 0.0)
 
 
 STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
@@ -248,6 +271,7 @@ def fill(port):
     os.close(line)
 
 
+@made_in_time
 def test_the_log_is_whole_but_for_its_end_when_the_process_is_killed(tmp_path):
     with running(tmp_path) as robot:
         robot.drives()
@@ -387,7 +411,6 @@ def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
     assert cpu[len(cpu) // 2] > 0.5 * took
 
 
-@made_in_time
 def test_a_full_disk(tmp_path):
     """A run whose log is lost is worth nothing."""
     limit = "import resource; n = os.path.getsize('log.jsonl'); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
@@ -398,7 +421,7 @@ def test_a_full_disk(tmp_path):
             began = robot.fault()
             returned, error = robot.ended()
             assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
-            return robot.devices.rests_since() - began - CYCLE
+            return robot.devices.told_to_rest(began) - CYCLE
 
     assert soonest(attempt) <= LATEST
 
@@ -414,7 +437,7 @@ def test_a_disk_that_hangs(tmp_path):
             began = robot.fault()
             returned, error = robot.ended()
             assert (returned, "log.jsonl: cannot be written: the disk hangs" in error) == (1, True), error
-            return robot.devices.rests_since() - began - 0.5 - 2 * CYCLE
+            return robot.devices.told_to_rest(began) - 0.5 - 2 * CYCLE
 
     assert soonest(attempt) <= LATEST
 
@@ -427,20 +450,35 @@ class TestSwarm:
                 began = time.monotonic()
                 assert speaker.stop() == (["mercator (127.0.0.1)"], [])
                 check(robot, 4, "swarm: told to stop by 127.0.0.1")
-                return robot.devices.rests_since() - began
+                return robot.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST
 
+    @made_in_time
     def test_a_flood_of_stops_does_not_hold_up_the_end(self, tmp_path):
         with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.drives()
+            began = time.monotonic()
             while robot.process.poll() is None:
+                assert time.monotonic() < began + 10.0
                 for _ in range(100):
                     speaker.tell(STOP)
+            took = time.monotonic() - began
             check(robot, 4, "swarm: told to stop by 127.0.0.1")
             robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
             names = [name for _, name, _ in robot.devices.commands]
-            assert names.count("drive_stop") < 10
+            assert names.count("drive_stop") < 10 + 2 * took / 0.2
+
+    @made_in_time
+    def test_a_stop_is_obeyed_each_time(self, tmp_path):
+        """As what it sent before may have been damaged, and the program hangs."""
+        with running(tmp_path, fault="time.sleep(60)") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.drives()
+            robot.fault()
+            for _ in range(2):
+                before = len(robot.devices.commands)
+                speaker.stop()
+                assert "drive_stop" in [name for _, name, _ in robot.devices.commands[before:]]
 
     def test_stop_during_the_start(self, tmp_path):
         with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
@@ -471,7 +509,7 @@ class TestSwarm:
                 beating.join()
                 began = time.monotonic()
                 check(robot, 4, "swarm: no heartbeat for 0.4 s")
-                return robot.devices.rests_since() - began - 0.4
+                return robot.devices.told_to_rest(began) - 0.4
 
         assert soonest(attempt) <= LATEST
 

@@ -42,7 +42,7 @@ SLOW = """
 import time
 from mercator_design.robot.mercator import Mercator
 close = Mercator.close
-Mercator.close = lambda robot: (close(robot), time.sleep(0.3))
+Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
 """
 """Lets a run keep its ports for a while after its end."""
 

@@ -20,7 +20,7 @@ def start(*arguments, **streams):
 
 
 @contextlib.contextmanager
-def go_first(process):
+def first(process):
     """A process, or this thread (0), but not what it starts, runs before others where that is permitted."""
     with contextlib.suppress(OSError):
         os.sched_setscheduler(process, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(3))
@@ -38,7 +38,7 @@ def twin(folder, robots, *arguments):
         try:
             for _ in range(robots):
                 assert process.stdout.readline().startswith("robot ")
-            with go_first(process.pid):
+            with first(process.pid):
                 yield process
         finally:
             process.terminate()

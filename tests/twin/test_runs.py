@@ -250,7 +250,8 @@ def test_twenty_robots_in_real_time_on_two_cores():
             told, heard = measure("aggregation_20", robots=20, seconds=10.0, period=100)
         finally:
             os.sched_setaffinity(0, cores)
-        cpu, latest, lost = re.search(r"([\d.]+) s of a core for each; at most (\d+) ms late; (\d+) byt", told).groups()
+        form = r"([\d.]+) s of a core for each second; at most (\d+) ms late; (\d+) bytes"
+        cpu, latest, lost = re.search(form, told).groups()
         assert float(cpu) < 0.5, told
         assert int(lost) == 0, told
         for device, least in (("rvr", 1000), ("lidar", 10_000), ("proximity", 110)):

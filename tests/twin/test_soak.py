@@ -29,7 +29,8 @@ from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.settings import Limits
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
-from tests.twin.processes import EXPLORE, events, go_first, start, twin
+from tests.robot.ways import ALL
+from tests.twin.processes import EXPLORE, events, first, start, twin
 
 SECONDS = float(os.environ.get("SOAK_SECONDS", "1800"))
 SEED = int(os.environ.get("SOAK_SEED", "1"))
@@ -47,8 +48,6 @@ OLDEST = 20.0
 GROWTH = 1024
 """[KiB] that memory may grow, by a line fitted to what it is after the first quarter of the time."""
 
-ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5\n"
-"""Drives, and reads every sense."""
 FSMS = {"explore.txt": EXPLORE, "all.txt": ALL}
 SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGKILL")
 OTHERS = ("SIGSTOP", "stop", "heartbeat", "disk")
@@ -391,7 +390,7 @@ def test_soak(tmp_path):
     (tmp_path / "faults.yaml").write_text(yaml.safe_dump(script(chance)))
     with ExitStack() as stack:
         process = stack.enter_context(twin(tmp_path, ROBOTS, "--faults", tmp_path / "faults.yaml"))
-        stack.enter_context(go_first(0))
+        stack.enter_context(first(0))
         soak = Soak(tmp_path, chance, process, stack)
         stack.callback(soak.kill)
         end = time.monotonic() + SECONDS

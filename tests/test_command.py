@@ -18,15 +18,15 @@ def verbs(group):
             yield from verbs(verb)
 
 
+def options(command, are_wanted):
+    """Options of all verbs, each with a context in which it may be given."""
+    return [(click.Context(verb), option) for verb in verbs(command) for option in verb.params if are_wanted(option)]
+
+
 @pytest.mark.parametrize("command", [mdesign, mercator_robot])
 def test_only_a_table_goes_to_stdout_by_a_dash(command):
     """Elsewhere it would be the name of a file, which is not easily removed."""
-    outputs = [
-        (click.Context(verb), option)
-        for verb in verbs(command)
-        for option in verb.params
-        if "-o" in option.opts and getattr(option.type, "file_okay", False) and option.callback is None
-    ]
+    outputs = options(command, lambda o: "-o" in o.opts and getattr(o.type, "file_okay", False) and o.callback is None)
     accepting = []
     for context, option in outputs:
         with contextlib.suppress(click.BadParameter):
@@ -39,12 +39,7 @@ def test_only_a_table_goes_to_stdout_by_a_dash(command):
 @pytest.mark.parametrize("command", [mdesign, mercator_robot])
 def test_what_is_no_number_is_in_no_range(command):
     """A duration or a guard that is NaN would be none."""
-    numbers = [
-        (click.Context(verb), option)
-        for verb in verbs(command)
-        for option in verb.params
-        if isinstance(option.type, click.types.FloatParamType)
-    ]
+    numbers = options(command, lambda option: isinstance(option.type, click.types.FloatParamType))
     assert numbers
     for context, option in numbers:
         with pytest.raises(click.BadParameter, match="'nan' is not a number"):

@@ -177,7 +177,7 @@ def _wrong(path: str, error: OSError) -> str:
                 "another user's?"
             )
         case errno.EACCES | errno.EPERM:
-            return f"no permission; {_permission(_group(path), _user())}"
+            return f"no permission; {_permission(_group(path), user_name() or str(os.getuid()))}"
         case errno.EBUSY | errno.EAGAIN:
             return _in_use(_users(path))
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
@@ -211,12 +211,12 @@ def _group(path: str) -> str:
         return str(Path(path).stat().st_gid)
 
 
-def _user() -> str:
-    """Who this is; the number if there is no name, as in containers."""
+def user_name() -> str | None:
+    """Who this is; None if there is no name, as in containers."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # the latter from Python 3.13 on
-        return str(os.getuid())
+        return None
 
 
 def _users(path: str) -> list[str]:

@@ -17,7 +17,21 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
-from tests.robot.ways import ALL, GO, IMPATIENT, LAST, LATEST, OFTEN, SLOW, SOON, asked, made_in_time, running, soonest
+from tests.robot.ways import (
+    ALL,
+    ATTEMPTS,
+    GO,
+    IMPATIENT,
+    LAST,
+    LATEST,
+    OFTEN,
+    SLOW,
+    SOON,
+    asked,
+    made_in_time,
+    running,
+    soonest,
+)
 
 CYCLE = 0.1
 """[s]"""
@@ -194,6 +208,7 @@ def test_a_robot_that_does_not_obey_in_the_end_is_told(tmp_path):
         assert end["why"] == "The duration is over"
 
 
+@made_in_time
 def test_whatever_ended_the_run_a_robot_that_does_not_obey_is_told(tmp_path):
     with running(tmp_path) as robot:
         robot.drives()
@@ -209,10 +224,18 @@ def test_who_was_held_up_before_the_drive_looks_anew(settings, seconds, tmp_path
     lead = f"{SOON}introduce = mercator.Mercator.introduce\n"
     lead += "mercator.Mercator.introduce = lambda robot, tell: (introduce(robot, tell), time.sleep(SECONDS))\n"
     lead = f"import time\n{lead}".replace("SECONDS", str(seconds))
-    with running(tmp_path, GO, settings, lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
-        robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.devices.driven() > 2)
-        notes = [event["text"] for event in read(tmp_path / "log.jsonl") if event["event"] == "note"]
-        assert any(note.startswith("held up for 0.") for note in notes) == (seconds > 0.0)
+
+    def looks_anew(number):
+        folder = tmp_path / str(number)
+        with running(folder, GO, settings, lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.devices.driven() > 2)
+            notes = [event["text"] for event in read(folder / "log.jsonl") if event["event"] == "note"]
+            return any(note.startswith("held up for ") for note in notes)
+
+    if seconds:
+        assert looks_anew(0)
+    else:  # a busy machine may hold it up too
+        assert not all(map(looks_anew, range(ATTEMPTS)))
 
 
 STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")

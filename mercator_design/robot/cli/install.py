@@ -1,6 +1,5 @@
 """mercator-robot install: what the system knows of the robot."""
 
-import getpass
 import os
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from mercator_design.errors import RobotError
 from mercator_design.robot import install as installation
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
 from mercator_design.robot.cli.rows import show
+from mercator_design.robot.ports import user_name
 
 
 @click.command(short_help="Give ports their names, and systemd its services.")
@@ -38,7 +38,9 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         show(installation.uninstall(root))
         return
     ports, findings = installation.connected(settings_of(robot))
-    runs_it = user or os.environ.get("SUDO_USER") or _user()
+    runs_it = user or os.environ.get("SUDO_USER") or user_name()
+    if runs_it is None:
+        raise RobotError(f"user {os.getuid()} has no name; --user names who is to run the robot")
     if runs_it == "root" and user is None:
         tell("Warning: the services will run as root; --user names who else is to run the robot")
     setup = installation.Setup(
@@ -55,11 +57,3 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         show(findings)
     else:
         show([*findings, *installation.install(files, root)])
-
-
-def _user() -> str:
-    """Who this is."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # the latter from Python 3.13 on
-        raise RobotError(f"user {os.getuid()} has no name; --user names who is to run the robot") from None

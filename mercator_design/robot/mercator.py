@@ -1,7 +1,4 @@
-"""The robot as one object: what its sensors tell and how old that is, the wheels, the lamps; start-up and shut-down.
-
-What measurements mean to a behaviour is said in fsm/, for simulation and robot alike.
-"""
+"""The robot as one object: its senses, the wheels, the lamps; start-up and shut-down."""
 
 import contextlib
 import math
@@ -11,22 +8,20 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from mercator_design.colours import COLOURS, RGB, ColourName, Levels
+from mercator_design.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.ports import DEVICES, DeviceName, Line, Ports
+from mercator_design.robot.ports import DEVICES, Line, Ports
 from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
-from mercator_design.robot.samples import STREAMED, Sample, converted, heading
-from mercator_design.robot.settings import Settings, nearest
+from mercator_design.robot.samples import STREAMED
+from mercator_design.robot.senses import Senses
+from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import charge, halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
-from mercator_design.robot.sweep import BINS, LEAST_READINGS, STEP, Sweep
+from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk, words
-from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
 COMMANDS_END = 0.3
 """[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
@@ -45,9 +40,7 @@ _TANK, _BRAKING = 2, 0  # controllers of the drive
 class Mercator:
     """A Mercator robot, to be started up, and closed on every way out, which stops it and shuts it down.
 
-    samples: The latest of each sensor, by name: those of `converted`, proximity as the settings correct it, `lidar`,
-        without values: when a turn has ended.
-    neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
+    senses: What it perceives.
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer, before they are `report`ed; the latest.
     unrest: Why it may not be at rest, once it is closed; empty if it is.
@@ -68,36 +61,22 @@ class Mercator:
         Raises:
             RobotError: if it lacks a sense.
         """
-        limits = settings.limits
-        sources: dict[str, tuple[str, float, DeviceName]] = {
-            "proximity": ("proximity", limits.proximity, "proximity"),
-            "neighbours": ("lidar", limits.lidar, "lidar"),
-            "ground": ("ground", limits.rvr, "rvr"),
-        }
-        if lacking := sorted(set(reads) - set(sources)):
-            raise RobotError(f"expected a PFSM that reads {', '.join(sources)}, found one that reads {lacking[0]}")
-        sources["attitude"] = ("attitude", limits.rvr, "rvr")
-        self._needed = [sources[sense] for sense in ("attitude", *sorted(reads))]
+        self.senses = Senses(settings, reads, labels)
         lines = [Line(device, port) for device, port in zip(DEVICES, ports, strict=True)]
         self._talk = Talk(lines, self._take)
         _, self._lidar, _ = lines
-        self._settings, self._model = settings, settings.reference_model
-        self._labels = labels
-        self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
-        self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
-        self._sweep = Sweep(settings.lidar_angle)  # in a frame that does not turn
-        self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
+        self._settings = settings
         self._is_blind = self._do_commands_end = False
         self._polled, self._unanswered = -math.inf, 0
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
-        self.samples: dict[str, Sample] = {}
-        self.neighbours: list[tuple[float, float]] = []
         self.facts: dict[str, Any] = {}
         self.unrest = ""
         self.notes: deque[str] = deque(maxlen=_NOTES)
         self._note: Callable[[str], None] = self.notes.append
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
-        self.brake = Brake(partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), limits.speed)
+        self.brake = Brake(
+            partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), settings.limits.speed
+        )
 
     def introduce(self, tell: Callable[[str], None]) -> None:
         """Tell people its name and facts, and a doubt."""
@@ -127,40 +106,7 @@ class Mercator:
             Stopped: if a sense that is needed is stale.
         """
         self.check_ages()
-        now = time.monotonic()
-        limits, model = self._settings.limits, self._model
-        distances, bearings_x, bearings_y = self._found
-        proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
-        ground = COLOURS["white"]
-        if self.age("proximity", now) <= limits.proximity:
-            proximity = self.samples["proximity"].values
-        if self.age("ground", now) <= limits.rvr:
-            ground = COLOURS[self.label()]
-        n = self._find_neighbours(now)
-        weights = [proximity_weight(model, distance) for distance in proximity]
-        return perceive(
-            model,
-            weights,
-            self._looks_x,
-            self._looks_y,
-            distances,
-            bearings_x,
-            bearings_y,
-            n,
-            float(n),
-            ground,
-            (0.0, 0.0),
-        )
-
-    def _find_neighbours(self, now: float) -> int:
-        """Find `neighbours` in the lidar's last turn, if it is not too old; how many they are."""
-        n = 0
-        if self.age("lidar", now) <= self._settings.limits.lidar:
-            front = -heading(self.samples, now)
-            n = lidar_neighbours(self._model, self._sweep.ranges(), front, STEP, *self._found)
-        distances, x, y = self._found
-        self.neighbours = [(distances[k], math.atan2(y[k], x[k])) for k in range(n)]
-        return n
+        return self.senses.readings(time.monotonic())
 
     def check_ages(self) -> None:
         """See whether all that is needed is told.
@@ -171,23 +117,12 @@ class Mercator:
         for why in self.stale(time.monotonic()).values():
             raise Stopped(why)
 
-    def label(self) -> ColourName:
-        """Of the floor: the one whose colour is nearest to the ground's."""
-        red, green, blue = self.samples["ground"].values
-        return nearest(self._labels, (red, green, blue))
-
-    def age(self, name: str, now: float) -> float:
-        """Of a sample [s]; infinite if there is none."""
-        return now - self.samples[name].time if name in self.samples else math.inf
-
     def stale(self, now: float) -> dict[str, str]:
         """The samples that are needed and too old at a time [s], by name: what people should know of each."""
-        stale = {}
-        for name, limit, device in self._needed:
-            if (age := self.age(name, now)) > limit:
-                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
-                stale[name] = f"{name}: {found}; {self._talk.remedy(device)}"
-        return stale
+        return {
+            name: f"{name}: {found.words}; {self._talk.remedy(found.device)}"
+            for name, found in self.senses.stale(now).items()
+        }
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
@@ -261,8 +196,7 @@ class Mercator:
             Stopped: as `attend`.
         """
         self._talk.catch_up()
-        self.samples.clear()
-        self._sweep = Sweep(self._settings.lidar_angle)
+        self.senses.forget()
         self._until_all_is_told()
 
     def _until_all_is_told(self) -> None:
@@ -314,15 +248,9 @@ class Mercator:
         if self._talk.is_ending:
             return
         self.listen(event, now)
-        for name, sample in converted(event, now):
-            values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
-            self.samples[name] = Sample(now, values)
+        if self.senses.take(event, now):
+            self._note_sight()
         match event:
-            case Packet():
-                began = now - (len(event.samples) - 1) / SAMPLE_RATE
-                if self._sweep.add(event, heading(self.samples, began), heading(self.samples, now)):
-                    self.samples["lidar"] = Sample(now, ())
-                    self._note_sight()
             case Response():
                 self._unanswered = 0
                 if event.error:
@@ -337,7 +265,7 @@ class Mercator:
 
     def _note_sight(self) -> None:
         """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
-        was_blind, self._is_blind = self._is_blind, sum(map(bool, self._sweep.ranges())) < LEAST_READINGS
+        was_blind, self._is_blind = self._is_blind, sum(map(bool, self.senses.sweep.ranges())) < LEAST_READINGS
         if was_blind != self._is_blind:
             self._note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 

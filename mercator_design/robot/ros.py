@@ -15,10 +15,11 @@ from mercator_design.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot import ros_messages as messages
 from mercator_design.robot.control import in_control
-from mercator_design.robot.mercator import PERIOD, Mercator
+from mercator_design.robot.mercator import PERIOD
 from mercator_design.robot.ros_messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.safety import Brake, go_first
+from mercator_design.robot.senses import Senses
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.sweep import Sweep
 from mercator_design.robot.talk import Event
@@ -237,20 +238,20 @@ class Orders:
 class Reports:
     """What is to be published: of the RVR at a rate, of the lidar each turn, of the hub each measurement."""
 
-    def __init__(self, robot: Mercator, sweep: Sweep, namespace: str, rate: float) -> None:
+    def __init__(self, senses: Senses, sweep: Sweep, namespace: str, rate: float) -> None:
         """Begin; `rate` is the RVR's [Hz], and `namespace` that of the node, without slashes."""
-        self._robot, self._sweep, self._namespace, self._period = robot, sweep, namespace, 1.0 / rate
+        self._senses, self._sweep, self._namespace, self._period = senses, sweep, namespace, 1.0 / rate
         self._due = self._turned = self._measured = -math.inf
 
     def due(self, now: float, ros_now: float) -> Iterator[tuple[str, Fields]]:
         """Topics and messages that are due at a time [s], for which ROS has another number."""
-        samples, later = self._robot.samples, ros_now - now
+        samples, later = self._senses.samples, ros_now - now
         if now >= self._due and samples.keys() >= _OF_RVR:
             self._due = max(self._due + self._period, now)
             light = samples["ambient_light"]
             red, green, blue = samples["ground"].values
             yield "rvr/ground_color", messages.colour((red, green, blue))
-            yield "rvr/fixed_color", messages.colour(COLOURS[self._robot.label()])
+            yield "rvr/fixed_color", messages.colour(COLOURS[self._senses.label()])
             yield "rvr/ambient_light", messages.illuminance(later + light.time, light)
             yield "rvr/imu", messages.imu(later + samples["attitude"].time, samples)
             yield "rvr/odom", messages.odometry(later + samples["position"].time, samples)
@@ -288,7 +289,7 @@ def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Cal
                 sweep.add(event)
 
         robot.listen = listen
-        orders, reports = Orders(robot.brake, silence, tell), Reports(robot, sweep, node.namespace, rate)
+        orders, reports = Orders(robot.brake, silence, tell), Reports(robot.senses, sweep, node.namespace, rate)
         robot.report(tell)
         node.obey(robot.brake, orders)
         tell(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")

@@ -117,10 +117,10 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> No
             wheels=finite(wheels),
             cpu=round(time.thread_time() - thread, 6),
             program_cpu=round(program - before, 6),
-            neighbours=robot.neighbours,
+            neighbours=robot.senses.neighbours,
             sensed={
                 name: [round(begin - sample.time, 4), *map(plain, sample.values)]
-                for name, sample in robot.samples.items()
+                for name, sample in robot.senses.samples.items()
             },
         )
         robot.drive(wheels, is_dry=what.is_dry)

@@ -105,7 +105,7 @@ def _drive(
         doing: str = stick.way(now) or "stopped"
         left, right = _WAYS.get(doing, (0.0, 0.0))
         if guard is not None and left == right != 0.0:
-            distance = nearest_ahead(left, robot.samples["proximity"].values, settings.proximity_angles)
+            distance = nearest_ahead(left, robot.senses.samples["proximity"].values, settings.proximity_angles)
             if distance < guard:
                 doing, left, right = "BLOCKED", 0.0, 0.0
         left, right = speed * left, speed * right
@@ -119,12 +119,16 @@ def _drive(
 
 def _status(robot: Mercator, settings: Settings, now: float) -> str:
     """Battery, label of the ground, distances [cm] from the front counter-clockwise, and what is heard least of."""
-    limits = settings.limits
-    ages = {"rvr": robot.age("attitude", now), "hub": robot.age("proximity", now), "lidar": robot.age("lidar", now)}
-    ground = robot.label() if robot.age("ground", now) <= limits.rvr else "?"
+    limits, senses = settings.limits, robot.senses
+    ages = {
+        "rvr": senses.age("attitude", now),
+        "hub": senses.age("proximity", now),
+        "lidar": senses.age("lidar", now),
+    }
+    ground = senses.label() if senses.age("ground", now) <= limits.rvr else "?"
     around = [math.nan] * len(settings.proximity_angles)
     if ages["hub"] <= limits.proximity:
-        pairs = zip(settings.proximity_angles, robot.samples["proximity"].values, strict=True)
+        pairs = zip(settings.proximity_angles, senses.samples["proximity"].values, strict=True)
         around = [distance for _, distance in sorted(pairs, key=lambda pair: pair[0] % math.tau)]
     name, age = max(ages.items(), key=lambda pair: pair[1])
     oldest = f"oldest: {name} {age:.2f} s ago" if math.isfinite(age) else f"{name} not heard yet"

@@ -373,7 +373,7 @@ class TestProximity:
         ):
             robot.start()
             robot.attend(time.monotonic() + 0.3)
-            values = robot.samples["proximity"].values
+            values = robot.senses.samples["proximity"].values
         assert values == pytest.approx((0.3, 0.0, -float("inf"), *[float("inf")] * 5))
 
 

@@ -96,7 +96,7 @@ class TestReadings:
             "ambient_light": (500.0,),
         }
         told(robot)
-        values = {name: sample.values for name, sample in robot.samples.items()}
+        values = {name: sample.values for name, sample in robot.senses.samples.items()}
         expected = {
             "acceleration": (0.5 * 9.80665, -0.25 * 9.80665, 9.80665),
             "turning": (0.5 * degree, -0.25 * degree, degree),
@@ -112,7 +112,7 @@ class TestReadings:
     def ground(self, devices, robot):
         devices.measured["ground_sensors"] = 190, 200, 30
         assert told(robot)[5:8] == (255.0, 255.0, 0.0)
-        assert robot.samples["ground"].values == (190, 200, 30)
+        assert robot.senses.samples["ground"].values == (190, 200, 30)
 
     def obstacles(self, devices, robot):
         """Sensor 7 looks to the left; less than 0.05 m is too near, more than 2 m too far."""
@@ -128,7 +128,7 @@ class TestReadings:
         devices.heads = [(0.01, 0.4), (2.5, 0.7), (-2.0, NEAR + 0.1)]
         readings = told(robot, 0.6)
         assert readings.neighbours == 2
-        places = sorted(robot.neighbours)
+        places = sorted(robot.senses.neighbours)
         assert places[0] == pytest.approx((0.4, 0.01), abs=0.01)
         assert places[1] == pytest.approx((0.7, 2.5), abs=0.01)
         pulls = [(1 / 1.4, 0.01), (1 / 1.7, 2.5)]
@@ -146,7 +146,7 @@ class TestReadings:
             readings = told(robot, 0.5)
         weight = proximity_weight(ReferenceModel(), 0.2)
         assert (readings.proximity_x, readings.proximity_y) == pytest.approx((0.0, -weight))
-        assert robot.neighbours == [pytest.approx((0.4, left), abs=0.01)]
+        assert robot.senses.neighbours == [pytest.approx((0.4, left), abs=0.01)]
 
     def test_what_is_not_valid_is_not_heard(self):
         streamed = {"color_detection": QUIET["color_detection"]}
@@ -165,7 +165,7 @@ class TestReadings:
         devices.silent = {"lidar"}
         devices.measured["imu"] = 0.0, 0.0, devices.measured["imu"][2] + math.radians(30.0)
         told(robot)
-        assert robot.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
+        assert robot.senses.neighbours == [pytest.approx((0.4, -math.radians(30.0)), abs=0.02)]
 
     def test_the_ring_of_sensors_is_that_of_the_simulated_robot(self):
         assert Settings().proximity_angles == load_robot_model("mercator").proximity.angles
@@ -352,7 +352,7 @@ def test_who_was_held_up_senses_anew(devices):
         devices.heads = [(0.0, 0.4)]
         devices.settle()
         robot.sense_anew()
-        assert all(time.monotonic() - sample.time < 0.3 for sample in robot.samples.values())
+        assert all(time.monotonic() - sample.time < 0.3 for sample in robot.senses.samples.values())
         readings = robot.readings()
         assert (readings.proximity_x, readings.neighbours) == (0.0, 1.0)
 

@@ -28,7 +28,7 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
-from mercator_design.loading import dump
+from mercator_design.loading import digest_of, dump
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
 from mercator_design.race import Configuration, Experiment, Space
@@ -124,7 +124,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     def start(self) -> dict[str, Any]:
         """As `Task.start`."""
-        robot_model = dump(self.simulator.robot_model)
         return {
             "task": "mission",
             "name": self.name,
@@ -133,7 +132,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "plugins": loaded_plugins(),
             "mission_digest": self.simulator.mission.digest,
             "robot_model": self.simulator.robot_model.name,
-            "robot_model_digest": hashlib.sha256(robot_model.encode()).hexdigest()[:16],
+            "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
             "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
             "budget": self.race.budget,
@@ -157,6 +156,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "mission": self.name,
             "mission digest": self.simulator.mission.digest,
             "robot model": self.simulator.robot_model.name,
+            "robot model digest": digest_of(self.simulator.robot_model),
             "kernels": kernels_digest()[:16],
             "control software": control_digest(),
             "control period": str(self.simulator.mission.control_period),

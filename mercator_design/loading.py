@@ -9,6 +9,7 @@ Which texts are refused before anything is built is decided in yaml_tree.py.
 
 import dataclasses
 import difflib
+import hashlib
 import math
 import re
 import types
@@ -49,6 +50,7 @@ __all__ = [
     "Positive",
     "Range",
     "check_parameter",
+    "digest_of",
     "dump",
     "is_name",
     "parse",
@@ -331,6 +333,11 @@ def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
 def dump(value: object) -> str:
     """The YAML text of a dataclass, with every default filled in: `parse(dump(x), type(x))` equals x."""
     return yaml.dump(plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def digest_of(value: object) -> str:
+    """16 hexadecimal digits; equal for values whose texts (`dump`) are equal."""
+    return hashlib.sha256(dump(value).encode()).hexdigest()[:16]
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars

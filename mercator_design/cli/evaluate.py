@@ -5,15 +5,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.inputs import mission_of, new_simulator
+from mercator_design.cli.inputs import new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from mercator_design.cli.inputs import Given
     from mercator_design.fsm.pfsm import Pfsm
-    from mercator_design.missions.mission import Mission
+    from mercator_design.sim.simulate import Simulator
 
 
 @click.command(short_help="Measure a controller on fresh instances of a mission.")
@@ -75,8 +78,9 @@ def evaluate(
     from mercator_design.report.progress import EvaluationDisplay
     from mercator_design.report.summary import evaluation_json, evaluation_summary
 
-    pfsm, loaded = _controller(fsm, fsm_config, flavour, mission, overrides, lenient=lenient)
-    simulator = new_simulator(loaded, robot_model)
+    given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
+    pfsm, simulator = _controller(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
+    loaded = simulator.mission
     if not cost_alone:
         warn_of_doubts(simulator, pfsm.flavour, pfsm.modules)
         simulator.rehearse(announce=tell)
@@ -96,24 +100,23 @@ def evaluate(
 
 
 def _controller(
-    fsm: Path | None,
-    fsm_config: str | None,
-    flavour: str | None,
-    mission: str | None,
-    overrides: tuple[str, ...],
-    *,
-    lenient: bool,
-) -> "tuple[Pfsm, Mission]":
+    fsm: Path | None, fsm_config: str | None, flavour: str | None, given: "Given", *, lenient: bool, quiet: bool
+) -> "tuple[Pfsm, Simulator]":
     """What is measured, from a file or as it is, and on what."""
     if (fsm is None) == (fsm_config is None):
         raise click.UsageError("expected either FSM or --fsm-config")
     if fsm is not None:
         file = read_controller(fsm, flavour, lenient=lenient)
-        return file.pfsm, mission_of(fsm, file, mission, overrides)
+        return file.pfsm, simulator_of(fsm, file, given, warn=_ignore if quiet else warn)
     from mercator_design.fsm.text import parse
     from mercator_design.missions.mission import load_mission
 
-    if mission is None:
+    if given["mission"] is None:
         raise click.UsageError("--fsm-config needs --mission")
     tolerate = (lambda what: warn([what])) if lenient else None
-    return parse(fsm_config or "", flavour or FLAVOURS[0], tolerate=tolerate), load_mission(mission, overrides)
+    pfsm = parse(fsm_config or "", flavour or FLAVOURS[0], tolerate=tolerate)
+    return pfsm, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
+
+
+def _ignore(doubts: "Iterable[str]") -> None:
+    """Say nothing of them."""

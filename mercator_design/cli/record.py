@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import mission_of, new_simulator
+from mercator_design.cli.inputs import simulator_of
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import warn_of_doubts
 from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, read_controller, tell
@@ -64,8 +64,8 @@ def record(
                 f"no device is called '{name}'; known: {', '.join(DEVICES)}", param_hint="--devices"
             )
     file = read_controller(fsm, flavour, lenient=lenient)
-    loaded = mission_of(fsm, file, mission, overrides)
-    simulator = new_simulator(loaded, robot_model)
+    simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
+    loaded = simulator.mission
     warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
     check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:

@@ -4,7 +4,6 @@ What is decided here: the keys of a mission file, what must fit together in it, 
 The files in `scenarios/` are found by being there.
 """
 
-import hashlib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 
 from mercator_design import shipped
 from mercator_design.errors import MercatorError, MissionError
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, dump, parse, read
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, digest_of, parse, read
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
@@ -124,7 +123,7 @@ class Mission:
     @property
     def digest(self) -> str:
         """Equal for missions that are equal in all but the place of their robot model."""
-        return hashlib.sha256(dump(replace(self, robot_model="")).encode()).hexdigest()[:16]
+        return digest_of(replace(self, robot_model=""))
 
     def cost(self, score: float) -> float:
         """What a race minimises."""

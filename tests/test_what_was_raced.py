@@ -1,0 +1,83 @@
+"""A controller is measured on what it was designed for: what differs from that is refused, or told."""
+
+import json
+
+import pytest
+
+from mercator_design import shipped
+
+QUICK = ("--set", "robots=2", "--set", "duration=2")
+
+
+@pytest.fixture
+def raced(mdesign, tmp_path):
+    """The folder of a race on a mission of a user's own, mine.yaml beside it."""
+    text = shipped.missions()["aggregation"].read_text()
+    (tmp_path / "mine.yaml").write_text(text.replace("duration: 120", "duration: 2").replace("robots: 3", "robots: 2"))
+    assert mdesign("race", tmp_path / "mine.yaml", "--budget", 60, "-o", tmp_path / "r")[0] == 0
+    return tmp_path / "r"
+
+
+def slower(folder):
+    """Give the robot model of a run folder half the speed."""
+    file = folder / "robot_model.yaml"
+    text = file.read_text()
+    assert "maximum_speed: 0.3\n" in text
+    file.write_text(text.replace("maximum_speed: 0.3\n", "maximum_speed: 0.15\n"))
+
+
+class TestRobotModel:
+    @pytest.mark.parametrize("verb", [("evaluate", "-n", 2), ("record", "-o", "t.csv")])
+    def test_one_that_was_edited_is_refused(self, mdesign, raced, tmp_path, monkeypatch, verb):
+        monkeypatch.chdir(tmp_path)
+        name, *options = verb
+        assert mdesign(name, raced / "fsm.txt", *options)[::2] == (0, "")
+        slower(raced)
+        code, out, err = mdesign(name, raced / "fsm.txt", *options)
+        assert (code, out) == (3, "")
+        assert "fsm.txt: the robot model mercator is not what it was when this was designed" in err
+        assert f"give --robot-model {raced}/robot_model.yaml" in err
+        assert mdesign(name, raced / "fsm.txt", *options, "--robot-model", raced / "robot_model.yaml")[::2] == (0, "")
+        assert mdesign(name, raced / "fsm.txt", *options, "--set", "robot_model=mercator")[::2] == (0, "")
+
+    def test_that_of_a_mission_that_is_given_is_told(self, mdesign, raced, tmp_path):
+        given = ("--mission", raced / "mission.yaml", "-n", 2)
+        assert mdesign("evaluate", raced / "fsm.txt", *given)[::2] == (0, "")
+        slower(raced)
+        code, _, err = mdesign("evaluate", raced / "fsm.txt", *given)
+        assert code == 0
+        assert "Warning" in err
+        assert (
+            "was designed for the robot model mercator as it was then; the robot model mercator of now differs" in err
+        )
+        assert mdesign("evaluate", raced / "fsm.txt", *given, "--cost")[2] == ""
+
+    def test_a_file_without_its_digest_is_measured_as_before(self, mdesign, raced):
+        lines = (raced / "fsm.txt").read_text().splitlines(keepends=True)
+        (raced / "fsm.txt").write_text("".join(line for line in lines if "robot model digest" not in line))
+        slower(raced)
+        assert mdesign("evaluate", raced / "fsm.txt", "-n", 2)[::2] == (0, "")
+
+    def test_the_header_has_the_digest_of_the_journal(self, raced):
+        start = json.loads((raced / "provenance.json").read_text())["race"]
+        assert f"# robot model digest: {start['robot_model_digest']}\n" in (raced / "fsm.txt").read_text()
+
+
+class TestMission:
+    def test_one_that_was_edited_in_the_folder_is_refused(self, mdesign, raced):
+        file = raced / "mission.yaml"
+        file.write_text(file.read_text().replace("radius: 0.5", "radius: 0.4"))
+        code, out, err = mdesign("evaluate", raced / "fsm.txt", "-n", 2)
+        assert (code, out) == (3, "")
+        assert f"{file} is not what it was when this was designed; to use it as it is now, give --mission" in err
+        assert mdesign("evaluate", raced / "fsm.txt", "-n", 2, "--mission", file)[0] == 0
+
+    def test_one_that_is_given_and_goes_by_its_name_is_told(self, mdesign, raced, tmp_path):
+        given = ("evaluate", raced / "fsm.txt", "--mission", tmp_path / "mine.yaml", "-n", 2)
+        assert mdesign(*given)[::2] == (0, "")
+        assert mdesign(*given, "--set", "floor.zones[0].radius=0.4")[::2] == (0, "")
+        (tmp_path / "mine.yaml").write_text((tmp_path / "mine.yaml").read_text().replace("radius: 0.5", "radius: 0.4"))
+        code, _, err = mdesign(*given)
+        assert code == 0
+        assert "Warning" in err
+        assert "was designed for another mission of the name mine" in err

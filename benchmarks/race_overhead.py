@@ -27,9 +27,11 @@ from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
 from mercator_design.race.dask_executor import DaskExecutor
+from mercator_design.race.events import Measured
 from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
-from mercator_design.race.journal import Journal, Measured, Record
+from mercator_design.race.journal import Journal
 from mercator_design.race.methods import METHODS, RACES
+from mercator_design.race.record import Record
 from mercator_design.race.runner import Runner
 
 T = TypeVar("T")

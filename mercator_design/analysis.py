@@ -19,7 +19,7 @@ from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
 from mercator_design.race.task import Task
-from mercator_design.run_folder import read_journal, task_of
+from mercator_design.run_files import read_journal, task_of
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         seed: Of folds and shuffles.
 
     Raises:
-        RaceError: There is no such race, or too little to learn from; see also `run_folder.task_of`.
+        RaceError: There is no such race, or too little to learn from; see also `run_files.task_of`.
     """
     task, record = task_of(path), read_journal(path).record
     numbers = sorted(record.configurations)
@@ -86,7 +86,7 @@ def ablation(
 
     Args:
         path: Of the run folder.
-        task: As `run_folder.restored` gives it.
+        task: As `run_files.restored` gives it.
         executor: Runs experiments.
         start: The configuration to begin with, by its number.
         first: Begin with the best of the first iteration.

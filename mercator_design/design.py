@@ -32,8 +32,8 @@ from mercator_design.loading import digest_of, dump
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
 from mercator_design.race import Configuration, Experiment, Space
+from mercator_design.race.events import Finished, Measured, Tested
 from mercator_design.race.executors import ThreadExecutor, in_order
-from mercator_design.race.journal import Finished, Measured, Tested
 from mercator_design.race.methods import METHODS
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task

@@ -17,7 +17,7 @@ import optuna
 import pandas as pd
 import pytest
 
-from mercator_design import run_folder
+from mercator_design import run_tables
 from mercator_design.checked_lines import to_line
 from mercator_design.command import tell
 from mercator_design.errors import RaceError
@@ -26,12 +26,15 @@ from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import Finished, Iteration, Journal, Record, read
+from mercator_design.race.events import Finished, Iteration
+from mercator_design.race.journal import Journal, read
+from mercator_design.race.record import Record
 from mercator_design.race.summary import Elite, Progress
 from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
-from mercator_design.run_folder import JOURNAL, configurations_table, experiments_table
+from mercator_design.run_files import JOURNAL
+from mercator_design.run_tables import configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
@@ -311,7 +314,7 @@ class TestTests:
         assert (code, warnings(err)) == (0, [])
         assert digest(folder) == digest(undisturbed)
         evaluated = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 12, "--json")[1])
-        tests, winner = run_folder.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
+        tests, winner = run_tables.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
         assert list(tests[tests.configuration == winner].score) == evaluated["scores"]
         assert f"configuration {winner}" in out.partition("Tested")[2]
         assert f"mean {evaluated['mean']:.4g}, " in out

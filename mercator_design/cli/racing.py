@@ -15,8 +15,8 @@ from mercator_design.command import tell
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from mercator_design.race.events import Finished, Iteration
     from mercator_design.race.executors import Executor
-    from mercator_design.race.journal import Finished, Iteration
     from mercator_design.race.optuna_mirror import OptunaMirror
     from mercator_design.race.runner import OnFailure
     from mercator_design.race.task import Result
@@ -90,7 +90,8 @@ def _hint(parameter: click.Parameter) -> str:
 
 def reopen(path: Path, task: str) -> "RunFolder":
     """The folder of a race to go on with, which is of such a task."""
-    from mercator_design.run_folder import RunFolder, read_provenance
+    from mercator_design.run_files import read_provenance
+    from mercator_design.run_folder import RunFolder
 
     found = read_provenance(path)["race"]["task"]
     if found != task:

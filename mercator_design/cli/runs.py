@@ -63,7 +63,7 @@ def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
     from mercator_design.report.columns import with_notes_wrapped
     from mercator_design.report.runs import run_summary
-    from mercator_design.run_folder import configurations_table, experiments_table, tests_table
+    from mercator_design.run_tables import configurations_table, experiments_table, tests_table
 
     if what is None:
         click.echo(with_notes_wrapped(run_summary(directory), terminal_width()))
@@ -92,8 +92,8 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 
     Exit code 1 if something is not as it was.
     """
-    from mercator_design.run_folder import restored
-    from mercator_design.run_folder import verify as verify_run
+    from mercator_design.run_files import restored
+    from mercator_design.run_verification import verify as verify_run
 
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped):
@@ -156,7 +156,7 @@ def ablation(
     from mercator_design.analysis import ablation as found
     from mercator_design.report.analysis import ablation_csv, ablation_page, save_ablation
     from mercator_design.report.progress import AblationDisplay
-    from mercator_design.run_folder import restored
+    from mercator_design.run_files import restored
 
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.asking import Asking
-from mercator_design.race.journal import Finished
+from mercator_design.race.events import Finished
 from mercator_design.race.parameter import Configuration, Parameter
 
 if TYPE_CHECKING:

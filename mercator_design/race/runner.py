@@ -17,9 +17,10 @@ from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
+from mercator_design.race.events import End, Finished, Iteration, Measured, Tested
 from mercator_design.race.executors import Executor, Failed, Rejected, Stopped
-from mercator_design.race.journal import End, Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.race import Experiment
+from mercator_design.race.record import Record
 
 T = TypeVar("T")
 OnFailure = Literal["stop", "reject"]

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mercator_design.errors import RaceError
+from mercator_design.race.events import Measured
 from mercator_design.race.executors import Rejected
-from mercator_design.race.journal import Measured
 from mercator_design.race.operations import number
 
 CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunnerArgs}"

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.race.asking import Asking
+from mercator_design.race.events import Finished, Iteration, Measured, Tested
 from mercator_design.race.executors import Executor
-from mercator_design.race.journal import Finished, Iteration, Measured, Record, Tested
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
+from mercator_design.race.record import Record
 from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.race.summary import Scores
 from mercator_design.race.testing import Testing, run_tests

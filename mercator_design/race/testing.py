@@ -10,9 +10,10 @@ from typing import TypeVar
 
 from mercator_design.errors import RaceError
 from mercator_design.race.asking import Asking
+from mercator_design.race.events import Measured, Tested
 from mercator_design.race.executors import Executor, Stopped
-from mercator_design.race.journal import Measured, Record, Tested
 from mercator_design.race.race import Experiment
+from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
 
 T = TypeVar("T")

@@ -13,8 +13,8 @@ from mercator_design import __version__
 from mercator_design.errors import RaceError
 from mercator_design.race import configurations_text, scenario_text
 from mercator_design.race.asking import Asking
+from mercator_design.race.events import Finished, Tested
 from mercator_design.race.iterated import IteratedRace
-from mercator_design.race.journal import Finished, Tested
 from mercator_design.race.methods import METHODS, RACES, Method
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment

@@ -3,7 +3,8 @@
 from collections import deque
 from collections.abc import Mapping
 
-from mercator_design.race.journal import Iteration, Record
+from mercator_design.race.events import Iteration
+from mercator_design.race.record import Record
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned, difference
 

@@ -10,7 +10,7 @@ from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
-from mercator_design.run_folder import JOURNAL, TASKS, OtherVersion, read_journal
+from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, read_journal
 
 
 def runs_table(folder: Path) -> str:

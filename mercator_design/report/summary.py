@@ -12,7 +12,7 @@ from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugin_files
-from mercator_design.race.journal import Record
+from mercator_design.race.record import Record
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.report.columns import aligned

@@ -12,8 +12,10 @@ import sys
 from pathlib import Path
 
 from mercator_design.race import IteratedRace, Space
+from mercator_design.race.events import Measured
 from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import Journal, Measured, Record, read
+from mercator_design.race.journal import Journal, read
+from mercator_design.race.record import Record
 from mercator_design.race.runner import Runner
 from mercator_design.race.testing import Testing, run_tests
 

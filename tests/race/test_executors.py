@@ -17,7 +17,7 @@ from mercator_design.errors import MissionError, RaceError
 from mercator_design.race import executors
 from mercator_design.race.dask_executor import BUNDLE, DaskExecutor
 from mercator_design.race.executors import Failed, ProcessExecutor, Stopped, ThreadExecutor, WorkerUnfit, in_order
-from mercator_design.race.journal import Record
+from mercator_design.race.record import Record
 from tests.race.racing import measure, runner, undisturbed
 from tests.race.test_target import gone
 

@@ -15,8 +15,10 @@ import pytest
 from mercator_design.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, journal
+from mercator_design.race.events import End, Finished, Measured
 from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.journal import End, Finished, Journal, Measured, Record, is_locked, read
+from mercator_design.race.journal import Journal, is_locked, read
+from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 

@@ -8,7 +8,8 @@ import pytest
 
 from mercator_design.race import IteratedRace, RaceOptions, Space
 from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import Record, read
+from mercator_design.race.journal import read
+from mercator_design.race.record import Record
 from mercator_design.race.stagnation import PATIENCE, agreement, is_better, judged
 from mercator_design.race.summary import Elite, IterationSummary
 from mercator_design.race.tests import Concordance

@@ -6,10 +6,12 @@ import pytest
 
 from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
-from mercator_design.race import journal, testing  # whose classes pytest would take for tests
+from mercator_design.race import events, testing  # whose classes pytest would take for tests
+from mercator_design.race.events import Measured
 from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.journal import Journal, Measured, Record, read
+from mercator_design.race.journal import Journal, read
 from mercator_design.race.race import Experiment
+from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed
 from tests.race import racing
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
@@ -133,7 +135,7 @@ class TestFailures:
 
 def test_other_instances_are_refused(ended):
     record, race = ended
-    record.note_test(journal.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
+    record.note_test(events.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
     with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="instance 0 to have seed 1000000, found 7"):
         racing.run_all_tests(record, executor, race)
 

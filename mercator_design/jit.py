@@ -22,7 +22,7 @@ import sys
 import tempfile
 import threading
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -160,6 +160,33 @@ def is_cached(function: Callable[..., Any]) -> bool:
     """Whether an entry function was compiled before on this machine, in its present form."""
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
     return not jit_wanted() or any(cache_folder().glob(f"**/*.{function.__qualname__}-*.{python}*.nbi"))
+
+
+@contextlib.contextmanager
+def announced(announce: Callable[[], None]) -> Iterator[None]:
+    """While in this context, call `announce` once, when something is about to be compiled that no cache has."""
+    if not jit_wanted():
+        yield
+        return
+    from numba.core import event
+
+    class Once(event.Listener):
+        is_done = False
+
+        def on_start(self, event: object) -> None:
+            if not self.is_done:
+                self.is_done = True
+                announce()
+
+        def on_end(self, event: object) -> None:
+            """Nothing to say."""
+
+    once = Once()
+    event.register("numba:compile", once)  # type: ignore[no-untyped-call]  # numba has no types
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", once)  # type: ignore[no-untyped-call]
 
 
 @functools.cache

@@ -27,6 +27,19 @@ def run(cache, **environment):
     return before == "True", float(value), after == "True", folder
 
 
+def test_what_is_compiled_is_announced_once_and_what_is_cached_is_not(tmp_path):
+    script = """
+from mercator_design import jit
+from mercator_design.fsm.conditions import logistic
+with jit.announced(lambda: print("compiles")):
+    jit.compiled(logistic)(0.3), jit.compiled(logistic)(0.4), jit.compiled(logistic)(1)
+"""
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    for said in ("compiles\n", ""):
+        done = subprocess.run([sys.executable, "-c", script], env=given, capture_output=True, text=True, check=True)
+        assert done.stdout == said
+
+
 def test_the_second_process_finds_what_the_first_compiled(tmp_path):
     assert run(tmp_path)[::2] == (False, True)
     assert run(tmp_path)[::2] == (True, True)

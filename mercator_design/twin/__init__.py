@@ -8,6 +8,7 @@
     faults      what goes wrong, by a script
     twin        the robots of an arena, with their devices and faults, and what is logged of them
     terminals   pseudo-terminals, and the loop that keeps time
+    folder      where a twin is whose user names no folder
     cli         the verb `twin`
 
 Devices and robots do no input or output: bytes in, bytes out, and the time is an argument [s].

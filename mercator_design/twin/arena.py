@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import MissionError
-from mercator_design.jit import compiled, is_cached, jit_wanted
+from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
 from mercator_design.robot.multiflex import SENSORS
@@ -28,7 +28,7 @@ from mercator_design.sim.scene import Scene
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.sim.swarm import Swarm, new_history
 from mercator_design.twin.drive import Treads
-from mercator_design.twin.lidar import FINE, Lidar, put
+from mercator_design.twin.lidar import FINE, Lidar
 
 Floats = NDArray[np.float64]
 
@@ -102,15 +102,10 @@ class Arena:
         poses: Floats = self._swarm.poses[:, :3]
         return poses
 
-    def rehearse(self, announce: Callable[[str], None]) -> None:
-        """Do all once, which compiles what is not yet compiled.
-
-        Args:
-            announce: Called with a sentence if there is something to compile.
-        """
-        if not is_cached(put):
-            announce("Compiling the twin; later runs find it in the cache ...")
-        self.step([(0.0, 0.0)] * self.robots)
+    def rehearse(self) -> None:
+        """Do a control cycle with all devices: this compiles what is not compiled yet, and no later cycle is late."""
+        for _ in range(self.cycle):
+            self.step([(0.0, 0.0)] * self.robots)
         for device in MEASURED:
             self.measure(0, device)
         lidar = Lidar(functools.partial(self.scan, 0), samples=self.samples)

@@ -8,6 +8,10 @@ from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, tell
 from mercator_design.errors import RobotError, SettingsError
+from mercator_design.robot.safety import go_first
+
+_PRIORITY = 3
+"""Above that of runs and of their watchdogs: the devices of a real robot do not wait for its computer."""
 
 
 @click.command(short_help="Run robots that are not there, in real time.")
@@ -15,9 +19,7 @@ from mercator_design.errors import RobotError, SettingsError
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
-    default=Path("/tmp/twin"),  # noqa: S108 - where people look for it
-    show_default=True,
-    help="For ports, robot.yaml of each robot, and the log.",
+    help="For ports, robot.yaml of each robot, and the log.  [default: mercator-twin in the user's runtime directory]",
 )
 @click.option("--faults", type=FILE, metavar="FILE.yaml", help="What goes wrong, and when.")
 @click.option("--duration", type=NumberRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]")
@@ -28,7 +30,7 @@ from mercator_design.errors import RobotError, SettingsError
 @PLUGIN
 def twin(
     mission: str,
-    folder: Path,
+    folder: Path | None,
     faults: Path | None,
     duration: float | None,
     no_noise: bool,
@@ -39,13 +41,16 @@ def twin(
     """Run robots that are not there: their serial ports, in MISSION's arena, in real time.
 
     Robot N's ports are FOLDER/N/rvr, lidar and proximity; FOLDER/N/robot.yaml names them. What happens is in
-    FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it.
+    FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it. Where that is permitted, it runs before all that is
+    less urgent; it says so if it is late nevertheless.
     """
     try:
+        from mercator_design.jit import announced
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.twin.arena import Arena, without_noise
         from mercator_design.twin.faults import Script, read_script
+        from mercator_design.twin.folder import usual_folder
         from mercator_design.twin.terminals import Terminals, open_log
         from mercator_design.twin.twin import Twin
     except ImportError as error:
@@ -56,18 +61,21 @@ def twin(
     model = load_robot_model(robot_model or loaded.robot_model)
     if no_noise:
         model = without_noise(model)
-    arena = Arena(loaded, model, seed)
-    with open_log(folder) as log:
-        try:
-            terminals = Terminals(Twin(arena, script, log), folder)
-        except SettingsError as error:
-            raise SettingsError(f"{faults}: {error}") from None
-        terminals.check()
-        Arena(loaded, model, seed).rehearse(tell)  # compiles, which signals may end at once
-        with Interrupt() as interrupt, terminals:
-            for number, file in enumerate(terminals.robots):
-                click.echo(f"robot {number}: {file}")
-            timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration))
+    place = usual_folder() if folder is None else folder
+    with announced(lambda: tell("Compiling the twin; later runs find it in the cache ...")):
+        arena = Arena(loaded, model, seed)
+        with open_log(place) as log:
+            try:
+                terminals = Terminals(Twin(arena, script, log), place)
+            except SettingsError as error:
+                raise SettingsError(f"{faults}: {error}") from None
+            terminals.check()
+            Arena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
+            with Interrupt() as interrupt, terminals:
+                go_first(_PRIORITY)
+                for number, file in enumerate(terminals.robots):
+                    click.echo(f"robot {number}: {file}")
+                timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration), tell)
     tell(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each second; "
         f"at most {1000 * timing.latest:.0f} ms late; {timing.dropped} bytes that nobody fetched"

@@ -31,6 +31,8 @@ _FRESH = ".new"
 _CHUNK = 4096
 _RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
+_LATE = 0.1
+"""[s] after which a program may notice that its devices are late."""
 _PIECE = 0.001  # [s] for which a line that is busy carries bytes until somebody can read them
 
 
@@ -140,6 +142,8 @@ class Terminals:
         self._is_open: set[int] = set()
         self._under_way: dict[int, _Line] = {}
         self._latest, self._dropped = 0.0, 0
+        self._lateness_told = _LATE  # what is not later than that is not told
+        self._tell: Callable[[str], None] = lambda _: None
 
     @property
     def robots(self) -> list[Path]:
@@ -189,8 +193,20 @@ class Terminals:
                     file.unlink()
                 file.parent.rmdir()
 
-    def run(self, is_over: Callable[[float], bool], clock: Callable[[], float] = time.monotonic) -> Timing:
-        """Keep the twin in step with the clock until it is over, by what `is_over` says of the time [s]."""
+    def run(
+        self,
+        is_over: Callable[[float], bool],
+        tell: Callable[[str], None] = lambda _: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> Timing:
+        """Keep the twin in step with the clock until it is over.
+
+        Args:
+            is_over: Whether it is, by the time [s].
+            tell: Is told when the twin is late, and again when it is more than twice as late.
+            clock: The time [s].
+        """
+        self._tell = tell
         start, at, began = clock(), time_of_day(), time.process_time()
         self._twin.note("clock", start=start, at=at)
         due = self._twin.next_tick
@@ -209,6 +225,12 @@ class Terminals:
 
     def _keep_up(self, now: float) -> None:
         self._latest = max(self._latest, now - self._twin.next_tick)
+        if self._latest > self._lateness_told:
+            self._lateness_told = 2.0 * self._latest
+            self._tell(
+                f"Warning: the twin was {1000 * self._latest:.0f} ms late, as this computer is too busy; programs may "
+                "find its devices silent"
+            )
         for number, device, said in self._twin.advance(now):
             self._send(self._fds.get((number, device)), said, now)
 

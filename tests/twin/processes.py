@@ -38,8 +38,7 @@ def twin(folder, robots, *arguments):
         try:
             for _ in range(robots):
                 assert process.stdout.readline().startswith("robot ")
-            with first(process.pid):
-                yield process
+            yield process
         finally:
             process.terminate()
 

@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from mercator_design.errors import MissionError
+from mercator_design.jit import compiled
+from mercator_design.robot.rvr_streaming import streaming
+from mercator_design.robot.samples import STREAMED
 from mercator_design.robot.ydlidar import Turns, decoder, encode_command
+from mercator_design.sim import devices
 from mercator_design.sim.robot_model import Gaussian, load_robot_model
+from mercator_design.twin import arena as of_arenas
+from mercator_design.twin import lidar
 from mercator_design.twin.arena import MEASURED, TREADS, without_noise
 from mercator_design.twin.lidar import Lidar
 from tests.sim.worlds import look
-from tests.twin.arenas import MERCATOR, QUIET, arena
+from tests.twin.arenas import MERCATOR, QUIET, Talk, arena
 
 POSES = [(0.2, 0.1, 0.7), (-0.3, 0.4, -2.0), (0.5, -0.5, 3.0)]
 LIGHT = ("lights=[{position: [0.5, 0.2, 1], intensity: 5}]",)
@@ -161,3 +167,20 @@ class TestMoving:
             seen.append(here.measure(0, "ground_sensors")[0])
         assert seen[:95] == [255.0] * 95
         assert seen[105:] == [0.0] * 95
+
+
+def test_all_that_is_compiled_is_compiled_in_the_rehearsal(monkeypatch):
+    """Not in the first control cycle of a robot, which would be 0.4 s late."""
+    used = set()
+    for module in (of_arenas, lidar, devices):
+        monkeypatch.setattr(module, "compiled", lambda kernel: used.add(kernel.__qualname__) or compiled(kernel))
+    arena(*POSES, robot_model=MERCATOR).rehearse()
+    rehearsed = used.copy()
+    talk = Talk(*POSES, robot_model=MERCATOR)
+    talk.robot.note_port("lidar", is_open=True, now=0.0)
+    for name, target, values in streaming(STREAMED, 50):
+        talk.send(name, target=target, **values)
+    talk.hear("lidar", encode_command("scan"))
+    talk.drive(0.1, 0.2, 1.5)
+    assert {"change_floor", "put", "note_poses"} <= rehearsed
+    assert used == rehearsed

@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from numba.core import event  # noqa: TID251 - plays the compiler
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
@@ -179,7 +181,7 @@ def test_a_port_that_is_opened_again_at_once(tmp_path):
 
 def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
     """The clock jumps as a device is heard, which it is at once, and not when it is looked at."""
-    times = iter([0.0, 0.0, 0.0, 0.5])
+    times, told = iter([0.0, 0.0, 0.0, 0.5]), []
     with (
         open_log(tmp_path) as log,
         Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals,
@@ -187,8 +189,19 @@ def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
     ):
         port.write(rvr.Host().send("get_sku"))
         terminals._look(0.0)
-        timing = terminals.run(lambda now: now >= 0.5, lambda: next(times, 0.5))
+        timing = terminals.run(lambda now: now >= 0.5, told.append, lambda: next(times, 0.5))
     assert timing.latest == pytest.approx(0.49)
+    (warning,) = told
+    assert warning.startswith("Warning: the twin was 490 ms late")
+
+
+def test_it_is_told_that_it_is_late_each_time_that_it_is_twice_as_late(tmp_path):
+    told = []
+    with open_log(tmp_path) as log, Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals:
+        terminals.run(lambda _: True, told.append)
+        for now in (0.05, 0.20, 0.40, 0.80, 0.90, 1.10):  # the latest by 40, 140, 190, 390, 90, 190 ms
+            terminals._keep_up(now)
+    assert [re.search(r"was (\d+) ms late", warning)[1] for warning in told] == ["140", "390"]
 
 
 def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
@@ -358,6 +371,12 @@ def test_a_folder_is_one_twins(tmp_path):
         pass
 
 
+def may_go_first():
+    """Whether a process of this user may have a priority above others."""
+    asked = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(3))"
+    return subprocess.run([sys.executable, "-c", asked], capture_output=True, check=False).returncode == 0
+
+
 @contextlib.contextmanager
 def command(*arguments):
     """`mercator-robot twin`, as a process."""
@@ -386,10 +405,17 @@ class TestTheCommand:
         assert "of a core for each second; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
 
+    @pytest.mark.skipif(not may_go_first(), reason="this user may not raise a priority")
+    def test_it_runs_before_runs(self, tmp_path):
+        with command("aggregation", "--folder", tmp_path, "--set", "robots=1", "--no-noise") as process:
+            assert process.stdout.readline().startswith("robot 0")
+            assert os.sched_getscheduler(process.pid) == os.SCHED_RR
+            assert os.sched_getparam(process.pid).sched_priority > 2  # that of a run's watchdog
+
     def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
         found = []
 
-        def rehearse(_, tell):
+        def rehearse(_):
             found.extend(map(signal.getsignal, (signal.SIGTERM, signal.SIGINT)))
             raise KeyboardInterrupt
 
@@ -398,8 +424,22 @@ class TestTheCommand:
         assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
         assert found == usual
 
+    def test_what_is_compiled_is_announced_before_once(self, run_command, tmp_path, monkeypatch, capsys):
+        """Even if that is as soon as robots are placed, which took 13 s of silence."""
+        told = []
+
+        def place(*_):
+            for _ in range(2):
+                with event.trigger_event("numba:compile"):
+                    told.append(capsys.readouterr().err)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Arena, "__init__", place)
+        assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
+        assert told == ["Compiling the twin; later runs find it in the cache ...\n", ""]
+
     def test_mistakes_are_told_before_it_compiles(self, run_command, tmp_path, monkeypatch):
-        monkeypatch.setattr(Arena, "rehearse", lambda *_: pytest.fail("compiles"))
+        monkeypatch.setattr(Arena, "rehearse", lambda _: pytest.fail("compiles"))
         line = ["mercator-robot", main, "twin", "aggregation", "--folder", tmp_path]
         script = tmp_path / "faults.yaml"
         script.write_text("faults: [{kind: silence, at: 1, robot: 3, device: rvr}]")

@@ -14,6 +14,7 @@ from typing import Any, TextIO
 
 import click
 
+from mercator_design import spelling
 from mercator_design.errors import MercatorError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
@@ -78,7 +79,7 @@ def run(command: click.Command, name: str) -> None:
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:
-        tell(f"Error: {_with_notes(error)}")
+        tell_all(error)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         tell("Interrupted.")
@@ -126,6 +127,28 @@ def tell(message: str) -> None:
         click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
     except OSError:  # such as that the terminal was closed
         _discard(sys.stderr)
+
+
+def tell_all(error: MercatorError) -> None:
+    """Say each mistake in a line of its own, and with the last what was noted on the way."""
+    *others, last = error.messages
+    for message in others:
+        tell(f"Error: {message}")
+    tell(f"Error: {'; '.join([last, *getattr(error, '__notes__', ())])}")
+
+
+class Spelled(click.Choice):  # type: ignore[type-arg]  # has no argument in click before 8.2
+    """A choice of words, each in either spelling."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
+        return super().convert(spelling.find(value, self.choices) or value, param, ctx)
+
+
+class SpelledGroup(click.Group):
+    """Commands whose names may have either spelling."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return super().get_command(ctx, spelling.find(cmd_name, self.commands) or cmd_name)
 
 
 def warn(doubts: Iterable[str]) -> None:

@@ -28,12 +28,23 @@ def excerpt(text: str) -> str:
 
 
 class MercatorError(Exception):
-    """Base of all errors that are reported to the user without a traceback; the message is made printable."""
+    """Base of all errors that are reported to the user without a traceback.
+
+    It has a message for each mistake, made printable; as text they are lines.
+    """
 
     exit_code = 1
 
-    def __init__(self, message: str) -> None:
-        super().__init__(printable(message))
+    def __init__(self, message: str, *more: str) -> None:
+        super().__init__(*map(printable, (message, *more)))
+
+    def __str__(self) -> str:
+        return "\n".join(self.messages)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """A line for each mistake."""
+        return self.args
 
 
 class MissionError(MercatorError):

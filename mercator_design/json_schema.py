@@ -7,7 +7,6 @@ What a file's parts must be to each other (a zone that the floor has, a place wi
 import dataclasses
 import inspect
 import math
-import re
 import types
 import typing
 from collections.abc import Callable, Collection, Mapping
@@ -132,7 +131,7 @@ def _union(kinds: list[Kind], records: _Records) -> Json:
 
 def _record(kind: Kind, records: _Records) -> Json:
     """Of a dataclass or NamedTuple; if it holds keyword arguments, an alternative for each function."""
-    specification, comments = schema.fields_of(kind), _comments(kind)
+    specification, comments = schema.fields_of(kind), schema.comments_of(kind)
     keywords = schema.keywords_of(kind)
     if keywords is None:
         return _object(specification, comments, _summary(kind), records)
@@ -143,7 +142,7 @@ def _record(kind: Kind, records: _Records) -> Json:
         named = {rule.key: (Literal[name], dataclasses.MISSING)}
         parameters = schema.parameters_of(function)
         alternatives.append(
-            _object(fields | named | parameters, comments | _comments(function), _summary(function), records)
+            _object(fields | named | parameters, comments | schema.comments_of(function), _summary(function), records)
         )
     return _described(_summary(kind)) | {"oneOf": alternatives}
 
@@ -181,12 +180,3 @@ def _summary(described: Callable[..., Any]) -> str:
     """The first paragraph of a docstring, but of one that `dataclass` made up."""
     text = inspect.getdoc(described) or ""
     return "" if text.startswith(f"{described.__name__}(") else " ".join(text.split("\n\n")[0].split())
-
-
-def _comments(described: Callable[..., Any]) -> dict[str, str]:
-    """Field, or parameter on a line of its own -> the comment behind it in the source."""
-    try:
-        source = inspect.getsource(described)
-    except OSError:  # made at run time
-        return {}
-    return dict(re.findall(r"^    (\w+): [^#\n]*  # (.+)$", source, re.MULTILINE))

@@ -3,6 +3,7 @@
 The rules stand in `Annotated[type, rule]`. This file knows annotations only; loading.py applies them.
 """
 
+import contextlib
 import dataclasses
 import functools
 import inspect
@@ -10,7 +11,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeAlias, Union
 
@@ -22,11 +23,45 @@ Specification: TypeAlias = dict[str, tuple[Kind, Any]]
 
 
 class FieldError(ValueError):
-    """What a dataclass's `__post_init__` raises; `field` is the path from there, as `zones[1].name`."""
+    """What a dataclass's `__post_init__` raises; `field` is the path from there, as `zones[1].name`.
+
+    `others` are what else is wrong with the same dataclass.
+    """
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(f"{field}: {message}")
         self.field, self.message = field, message
+        self.others: tuple[FieldError, ...] = ()
+
+
+def checked(errors: Iterable[FieldError]) -> None:
+    """Raise what was found wrong, if anything was, as one error."""
+    found = [*errors]
+    if not found:
+        return
+    first, *others = found
+    first.others = tuple(others)
+    for other in others:
+        first.add_note(str(other))
+    raise first
+
+
+def check(record: Any) -> None:  # noqa: ANN401 - a dataclass with CHECKS
+    """What the `__post_init__` of a dataclass with CHECKS calls.
+
+    CHECKS are functions from some of its fields, named as these, to what is wrong with them: so a file's mistakes are
+    told at once, as a check needs only the fields that it looks at to be right.
+    """
+    kind: Kind = type(record)
+    checked(problems(kind, {name: getattr(record, name) for name in fields_of(kind)}))
+
+
+def problems(kind: Kind, values: Mapping[str, Any]) -> "Iterator[FieldError]":
+    """What those CHECKS of a dataclass find that look at no other fields than the given ones."""
+    for each in getattr(kind, "CHECKS", ()):
+        needed = inspect.signature(each).parameters.keys()
+        if needed <= values.keys():
+            yield from each(**{name: values[name] for name in needed})
 
 
 class Rule(Protocol):
@@ -173,6 +208,22 @@ def keywords_of(kind: Kind) -> tuple[str, KeywordsOf] | None:
             if isinstance(extra, KeywordsOf):
                 return name, extra
     return None
+
+
+@functools.cache
+def comments_of(described: Callable[..., Any]) -> dict[str, str]:
+    """Field of a dataclass or NamedTuple, or parameter on a line of its own -> the comment behind it in the source."""
+    found: dict[str, str] = {}
+    for each in reversed(getattr(described, "__mro__", (described,))):
+        with contextlib.suppress(OSError, TypeError):  # made at run time, or of Python itself
+            found |= re.findall(r"^    (\w+): [^#\n]*  # (.+)$", inspect.getsource(each), re.MULTILINE)
+    return found
+
+
+def unit_of(described: Callable[..., Any], name: str) -> str:
+    """The unit in the comment behind a field or parameter, such as "m/s"; empty if it begins with none."""
+    unit = re.match(r"\[([^\]]+)\]", comments_of(described).get(name, ""))
+    return unit[1] if unit else ""
 
 
 def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
+from mercator_design import spelling
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import is_name
 
@@ -28,11 +29,12 @@ def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
     """
     if not is_name(text) or _is_file(text):
         return Path(text)
-    if text not in shipped:
+    name = spelling.find(text, shipped)
+    if name is None:
         near = get_close_matches(text[:100], shipped, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(shipped)}"
         raise MissionError(f"{excerpt(text)}: no such {kind}; {hint}")
-    return shipped[text]
+    return shipped[name]
 
 
 def _is_file(text: str) -> bool:

@@ -15,25 +15,31 @@ from typing import Any, TypeAlias
 
 import yaml
 
+from mercator_design import spelling
 from mercator_design.errors import excerpt
 from mercator_design.files import Unreadable, read_small
 
 LARGEST_FILE = 256 * 1024
 DEEPEST = 32
+MOST_MISTAKES = 20
+"""That are told of one text; its reading ends with the last of them."""
 
 _Event: TypeAlias = Any  # yaml's event classes share no typed fields
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class Fault(Exception):  # noqa: N818 - never leaves the two modules; becomes the error class the caller names
-    """What is wrong with a text, as a message that names the place."""
+class Fault(Exception):  # noqa: N818 - becomes the error class that the caller of loading.py names
+    """What is wrong with a text: messages that name the places. Without any, all has been told."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Node:
-    """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys."""
+    """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys.
 
-    content: "str | list[Node] | dict[str, Node]"
+    One that could not be read, which was told, has no content.
+    """
+
+    content: "str | list[Node] | dict[str, Node] | None"
     where: str
     folder: Path
     plain: bool = True
@@ -45,15 +51,20 @@ class Node:
             return "a mapping of keys"
         if isinstance(self.content, list):
             return f"a list of {len(self.content)}"
-        return json.dumps(excerpt(self.content), ensure_ascii=False) if self.content or not self.plain else "nothing"
+        text = self.content or ""
+        return json.dumps(excerpt(text), ensure_ascii=False) if text or not self.plain else "nothing"
 
     def child(self, step: str | int) -> "Node | None":
         """The node at a key or an index, if there is one."""
         if isinstance(self.content, dict) and isinstance(step, str):
-            return self.content.get(step)
+            return self.content.get(self.key(step))
         if isinstance(self.content, list) and isinstance(step, int) and step < len(self.content):
             return self.content[step]
         return None
+
+    def key(self, word: str) -> str:
+        """A key as this mapping spells it; as given if it has none."""
+        return (spelling.find(word, self.content) if isinstance(self.content, dict) else None) or word
 
     def nearest(self, way: "list[str | int]") -> "Node":
         """The last node that exists on a way from here."""
@@ -89,15 +100,34 @@ def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False, 
     Raises:
         Fault: with label, and with the line if there are `lines`.
     """
-    return _Composer(text, label, folder, lines=lines).document(may_be_empty=may_be_empty)
+    tree, mistakes = compose_all(text, label, folder, may_be_empty=may_be_empty, lines=lines)
+    if mistakes:
+        raise Fault(*mistakes)
+    return tree
+
+
+def compose_all(
+    text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True
+) -> tuple[Node, list[str]]:
+    """As `compose`, with the mistakes after which the rest could be read.
+
+    Raises:
+        Fault: if it could not.
+    """
+    composer = _Composer(text, label, folder, lines=lines)
+    try:
+        return composer.document(may_be_empty=may_be_empty), composer.mistakes
+    except Fault as fault:
+        raise Fault(*composer.mistakes, *fault.args) from None
 
 
 class _Composer:
-    """Nodes from the parser's events."""
+    """Nodes from the parser's events; `mistakes` are those after which it went on."""
 
     def __init__(self, text: str, label: str, folder: Path, *, lines: bool) -> None:
         self.label, self.folder, self.lines = label, folder, lines
         self.events: Iterator[_Event] = self._events(text)
+        self.mistakes: list[str] = []
 
     def _events(self, text: str) -> Iterator[_Event]:
         if len(text) > LARGEST_FILE:
@@ -113,8 +143,11 @@ class _Composer:
     def _place(self, mark: yaml.Mark | None) -> str:
         return f"{self.label}:{mark.line + 1}" if self.lines and mark else self.label
 
-    def _node_fault(self, event: _Event, message: str) -> Fault:
-        return Fault(f"{self._place(event.start_mark)}: {message}")
+    def _mistake(self, place: str, message: str) -> None:
+        """Note what is wrong at a place; the one too many ends the reading."""
+        self.mistakes.append(f"{place}: {message}")
+        if len(self.mistakes) >= MOST_MISTAKES:
+            raise Fault
 
     def document(self, *, may_be_empty: bool = False) -> Node:
         next(self.events)
@@ -126,19 +159,22 @@ class _Composer:
         next(self.events)
         event = next(self.events)
         if not isinstance(event, yaml.StreamEndEvent):
-            raise self._node_fault(event, "expected one document, found a second")
+            self._mistake(self._place(event.start_mark), "expected one document, found a second")
         return root
 
     def _node(self, event: _Event, depth: int) -> Node:
-        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            raise self._node_fault(event, "anchors and aliases (&, *) are not understood; write the value out")
-        if event.tag is not None:
-            raise self._node_fault(event, f"tags are not understood, found {excerpt(event.tag)}")
+        place = self._place(event.start_mark)
         if depth > DEEPEST:
-            raise self._node_fault(event, f"nested more than {DEEPEST} levels deep")
+            raise Fault(f"{place}: nested more than {DEEPEST} levels deep")
+        is_alias = isinstance(event, yaml.AliasEvent)
+        if is_alias or event.anchor is not None:
+            self._mistake(place, "anchors and aliases (&, *) are not understood; write the value out")
+        if is_alias:
+            return Node(content=None, where=place, folder=self.folder)
+        if event.tag is not None:
+            self._mistake(place, f"tags are not understood, found {excerpt(event.tag)}; write the value without it")
         plain = not isinstance(event, yaml.ScalarEvent) or not event.style  # None or "", by parser
-        content = self._content(event, depth)
-        return Node(content=content, where=self._place(event.start_mark), folder=self.folder, plain=plain)
+        return Node(content=self._content(event, depth), where=place, folder=self.folder, plain=plain)
 
     def _content(self, event: _Event, depth: int) -> "str | list[Node] | dict[str, Node]":
         if isinstance(event, yaml.ScalarEvent):
@@ -151,12 +187,16 @@ class _Composer:
         mapping: dict[str, Node] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key = self._node(event, depth + 1)
+            value = self._node(next(self.events), depth + 1)
+            value.where = key.where
             if not isinstance(key.content, str):
-                raise Fault(f"{key.where}: expected text as a key, found {key.found}")
-            if key.content in mapping:
-                raise Fault(f"{key.where}: duplicate key '{excerpt(key.content)}'")
-            mapping[key.content] = self._node(next(self.events), depth + 1)
-            mapping[key.content].where = key.where
+                if key.content is not None:
+                    self._mistake(key.where, f"expected text as a key, found {key.found}")
+            elif key.content in mapping:
+                first = mapping[key.content].where
+                self._mistake(key.where, f"duplicate key '{excerpt(key.content)}'; the first is at {first}")
+            else:
+                mapping[key.content] = value
         return mapping
 
 
@@ -178,18 +218,17 @@ def override(tree: Node, assignment: str) -> None:
     way = steps(path.strip())
     if not equals or not way:
         raise Fault(f"{label}: expected path=value, as in robots=20 or floor.zones[0].radius=0.3")
-    if text.strip():
-        value = _Composer(text, label, folder, lines=False).document()
-    else:
-        value = Node(content="", where=label, folder=folder)
+    nothing = Node(content="", where=label, folder=folder)
+    value = compose(text, label, folder, lines=False) if text.strip() else nothing
     node = tree
-    for step in way[:-1]:
-        child = node.child(step)
-        if child is None:
-            child = Node(content={}, where=label, folder=folder)
-            _put(node, step, child, label)
+    while len(way) > 1 and (child := node.child(way[0])) is not None:
         node = child
-    _put(node, way[-1], value, label)
+        way = way[1:]
+    for step in reversed(way[1:]):  # in mappings that are not there yet
+        mapping = Node(content={}, where=label, folder=folder)
+        _put(mapping, step, value, label)
+        value = mapping
+    _put(node, way[0], value, label)
 
 
 _TAGS = ("shape", "device", "distribution")
@@ -204,17 +243,32 @@ def merge(base: Node, changes: Node) -> Node:
     for tag in _TAGS:
         if tag in old and tag in new and old[tag].content != new[tag].content:
             return changes
-    merged = old | {key: merge(old[key], value) if key in old else value for key, value in new.items()}
+    merged = dict(old)
+    for word, value in new.items():
+        key = base.key(word)
+        merged[key] = merge(old[key], value) if key in old else value
     return Node(content=merged, where=changes.where, folder=changes.folder)
 
 
 def _put(node: Node, step: str | int, value: Node, label: str) -> None:
     content = node.content
     if isinstance(content, dict) and isinstance(step, str):
-        content[step] = value
+        content[node.key(step)] = value
         return
     if isinstance(content, list) and isinstance(step, int) and step < len(content):
         content[step] = value
         return
     wanted = f"a list with an item [{step}]" if isinstance(step, int) else f"a mapping for the key '{step}'"
     raise Fault(f"{label}: expected {wanted}, found {node.found} ({node.where})")
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a record was read, to name the place of what is found wrong with it later."""
+
+    tree: Node | None = None
+
+    def of(self, path: str, otherwise: str) -> str:
+        """File, line and path of a key, as "my.yaml:3: arena.walls"; `otherwise` for what was not read from a file."""
+        where = otherwise if self.tree is None else self.tree.nearest(steps(path)).where
+        return f"{where}: {path}" if path else where

@@ -6,6 +6,8 @@ import click
 import pytest
 
 from mercator_design.cli import cli as mdesign
+from mercator_design.command import Spelled, SpelledGroup, tell_all
+from mercator_design.errors import MissionError
 from mercator_design.robot.cli import cli as mercator_robot
 
 
@@ -44,3 +46,28 @@ def test_what_is_no_number_is_in_no_range(command):
     for context, option in numbers:
         with pytest.raises(click.BadParameter, match="'nan' is not a number"):
             option.type_cast_value(context, "nan")
+
+
+def test_words_may_have_either_spelling():
+    seen = []
+
+    @click.group(cls=SpelledGroup)
+    def group() -> None:
+        pass
+
+    @group.command()
+    @click.argument("colours", nargs=-1, type=Spelled(["gray", "red"]))
+    def color(colours):
+        seen.extend(colours)
+
+    group.main(["colour", "grey", "red", "gray"], standalone_mode=False)
+    assert seen == ["gray", "red", "gray"]
+    with pytest.raises(click.BadParameter, match="is not one of 'gray', 'red'"):
+        group.main(["color", "greyish"], standalone_mode=False)
+
+
+def test_each_mistake_has_its_line(capsys):
+    error = MissionError("a.yaml:1: x", "a.yaml:2: y\n")
+    error.add_note("resume it")
+    tell_all(error)
+    assert capsys.readouterr().err == "Error: a.yaml:1: x\nError: a.yaml:2: y\\n; resume it\n"

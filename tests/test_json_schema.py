@@ -97,7 +97,7 @@ def test_a_good_mission():
         ("position: [0, 0, 1]", "position: [0, 0]"),
         ("intensity: 2", "intensity: -2"),
         ("heading: uniform", "heading: sideways"),
-        ("name: color_value", "name: colour_value"),
+        ("name: color_value", "name: colr_value"),
         ("name: color_value, ", ""),
         ("values: {red: 1}", "values: {}"),
         ("values: {red: 1}", "values: {red: 1}, zones: [a]"),

@@ -3,19 +3,20 @@
 import json
 import math
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design import yaml_tree
+from mercator_design import spelling, yaml_tree
 from mercator_design.errors import MissionError
 from mercator_design.loading import (
     FieldError,
@@ -25,11 +26,12 @@ from mercator_design.loading import (
     Name,
     Positive,
     Range,
+    check,
     dump,
     parse,
     read,
 )
-from mercator_design.yaml_tree import LARGEST_FILE, steps
+from mercator_design.yaml_tree import LARGEST_FILE, MOST_MISTAKES, steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,8 +222,214 @@ def test_an_error_says_where_what_was_expected_and_what_was_found(text, message)
     assert message in complaint(text)
 
 
-def test_the_first_mistake_of_the_file_is_reported():
-    assert "a.yaml:1: version" in complaint("version: 2\nnews: 1")
+class TestAllMistakes:
+    def test_those_of_a_file_are_told_at_once_by_their_lines(self):
+        text = """note: &a 1
+zones:
+- shape: round
+- {shape: sqare}
+- {shape: square, size: [1, 2], turn: x}
+- {shape: round, radius: -1, name: a/b, nmae: b}
+law: {name: grow, rate: 2, sign: pluss, x: 1}
+count: 0
+count: 1
+values: {a: x, b: 1, c: y}
+wieght: 1
+heavy: yes
+"""
+        assert complaint(text).split("\n") == [
+            "a.yaml:1: anchors and aliases (&, *) are not understood; write the value out",
+            "a.yaml:3: zones[0].radius: missing key; expected a number > 0",
+            "a.yaml:4: zones[1].shape: expected one of round, square, found \"sqare\"; did you mean 'square'?",
+            'a.yaml:5: zones[2].turn: expected a number or free, found "x"',
+            'a.yaml:6: zones[3].radius: expected a number > 0, found "-1"',
+            "a.yaml:6: zones[3].name: expected text: letters, digits, spaces and . _ + -, at most 100 or null, "
+            'found "a/b"',
+            "a.yaml:6: zones[3].nmae: unknown key; did you mean 'name'?",
+            'a.yaml:7: law.rate: expected a number >= 0 and <= 1, found "2"',
+            "a.yaml:7: law.sign: expected one of plus, minus, found \"pluss\"; did you mean 'plus'?",
+            "a.yaml:7: law.x: unknown key; known: name, sign, rate, steps",
+            'a.yaml:8: count: expected a whole number >= 1 and <= 1000, found "0"',
+            "a.yaml:9: duplicate key 'count'; the first is at a.yaml:8",
+            'a.yaml:10: values.a: expected a number, found "x"',
+            'a.yaml:10: values.c: expected a number, found "y"',
+            "a.yaml:11: wieght: unknown key; did you mean 'weight'?",
+            'a.yaml:12: heavy: expected true or false, found "yes"; did you mean true?',
+        ]
+
+    def test_a_misspelt_key_is_not_missed_too(self):
+        assert complaint("zones: [{shape: round, raduis: 1}]").count("\n") == 0
+
+    def test_what_refers_to_a_wrong_word_is_left_alone(self):
+        assert complaint("law: {name: grwo, rate: x, sign: y}").split("\n") == [
+            "a.yaml:1: law.name: expected one of grow, shrink, found \"grwo\"; did you mean 'grow'?",
+            'a.yaml:1: law.sign: expected one of plus, minus, found "y"',
+        ]
+
+    @pytest.mark.parametrize(
+        "text", ["note: *a", "values: {a: *a}", "color: [1, 2, *a]", "zones: [*a]", "*a", "law: {name: *a}", "law: *a"]
+    )
+    def test_what_could_not_be_read_is_told_once(self, text):
+        assert complaint(text) == "a.yaml:1: anchors and aliases (&, *) are not understood; write the value out"
+
+    def test_overrides_too(self):
+        found = complaint("weight: x\nnews: 1", "count=0", "zones[7]=1", "nothing", "heavy=no").split("\n")
+        assert [each.partition(": ")[0] for each in found] == [
+            "a.yaml:1",
+            "a.yaml:2",
+            "--set zones[7]=1",
+            "--set nothing",
+            "--set count=0",
+            "--set heavy=no",
+        ]
+
+    def test_too_many_end_the_reading(self):
+        *told, last = complaint("".join(f"k{n}: 1\n" for n in range(50))).split("\n")
+        assert len(told) == MOST_MISTAKES
+        assert last == "a.yaml: its reading ended with 20 mistakes"
+
+    def test_an_error_keeps_its_messages_apart_and_on_one_line_each(self):
+        with pytest.raises(MissionError) as caught:
+            thing('weight: "a\\nb"\ncount: "c\\nError: d"')
+        assert caught.value.messages == (
+            'a.yaml:1: weight: expected a number, found "a\\nb"',
+            'a.yaml:2: count: expected a whole number >= 1 and <= 1000, found "c\\nError: d"',
+        )
+        again = pickle.loads(pickle.dumps(caught.value))  # noqa: S301 - our own
+        assert again.messages == caught.value.messages
+
+
+def _no_two(first: int, second: int):
+    if first == second:
+        yield FieldError("second", "expected another than the first")
+
+
+def _small(first: int, third: int):
+    if third > first:
+        yield FieldError("third", "expected at most the first")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Numbers:
+    """Three numbers."""
+
+    CHECKS: ClassVar = (_no_two, _small)
+
+    first: int = 1  # [m] of the first
+    second: int = 2
+    third: int = 0  # [m/s] of the third
+    color: Literal["gray", "red"] = "red"
+    centers: tuple[float, ...] = ()  # [rad] of the rest
+    colors: Mapping[Literal["gray", "red"], int] | None = None
+    missions: Mapping[str, int] | None = None
+
+    def __post_init__(self):
+        check(self)
+
+
+def numbers(text, *overrides):
+    return parse(text, Numbers, error=MissionError, label="a.yaml", overrides=overrides)
+
+
+def wrong_numbers(text, *overrides):
+    with pytest.raises(MissionError) as caught:
+        numbers(text, *overrides)
+    return list(caught.value.messages)
+
+
+class TestChecks:
+    def test_all_are_made_at_once(self):
+        assert wrong_numbers("second: 1\nthird: 2") == [
+            "a.yaml:1: second: expected another than the first",
+            "a.yaml:2: third: expected at most the first",
+        ]
+
+    def test_those_are_made_whose_fields_could_be_read(self):
+        assert wrong_numbers("second: x\nthird: 2") == [
+            'a.yaml:1: second: expected a whole number, found "x"',
+            "a.yaml:2: third: expected at most the first",
+        ]
+        assert len(wrong_numbers("first: x\nthird: 2")) == 1
+
+    def test_without_a_file(self):
+        with pytest.raises(FieldError, match="second: expected another") as caught:
+            Numbers(second=1, third=2)
+        assert [each.field for each in caught.value.others] == ["third"]
+        assert caught.value.__notes__ == ["third: expected at most the first"]
+
+
+class TestHints:
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("first: x", 'first: expected a whole number [m], found "x"'),
+            ("third: 1 m/s", 'expected a whole number [m/s], found "1 m/s"; write the number alone, in m/s'),
+            ("third: '1'", 'expected a whole number [m/s], found "1"; write it without quotes'),
+            ("second: 1_000", "; did you mean 1000?"),
+            (
+                "centers: [90 deg]",
+                'centers[0]: expected a number [rad], found "90 deg"; did you mean 1.5708, which is 90',
+            ),
+            ("centers: [90°]", "; did you mean 1.5708, which is 90 degrees?"),
+            ("centers: ['1,5']", "; did you mean 1.5?"),
+            ("centers: 1", 'centers: expected a list [rad], found "1"; did you mean [1]?'),
+        ],
+    )
+    def test_units_and_suggestions(self, text, message):
+        assert message in wrong_numbers(text)[0]
+
+    @pytest.mark.parametrize("text", ["TRUE", "True", "on", "1"])
+    def test_of_a_truth(self, text):
+        assert complaint(f"heavy: {text}").endswith("; did you mean true?")
+
+
+class TestSpelling:
+    def test_both_are_read_and_one_is_written(self):
+        british = numbers("{colour: grey, centres: [1], colours: {grey: 1, red: 2}}")
+        assert british == numbers("{color: gray, centers: [1], colors: {gray: 1, red: 2}}")
+        assert british.color == "gray"
+        assert "color: gray\n" in dump(british)
+        assert "our" not in dump(british)
+
+    def test_names_that_a_user_chose_stay(self):
+        assert numbers("missions: {grey: 1, gray: 2}").missions == {"grey": 1, "gray": 2}
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            (
+                "color: red\ncolour: gray",
+                "a.yaml:2: colour: the same as 'color', in another spelling; give one of the two",
+            ),
+            (
+                "colour: red\ncolor: gray",
+                "a.yaml:2: color: the same as 'colour', in another spelling; give one of the two",
+            ),
+            (
+                "colors: {red: 1, gray: 1, grey: 2}",
+                "a.yaml:1: colors.grey: 'gray' in another spelling is here already; ",
+            ),
+        ],
+    )
+    def test_both_at_once_are_a_mistake(self, text, message):
+        (found,) = wrong_numbers(text)
+        assert found.startswith(message)
+
+    def test_overrides_replace_what_is_spelt_otherwise(self):
+        assert numbers("color: red", "colour=grey").color == "gray"
+        assert numbers("colours: {grey: 1}", "colors.gray=3").colors == {"gray": 3}
+        assert numbers("centers: [1]", "centres[0]=3").centers == (3.0,)
+
+    def test_a_mistake_in_what_is_spelt_otherwise_has_its_line(self):
+        assert wrong_numbers("second: 3\ncolour: blue")[0].startswith("a.yaml:2: colour: expected one of gray, red")
+
+    @given(st.sampled_from(["", "s", "_x", "ed"]), st.sampled_from(["", "my_", "re"]))
+    def test_parts_of_words(self, after, before):
+        assert spelling.find(f"{before}colour{after}", [f"{before}color{after}"]) == f"{before}color{after}"
+        assert spelling.find(f"{before}centre{after}", [f"{before}centre{after}", f"{before}center{after}"]) == (
+            f"{before}centre{after}"
+        )
+        assert spelling.find("colour", ["colours", "red"]) is None
 
 
 @pytest.mark.parametrize(
@@ -418,7 +626,8 @@ def outcomes(tmp_path_factory):
 def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
     message, seconds = outcomes[name]
     assert ATTACKS[name][1] in message
-    assert len(message) < 500
+    assert len(message) < 500 + 250 * message.count("\n")
+    assert message.count("\n") <= MOST_MISTAKES
     assert seconds < 1.0
 
 

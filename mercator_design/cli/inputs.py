@@ -92,7 +92,8 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     try:
         mission = load_mission(named, raced_with)
     except MissionError as error:
-        raise MissionError(f"{fsm}: {changed or f'the mission of its header: {error}; give --mission'}") from None
+        told = [f"the mission of its header: {message}; give --mission" for message in error.messages]
+        raise MissionError(*(f"{fsm}: {each}" for each in ([changed] if changed else told))) from None
     if digest and mission.digest != digest:
         what = changed or f"{excerpt(named)} is not what it was when this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")

@@ -8,7 +8,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell_all, warn
 from mercator_design.errors import FsmError, MissionError, printable
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
             click.echo(printable(f"{file}: {_validated(file, flavour, lenient)}"))
         except (MissionError, FsmError) as error:
             invalid = True
-            tell(f"Error: {error}")
+            tell_all(error)
     if invalid:
         raise click.exceptions.Exit(MissionError.exit_code)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from mercator_design import spelling
 from mercator_design.errors import SettingsError
 from mercator_design.files import write_text
 from mercator_design.loading import plain, text_of
@@ -77,9 +78,10 @@ def put(text: str, keys: tuple[str, ...], value: object) -> str:
         return _with_entry(text, None, keys, value)
     for depth, name in enumerate(keys):
         known = {key.value: (key, child) for key, child in node.value}
-        if name not in known:
+        written = spelling.find(name, known)
+        if written is None:
             return _with_entry(text, node, keys[depth:], value)
-        key, child = known[name]
+        key, child = known[written]
         if depth == len(keys) - 1 or not isinstance(child, yaml.MappingNode) or not child.value:
             break
         node = child

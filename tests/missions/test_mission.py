@@ -64,6 +64,19 @@ def test_the_missions_of_the_paper_are_shipped():
 
 
 @pytest.mark.parametrize("name", SHIPPED)
+def test_british_and_american_spelling_are_read_alike(name):
+    text = SHIPPED[name].read_text()
+    pairs = (("color", "colour"), ("gray", "grey"), ("center", "centre"), ("imise", "imize"))
+    for american, british in pairs:
+        text = re.sub(rf"(?<![/\w]){american}|(?<=_){american}|{american}(?=s?:)|(?<=min|max){american}", british, text)
+    other, mission = parse_mission(text, name=name, folder=SHIPPED[name].parent), load_mission(name)
+    assert text != SHIPPED[name].read_text()
+    described = {"description": mission.description, "source": mission.source}
+    assert dataclasses.replace(other, **described).digest == mission.digest
+    assert dump(dataclasses.replace(other, **described)) == dump(mission)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 class TestShipped:
     def test_it_says_what_it_is(self, name):
         mission = load_mission(name)
@@ -157,7 +170,7 @@ class TestSettingsOfTheOriginals:
         ("name: spot ", "name: here ", "no zone is called 'spot'; known: here"),
         ("when: end", "when: ned", "objective.when: expected one of end, always"),
         ("when: end", "wen: end", "objective.wen: unknown key; did you mean 'when'?"),
-        ("maximise", "maximize", "maximise, minimise, found \"maximize\"; did you mean 'maximise'?"),
+        ("maximise", "maximum", "maximise, minimise, found \"maximum\"; did you mean 'maximise'?"),
         ("robots_in_zone", "robots_in_zones", "did you mean 'robots_in_zone'?"),
         ("  radius: 1.2", "  center: [5, 0]\n  radius: 1.2", "m:31: duplicate key 'center'"),
         ("  radius: 1.2", "  radius: -1.2", "placement.radius: expected a number > 0"),

@@ -42,7 +42,7 @@ def test_ports_that_are_left_out_are_the_usual_ones():
     ("text", "words"),
     [
         ("limits: {spede: 0.3}", "limits.spede: unknown key; did you mean 'speed'"),
-        ("limits: {speed: 1.6}", 'limits.speed: expected a number >= 0.01 and <= 1.55, found "1.6"'),
+        ("limits: {speed: 1.6}", r'limits.speed: expected a number >= 0.01 and <= 1.55 \[m/s\], found "1.6"'),
         ("limits: {rvr: 0.09}", "limits.rvr: expected a number >= 0.1"),
         ("limits: {proximity: 0.2}", "limits.proximity: expected a number >= 0.3"),
         ("limits: {lidar: 0.2}", "limits.lidar: expected a number >= 0.3"),

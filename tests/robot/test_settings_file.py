@@ -41,6 +41,7 @@ LABELS = {"black": (7, 8, 6), "gray": (93, 99, 90)}
         ("# ours\n\n", "# ours\nlabels:\n  black: [7, 8, 6]\n  gray: [93, 99, 90]\n\n"),
         ("{}", "{labels: {black: [7, 8, 6], gray: [93, 99, 90]}}"),
         ("---\nname: r7\n...\n", "---\nname: r7\nlabels:\n  black: [7, 8, 6]\n  gray: [93, 99, 90]\n...\n"),
+        ("labels: {grey: [1, 1, 1]}\n", "labels: {grey: [93, 99, 90], black: [7, 8, 6]}\n"),
         ("? labels\n: {black: [1, 1, 1]}\nname: r7\n", None),
         ("name: r7\r\n# ö: é\r\nlabels: {black: [1, 1, 1]} # ö\r\n", None),
     ],

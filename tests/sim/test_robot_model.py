@@ -76,7 +76,7 @@ def test_constants_of_the_reference_model_are_data(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("reference_model: {neighbor_range: 0.5}", r"reference_model.neighbor_range.*did you mean 'neighbour_range'"),
+        ("reference_model: {neighbor_rang: 0.5}", r"reference_model.neighbor_rang.*did you mean 'neighbour_range'"),
         ("reference_model: {neighbour_range: wide}", "expected a number"),
         ("reference_model: {proximity_near: 0}", "proximity_near"),
         ("physics: {time_step: 0}", "time_step"),

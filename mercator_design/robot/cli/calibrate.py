@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.colours import COLOURS, ColourName
-from mercator_design.command import NumberRange, naming, tell
+from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, tell
 from mercator_design.loading import dump
 from mercator_design.robot import ground_calibration, proximity_calibration
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -22,7 +22,7 @@ _SECONDS = click.option(
 )
 
 
-@click.group(short_help="Measure what is particular to this robot's sensors.")
+@click.group(cls=SpelledGroup, short_help="Measure what is particular to this robot's sensors.")
 def calibrate() -> None:
     """Measure what is particular to this robot's sensors, for its robot.yaml.
 
@@ -32,7 +32,7 @@ def calibrate() -> None:
 
 
 @calibrate.command(short_help="Measure what the ground sensor reads on colours.")
-@click.argument("colours", nargs=-1, type=click.Choice(list(COLOURS)), metavar="[COLOUR]...")
+@click.argument("colours", nargs=-1, type=Spelled(list(COLOURS)), metavar="[COLOUR]...")
 @ROBOT_FILE
 @_SECONDS
 def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -> None:

@@ -26,7 +26,7 @@ def settings_of(path: Path | None) -> Settings:
     except SettingsError as error:
         source = click.get_current_context().get_parameter_source
         if ParameterSource.ENVIRONMENT in map(source, (_SETTINGS, _FILE)):
-            raise SettingsError(f"{_VARIABLE}: {error}") from None
+            raise SettingsError(*(f"{_VARIABLE}: {message}" for message in error.messages)) from None
         raise
 
 

@@ -53,5 +53,5 @@ def run(
         try:
             drive(settings, what, path, tell)
         except FsmError as error:  # of its header
-            raise FsmError(f"{fsm}: {error}") from None
+            raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None
         tell("The duration is over.")

@@ -26,6 +26,9 @@ COLOURS: Mapping[ColourName, RGB] = {
     "orange": (255.0, 140.0, 0.0),
 }
 
+LABELS: tuple[ColourName, ...] = ("black", "gray", "white", "red", "green", "blue", "yellow")
+"""The colours that modules know: those that a robot tells apart on a floor of which it knows no colours."""
+
 STATE_COLOURS: tuple[Levels, Levels, Levels, Levels] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167))
 """Of a robot's lamps in each state of its PFSM (Okabe and Ito: told apart by the colour-blind too)."""
 

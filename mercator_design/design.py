@@ -38,6 +38,7 @@ from mercator_design.race.methods import METHODS
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
+from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
@@ -163,10 +164,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "maximum speed": str(self.simulator.robot_model.drive.maximum_speed),
             "reference model": json.dumps(_unusual(self.simulator.robot_model.reference_model)),
         }
-        floor = self.simulator.mission.floor
-        names = [colour for colour in floor.colours().values() if isinstance(colour, str)]
-        if floor.image is None and len(names) == len(floor.colours()):  # a robot tells colours apart by their names
-            header["floor"] = ", ".join(names)
+        header["floor"] = ", ".join(robot_labels(self.simulator.mission.floor, self.simulator.robot_model))
         if plugins := loaded_plugins():
             header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
         return header

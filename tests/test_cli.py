@@ -103,7 +103,7 @@ class TestRace:
         folder = tmp_path / "r"
         code, _, err = mdesign("race", "vanilla_aggregation", "--budget", 300, "-o", folder, *QUICK)
         assert code == 0
-        assert "Warning: watermelon: floor colour never holds: robot epuck sees only how bright the ground is\n" in err
+        assert "Warning: watermelon: floor colour never fires: robot epuck sees only how bright the ground is\n" in err
 
     def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
         _, out, _ = mdesign("race", "foraging", "--budget", 30, "-o", tmp_path / "r", *QUICK)
@@ -307,7 +307,7 @@ class TestEvaluate:
         code, _, err = mdesign(name, "fsm.txt", *options, *on)
         assert code == 0
         assert [line for line in err.splitlines() if not line.startswith("Compiling")] == [
-            "Warning: state 0, transition 0: floor colour never holds: robot epuck sees only how bright the ground is",
+            "Warning: state 0, transition 0: floor colour never fires: robot epuck sees only how bright the ground is",
             "Warning: color_aggregation: floor: no condition of robot epuck tells gray, green, red apart",
         ]
 

@@ -82,7 +82,7 @@ def evaluate(
     pfsm, simulator = _controller(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     loaded = simulator.mission
     if not cost_alone:
-        warn_of_doubts(simulator, pfsm.flavour, pfsm.modules)
+        warn_of_doubts(simulator, pfsm.flavour, pfsm)
         simulator.rehearse(announce=tell)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:

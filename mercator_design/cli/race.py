@@ -179,15 +179,13 @@ def _new_folder(
     method: str,
 ) -> "RunFolder":
     from mercator_design.design import Designer
-    from mercator_design.fsm.conditions import CONDITIONS
-    from mercator_design.fsm.modules import numbered
     from mercator_design.missions.mission import load_mission
     from mercator_design.run_folder import RunFolder
     from mercator_design.sim.simulate import Simulator
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
-    warn_of_doubts(simulator, flavour, ((flavour, module) for module in numbered(CONDITIONS, flavour).values()))
+    warn_of_doubts(simulator, flavour)
     simulator.rehearse(announce=tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "method": method, **how}
     return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

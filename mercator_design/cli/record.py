@@ -66,7 +66,7 @@ def record(
     file = read_controller(fsm, flavour, lenient=lenient)
     simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
     loaded = simulator.mission
-    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm.modules)
+    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm)
     check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)

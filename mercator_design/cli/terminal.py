@@ -4,7 +4,7 @@ import contextlib
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from os import EX_TEMPFAIL
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Self
 from mercator_design.command import Signalled, tell, warn
 
 if TYPE_CHECKING:
-    from mercator_design.fsm.modules import Module
+    from mercator_design.fsm.pfsm import Pfsm
     from mercator_design.sim.simulate import Simulator
 
 
-def warn_of_doubts(simulator: "Simulator", flavour: str, modules: "Iterable[tuple[str, Module]]") -> None:
-    """Say what makes no difference when a mission's robots run modules of a flavour."""
+def warn_of_doubts(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
+    """Say what makes no difference when a mission's robots run a PFSM, or any of a flavour."""
     from mercator_design.sim.doubts import doubts
 
-    warn(doubts(simulator.mission, simulator.robot_model, flavour, modules))
+    warn(doubts(simulator.mission, simulator.robot_model, flavour, pfsm))
 
 
 def terminal_width() -> int | None:

@@ -10,6 +10,7 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell_all, warn
 from mercator_design.errors import FsmError, MissionError, printable
+from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
     from mercator_design.yaml_tree import Node
@@ -44,7 +45,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
-        from mercator_design.sim.doubts import doubts_of_floor, doubts_of_model
+        from mercator_design.sim.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
         from mercator_design.sim.robot_model import load_robot_model
 
         content = _content(file)
@@ -62,8 +63,11 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         mission = load_mission(str(file))
         simulator = new_simulator(mission, None)
         simulator.check_placement()
-        warn([*doubts_of_model(simulator.robot_model), *doubts_of_floor(mission, simulator.robot_model)])
-        return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s"
+        model = simulator.robot_model
+        warn([*doubts_of_model(model), *doubts_of_swarm(mission, model), *doubts_of_floor(mission, model)])
+        dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
+        never = f"; never fires there: {dead}" if dead else ""
+        return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"
     pfsm = read_controller(file, flavour, lenient=lenient).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"

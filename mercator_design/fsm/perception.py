@@ -41,6 +41,29 @@ def gray_level(red: float, green: float, blue: float) -> float:
 
 
 @jittable
+def nearest_label(labels: Row, red: float, green: float, blue: float) -> int:
+    """Number of the label whose colour is nearest to a measured one, the first of several (Mercator paper, eqs. 1, 2).
+
+    Args:
+        labels: (3 * n,) red, green and blue of each label, 0 to 255; n is at least 1.
+        red: Of what was measured, 0 to 255; so the others.
+        green: See red.
+        blue: See red.
+    """
+    found = 0
+    nearest = math.inf
+    for k in range(len(labels) // 3):
+        off_red = labels[3 * k] - red
+        off_green = labels[3 * k + 1] - green
+        off_blue = labels[3 * k + 2] - blue
+        squared = off_red * off_red + off_green * off_green + off_blue * off_blue
+        if squared < nearest:
+            found = k
+            nearest = squared
+    return found
+
+
+@jittable
 def ground_by_vote(model: ReferenceModel, blacks: float, whites: float) -> float:
     """The ground's gray level, given how many of the latest readings were black and how many white."""
     if blacks > model.ground_majority:

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Result, Task
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
+from mercator_design.sim.doubts import dead_conditions, dead_transitions
 from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
@@ -69,17 +70,20 @@ def race_summary(
 def _asked(task: Task[Any]) -> list[str]:
     if not isinstance(task, Designer):
         return task.about(task.start())
-    mission = task.simulator.mission
+    mission, model = task.simulator.mission, task.simulator.robot_model
     objective = mission.objective
+    dead = dead_conditions(mission, model, task.flavour)
     return [
         f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
         f"{objective.direction} {objective.name}",
-        f"Designed   with {task.flavour}, for robot {task.simulator.robot_model.name}",
+        f"Designed   with {task.flavour}, for robot {model.name}",
+        *([f"Note       never fires on this mission: {', '.join(dead)}"] if dead else []),
     ]
 
 
 def _design(result: Result, designer: Designer, record: Record, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
+    dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
     spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
     plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
@@ -90,7 +94,7 @@ def _design(result: Result, designer: Designer, record: Record, folder: Path) ->
         f"{'' if result.tests else '; measure it on fresh ones:'}",
         *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
         *test_lines(record, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
-        *(f"           {line}" for line in describe(pfsm)),
+        *(f"           {line}" for line in describe(pfsm, dead)),
         "",
         to_text(pfsm),
     ]
@@ -151,14 +155,20 @@ def _figures(scores: Scores) -> str:
     return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
 
 
-def describe(pfsm: Pfsm) -> list[str]:
-    """A PFSM in words, a line for each state and transition."""
+def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
+    """A PFSM in words, a line for each state and transition.
+
+    Args:
+        pfsm: To describe.
+        dead: State and number of the transitions that never fire.
+    """
     lines = []
     for i, state in enumerate(pfsm.states):
         lines.append(f"state {i}: {_called(state.behaviour, state.module.parameters, state.parameters)}")
-        for transition in state.transitions:
+        for j, transition in enumerate(state.transitions):
             condition = _called(transition.condition, transition.module.parameters, transition.parameters)
-            lines.append(f"  -> {transition.target} on {condition}")
+            never = ", which never fires on this mission" if (i, j) in dead else ""
+            lines.append(f"  -> {transition.target} on {condition}{never}")
     return lines
 
 

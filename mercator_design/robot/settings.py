@@ -1,13 +1,15 @@
 """What is particular to one robot: its ports, limits, colours, and where its sensors look. A YAML file, robot.yaml."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from mercator_design.colours import COLOURS, RGB, ColourName, Levels
+from mercator_design.colours import COLOURS, LABELS, RGB, ColourName, Levels
 from mercator_design.errors import FsmError, SettingsError, excerpt
+from mercator_design.fsm.perception import nearest_label
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.loading import FieldError, Length, Name, Range, parse, text_of
 from mercator_design.robot.ports import PortNames
@@ -24,7 +26,6 @@ CONTROL_PERIOD = 0.1
 _PERIOD = Annotated[float, Range(0.05, 0.12)]
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
 """As the robot model mercator has its proximity sensors."""
-_USUAL: tuple[ColourName, ...] = ("black", "gray", "white", "red", "green", "blue", "yellow")
 _NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 """Constants of reference models that remember, as the e-puck's does."""
 
@@ -88,7 +89,7 @@ class Settings:
         if unknown := [name for name in told if name not in COLOURS]:
             raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
         floor = tuple(name for name in COLOURS if name in told)
-        names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or _USUAL
+        names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or LABELS
         if not measured:
             return {name: COLOURS[name] for name in names}
         if lacking := [name for name in names if name not in measured]:
@@ -153,8 +154,9 @@ def control_period_of(header: Mapping[str, str]) -> float:
 
 
 def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
-    """The label whose colour is nearest to a measured one; the first of several (the Mercator paper, eqs. 1 and 2)."""
-    return min(labels, key=lambda name: math.dist(labels[name], found))
+    """The label whose colour is nearest to a measured one; the first of several."""
+    levels = tuple(itertools.chain.from_iterable(labels.values()))
+    return list(labels)[nearest_label(levels, *found)]
 
 
 def _told(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - what `kind` says

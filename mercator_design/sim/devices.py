@@ -150,7 +150,7 @@ def wheels(recording: Recording, _drive: Drive, cycles: Cycles) -> Floats:
 
 
 def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
-    """Red, green, blue of the ground, 0 to 255: the mean of several sensors, or what they voted for."""
+    """Red, green, blue of the ground, 0 to 255: the mean of several sensors, its label, or what they voted for."""
     return recording.recorded("readings")[cycles][..., _columns("ground_red", "ground_green", "ground_blue")]
 
 

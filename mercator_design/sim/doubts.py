@@ -3,31 +3,96 @@
 A user is told of them; nothing is refused, because what is left may be what is wanted.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from mercator_design.colours import RGB
+from mercator_design.colours import COLOURS, RGB, Colour
 from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.perception import gray_level, ground_by_vote
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.reference import Readings
 from mercator_design.missions.mission import Mission
+from mercator_design.sim.labels import as_labelled, simulated_labels
 from mercator_design.sim.robot_model import Neighbours, RobotModel
 
 
-def doubts(mission: Mission, model: RobotModel, flavour: str, modules: Iterable[tuple[str, Module]]) -> Iterator[str]:
+def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
     """A sentence for each doubt about robots on a mission.
 
     Args:
         mission: With the floor.
         model: Of the robots.
         flavour: Whose conditions there are.
-        modules: That the robots may run, each with its place in words.
+        pfsm: What the robots run; None: anything of the flavour.
     """
     yield from doubts_of_model(model)
-    for place, module in modules:
+    places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
+    for place, module in places:
         if module.colours and not model.sees_colours:
-            yield f"{place}: {module.name} never holds: robot {model.name} sees only how bright the ground is"
+            yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"
+    if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
+        named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
+        yield f"never fires on {mission.name}, whose robots see {_seen(mission, model)}: {named}"
+    yield from doubts_of_swarm(mission, model)
     yield from doubts_of_floor(mission, model, numbered(CONDITIONS, flavour).values())
+
+
+def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[str]:
+    """The conditions of a flavour that never fire on a mission, each with its labels if only some of them do not."""
+    dead = []
+    for condition in numbered(CONDITIONS, flavour).values():
+        if condition.colours:
+            labels = [
+                label
+                for number, label in enumerate(COLOUR_LABELS)
+                if _never_fires(mission, model, condition, (1.0, float(number)))
+            ]
+            if labels:
+                dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(COLOUR_LABELS) else ""))
+        elif _never_fires(mission, model, condition, (1.0, 1.0)):
+            dead.append(condition.name)
+    return dead
+
+
+def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tuple[int, int]]:
+    """State and number of each transition that never fires on a mission, as its floor does not look like that."""
+    return [
+        (i, j)
+        for i, state in enumerate(pfsm.states)
+        for j, transition in enumerate(state.transitions)
+        if _never_fires(mission, model, transition.module, transition.parameters)
+    ]
+
+
+def _never_fires(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
+    """Whether a condition on the ground has probability 0 whatever the robots read; False if that is not known."""
+    levels = _levels(mission, model)
+    if "ground" not in condition.reads or levels is None:
+        return False
+    return all(condition.function(model.reference_model, _readings(model, one), parameters) == 0.0 for one in levels)
+
+
+def _levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
+    """All that the ground may read; None if noise, a mean or votes may make anything of it."""
+    if labels := simulated_labels(mission.floor, model):
+        return [COLOURS[name] for name in labels]
+    device = model.ground
+    is_exact = device is not None and device.noise is None and len(device.positions) == 1
+    if not is_exact or model.reference_model.ground_vote_cycles > 0.0 or mission.floor.image is not None:
+        return None
+    return list(mission.floor.colours())
+
+
+def _seen(mission: Mission, model: RobotModel) -> str:
+    """The colours of the floor as the robots see them."""
+    named: Iterable[Colour] = simulated_labels(mission.floor, model) or mission.floor.colours().values()
+    return ", ".join(str(colour) if isinstance(colour, str) else str(list(colour)) for colour in named)
+
+
+def doubts_of_swarm(mission: Mission, model: RobotModel) -> Iterator[str]:
+    """Whether robots can have neighbours."""
+    if mission.robots == 1 and model.neighbours is not None:
+        yield f"{mission.name}: one robot has no neighbours: what its modules read of them is always nothing"
 
 
 def doubts_of_model(model: RobotModel) -> Iterator[str]:
@@ -44,10 +109,11 @@ def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Mo
     """Which colours of a floor (but for its image) are one to some conditions of a robot without noise."""
     if model.ground is None:
         return
+    labels = simulated_labels(mission.floor, model)
     readers = [condition for condition in conditions if "ground" in condition.reads]
     alike: dict[tuple[float, ...], list[str]] = {}
     for levels, written in mission.floor.colours().items():
-        readings = _readings(model, levels)
+        readings = _readings(model, as_labelled(labels, levels))
         holds = tuple(
             reader.function(model.reference_model, readings, (1.0, float(label)))
             for reader in readers

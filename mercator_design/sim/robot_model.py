@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from mercator_design import shipped
-from mercator_design.colours import STATE_COLOURS, Levels
+from mercator_design.colours import STATE_COLOURS, ColourName, Levels
 from mercator_design.errors import MissionError
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
@@ -174,6 +174,7 @@ class Ground:
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 16)]  # [m] forwards, leftwards of the centre
     gray: bool = False  # whether they see no colours, only how bright the floor is
+    labels: Literal["floor"] | tuple[ColourName, ...] | None = None  # colours a reading counts as; floor: the floor's
     noise: Noise = None  # on each channel, 0 to 255, which is then rounded; if gray, on the brightness, not rounded
 
 
@@ -325,6 +326,8 @@ class RobotModel:
                 raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
             if not isinstance(_value_at(self, key), float):
                 raise FieldError("vary", f"{key}: the robot model has no real number there that could vary")
+        if self.ground is not None and self.ground.labels is not None and not self.sees_colours:
+            raise FieldError("ground.labels", "expected null, as its ground sensors see no colours")
         if isinstance(self.neighbours, LidarNeighbours):
             if self.lidar is None:
                 raise FieldError("neighbours.device", "there is no lidar")

@@ -29,6 +29,7 @@ class Ground(NamedTuple):
 
     places: Floats  # (sensors, 2) in the robot's frame [m]
     gray: bool  # whether they see no colours
+    labels: Floats  # (3 * labels,) red, green, blue of each colour that readings count as; empty: as measured
     noise: Floats
 
 

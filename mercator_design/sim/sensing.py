@@ -7,7 +7,14 @@ from numpy.typing import NDArray
 
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
-from mercator_design.fsm.perception import gray_level, ground_by_vote, light_direction, perceive, proximity_weight
+from mercator_design.fsm.perception import (
+    gray_level,
+    ground_by_vote,
+    light_direction,
+    nearest_label,
+    perceive,
+    proximity_weight,
+)
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
@@ -193,8 +200,8 @@ def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
 
 @jittable
 def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
-    """Fill in the colour of the ground under robot i: the mean of its sensors, or what they vote for."""
-    sensors, ground = len(scene.ground.places), swarm.ground
+    """Fill in the colour of the ground under robot i: the mean of its sensors, its label, or what they vote for."""
+    sensors, ground, labels = len(scene.ground.places), swarm.ground, scene.ground.labels
     if sensors == 0:
         for channel in range(3):
             ground[channel] = 255.0
@@ -210,6 +217,10 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
         ground[0] += red / sensors
         ground[1] += green / sensors
         ground[2] += blue / sensors
+    if len(labels) > 0:
+        label = nearest_label(labels, ground[0], ground[1], ground[2])
+        for channel in range(3):
+            ground[channel] = labels[3 * label + channel]
     ages = swarm.votes.shape[1]
     if ages > 0:
         swarm.votes[i, cycle % ages, 0] = blacks

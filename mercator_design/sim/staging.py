@@ -11,6 +11,7 @@ from mercator_design.missions.arena import Box
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim import scene
+from mercator_design.sim.labels import level_row, simulated_labels
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
 from mercator_design.sim.robot_model import (
     DiscBody,
@@ -49,7 +50,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         torque=model.drive.torque,
         wheel_noise=noise_row(model.drive.noise),
         proximity=_proximity(model),
-        ground=_ground(model),
+        ground=_ground(mission, model),
         neighbours=_neighbours(mission, model),
         light=_light(mission, model),
         lidar=_lidar(mission, model),
@@ -103,11 +104,14 @@ def _proximity(model: RobotModel) -> scene.Proximity:
     )
 
 
-def _ground(model: RobotModel) -> scene.Ground:
+def _ground(mission: Mission, model: RobotModel) -> scene.Ground:
     device = model.ground
-    if device is None:
-        return scene.Ground(np.zeros((0, 2)), gray=False, noise=_QUIET)
-    return scene.Ground(np.array(device.positions), gray=device.gray, noise=noise_row(device.noise))
+    return scene.Ground(
+        places=np.array(device.positions if device else ()).reshape(-1, 2),
+        gray=device is not None and device.gray,
+        labels=level_row(simulated_labels(mission.floor, model)),
+        noise=noise_row(device.noise if device else None),
+    )
 
 
 def _neighbours(mission: Mission, model: RobotModel) -> scene.Neighbours:

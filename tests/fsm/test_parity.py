@@ -17,6 +17,7 @@ from mercator_design.fsm.perception import (
     gray_level,
     ground_by_vote,
     light_direction,
+    nearest_label,
     perceive,
     proximity_weight,
 )
@@ -25,6 +26,7 @@ from mercator_design.jit import compiled
 from mercator_design.sim.simulate import program_arrays
 from tests.fsm.strategies import DRAW, READINGS, pfsms, values
 
+LEVEL = st.floats(0.0, 255.0)
 # The simulated original's numbers (argos3-rvr, demiurge-rvr-dao), as far from the defaults as published variants get.
 ORIGINAL = ReferenceModel(
     proximity_near_weight=0.0,
@@ -157,6 +159,16 @@ def test_light_and_votes(model, readings, blacks, whites):
     assert compiled(ground_by_vote)(model, blacks, whites) == ground_by_vote(model, blacks, whites)
 
 
+@settings(max_examples=200)
+@given(st.lists(st.sampled_from([0.0, 127.0, 255.0, 93.5]), min_size=3, max_size=30), st.tuples(LEVEL, LEVEL, LEVEL))
+def test_labels(levels, measured):
+    labels = levels[: len(levels) // 3 * 3]
+    plain = nearest_label(labels, *measured)
+    assert compiled(nearest_label)(np.array(labels), *measured) == plain
+    distances = [math.dist(labels[k : k + 3], measured) for k in range(0, len(labels), 3)]
+    assert distances[plain] == pytest.approx(min(distances))
+
+
 @pytest.mark.parametrize(
     ("law", "distance", "weight"),
     [
@@ -211,6 +223,7 @@ KERNELS = [
     strength,
     gray_level,
     ground_level,
+    nearest_label,
     ground_by_vote,
     light_direction,
     lidar_neighbours,

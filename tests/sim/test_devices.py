@@ -9,7 +9,7 @@ import pytest
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
-from mercator_design.fsm.perception import ground_by_vote, light_direction, perceive
+from mercator_design.fsm.perception import ground_by_vote, light_direction, nearest_label, perceive
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, PARTS, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
@@ -380,11 +380,13 @@ def made(recording):
     """Readings (cycles, robots, fields), made by the robot's own functions of what its sensors measured."""
     model, scene = recording.robot_model.reference_model, recording.scene
     weights, places, lights = map(recording.measure, ("proximity_weights", "neighbour_places", "light_sensors"))
-    levels = recording.measure("ground_sensors")
+    levels, labels = recording.measure("ground_sensors"), scene.ground.labels.reshape(-1, 3)
     found = np.empty((*recording.history.states.shape, 10))
     for cycle, i in np.ndindex(recording.history.states.shape):
         near = places[cycle, i][~np.isnan(places[cycle, i, :, 0])]
         ground = levels[cycle, i].mean(axis=0)
+        if len(labels):
+            ground = labels[nearest_label(labels.ravel(), *ground)]
         if model.ground_vote_cycles:
             latest = levels[max(0, cycle - int(model.ground_vote_cycles) + 1) : cycle + 1, i, :, 0]
             blacks, whites = (latest < model.ground_vote_black).sum(), (latest > model.ground_vote_white).sum()

@@ -19,7 +19,7 @@ def painted(*colours, background="gray", dynamics="[]"):
     zones = ", ".join(
         f"{{name: z{k}, shape: disc, center: [0, 0], radius: 0.3, color: {colour}}}" for k, colour in enumerate(colours)
     )
-    return mission(floor=f"{{background: {background}, zones: [{zones}], dynamics: {dynamics}}}")
+    return mission(robots=2, floor=f"{{background: {background}, zones: [{zones}], dynamics: {dynamics}}}")
 
 
 def apart(model, *colours, **floor):
@@ -53,7 +53,9 @@ class TestColours:
 
     def test_readings_that_vote_have_no_colours(self):
         voting = MERCATOR.reference_model._replace(ground_vote_cycles=5.0, ground_majority=2.0)
-        assert apart(dataclasses.replace(MERCATOR, reference_model=voting), "red", "black") == ["gray, red"]
+        ground = dataclasses.replace(MERCATOR.ground, labels=None)
+        robot = dataclasses.replace(MERCATOR, reference_model=voting, ground=ground)
+        assert apart(robot, "red", "black") == ["gray, red"]
 
     def test_a_colour_written_in_two_ways_is_one(self):
         assert apart(EPUCK, "[127, 127, 127]", "black") == []
@@ -68,9 +70,9 @@ class TestColours:
         assert "gray, green, red" in text
 
     def test_flavours_have_their_own_conditions(self):
-        text = list(doubts(painted("red", "green"), MERCATOR, "chocolate", ()))
+        text = list(doubts(painted("red", "green"), MERCATOR, "chocolate"))
         assert text == ["mission: floor: no condition of robot mercator tells gray, green apart"]
-        assert list(doubts(painted("red", "green"), MERCATOR, "watermelon", ())) == []
+        assert list(doubts(painted("red", "green"), MERCATOR, "watermelon")) == []
 
     def test_a_robot_without_ground_sensors_is_not_asked(self):
         assert apart(dataclasses.replace(EPUCK, ground=None), "red") == []
@@ -78,11 +80,11 @@ class TestColours:
 
 class TestModules:
     def test_a_condition_on_colours_never_holds_without_them(self):
-        (text,) = doubts(painted("black"), EPUCK, "watermelon", SEEKER.modules)
+        (text,) = doubts(painted("black"), EPUCK, "watermelon", SEEKER)
         assert text == (
-            "state 0, transition 0: floor colour never holds: robot epuck sees only how bright the ground is"
+            "state 0, transition 0: floor colour never fires: robot epuck sees only how bright the ground is"
         )
-        assert list(doubts(painted("black"), MERCATOR, "watermelon", SEEKER.modules)) == []
+        assert list(doubts(painted("red"), MERCATOR, "watermelon", SEEKER)) == []
 
 
 class TestRanges:

@@ -462,7 +462,8 @@ def constants(draw, model):
         weakest_pull=draw.uniform(0.01, 0.5),
         light_threshold=draw.random(),
     )
-    return {"reference_model": changed}
+    votes = changed.ground_vote_cycles > 0.0
+    return {"reference_model": changed, "ground": replace(model.ground, labels=None) if votes else model.ground}
 
 
 def blind(_draw, model):
@@ -472,10 +473,11 @@ def blind(_draw, model):
 
 def ground(draw, model):
     positions = tuple(point(draw, 0.1) for _ in range(draw.integers(1, 5)))
-    return {
-        "ground": replace(model.ground, positions=positions, gray=bool(draw.integers(2)), noise=noise(draw, 20)),
-        "vary": None,
-    }
+    gray = bool(draw.integers(2))
+    without_colours = gray or model.reference_model.ground_vote_cycles > 0.0
+    labels = None if without_colours else one_of(draw, (None, "floor", ("black", "red")))
+    changed = replace(model.ground, positions=positions, gray=gray, labels=labels, noise=noise(draw, 20))
+    return {"ground": changed, "vary": None}
 
 
 def proximity(draw, model):

@@ -2,9 +2,9 @@
 
 A small part of R, read by a parser of our own and turned into closures, never into Python code. As in R, a
 missing value (NA, here None: the value of an inactive parameter) spreads through whatever uses it, `FALSE &
-NA` is FALSE and `TRUE | NA` is TRUE, and comparing text with a number compares text: `"1" == 1` is TRUE. Two
-choices of our own: the text of a number is what the command line shows (R makes "1e+05" of 100000), and text
-is ordered by code point, not by locale.
+NA` is FALSE and `TRUE | NA` is TRUE, and comparing text with a number compares text: `"1" == 1` is TRUE, and
+`"100000" == 100000` is FALSE, as R writes that number as 1e+05. One choice of our own: text is ordered by code
+point, not by locale.
 
     or         := and { ("|" | "||") and }                 operators by R's precedence, loosest first
     and        := not { ("&" | "&&") not }
@@ -12,10 +12,12 @@ is ordered by code point, not by locale.
     comparison := sum [ ("==" | "!=" | "<" | "<=" | ">" | ">=") sum ]
     sum        := product { ("+" | "-") product }
     product    := special { ("*" | "/") special }
-    special    := sign { ("%in%" | "%%" | "%/%") sign }
+    special    := range { ("%in%" | "%%" | "%/%") range }
+    range      := sign { ":" sign }
     sign       := ("-" | "+") sign | power
     power      := primary [ "^" sign ]
-    primary    := NUMBER | "text" | TRUE | FALSE | NA | name | function "(" or { "," or } ")" | "(" or ")"
+    primary    := NUMBER | "text" | TRUE | FALSE | NA | name | `name` | function "(" arguments ")" | "(" or ")"
+    arguments  := [ [ name "=" ] or { "," [ name "=" ] or } ]           functions: race/functions.py
 """
 
 import operator
@@ -26,11 +28,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple, NoReturn
 
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.functions import ARITHMETIC_FUNCTIONS, FUNCTIONS
 from mercator_design.race.operations import (
-    ARITHMETIC_FUNCTIONS,
     COMPARISONS,
     CONSTANTS,
-    FUNCTIONS,
     Closure,
     all_of,
     any_of,
@@ -44,16 +45,19 @@ from mercator_design.race.operations import (
     number,
     numeric,
     power,
+    span,
     strict,
+    value_text,
     whole_quotient,
 )
 
 _TOKEN = re.compile(
     r"""\s*(?:
-        (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?L?)
+        (?P<number>(?:0[xX][0-9A-Fa-f]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)L?)
       | (?P<name>[A-Za-z.][A-Za-z0-9._]*)
+      | (?P<quoted>`[^`\n]+`)
       | (?P<text>"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')
-      | (?P<operator>%in%|%%|%/%|==|!=|<=|>=|&&|\|\||[-+*/^<>!&|(),])
+      | (?P<operator>%in%|%%|%/%|==|!=|<=|>=|&&|\|\||[-+*/^<>!&|(),:=])
       | (?P<end>$)
     )""",
     re.VERBOSE | re.DOTALL,
@@ -79,12 +83,18 @@ class Expression:
         source, line, column: where the text stands, for error messages.
         arithmetic: only numbers and arithmetic, as in the bounds of a domain.
 
+    Attributes:
+        names: of the parameters that it depends on, in order of appearance.
+        doubled: places of `&&` and `||`, which irace refuses in conditions.
+        odd_numbers: numbers that a parameter is compared with, and that R writes otherwise: the name of the parameter,
+            and what to tell if its values are text.
+
     Raises:
         RaceError: the text does not follow the grammar; when called, an operand of the wrong type, too large a number,
             or too many operators in a row.
     """
 
-    __slots__ = ("_remembered", "arithmetic", "names", "text")
+    __slots__ = ("_remembered", "arithmetic", "doubled", "names", "odd_numbers", "text")
 
     def __init__(
         self, text: str, *, source: str = "", line: int = 1, column: int = 1, arithmetic: bool = False
@@ -94,6 +104,8 @@ class Expression:
         self.arithmetic = arithmetic
         closure = parser.parse()
         self.names: tuple[str, ...] = tuple(parser.names)
+        self.doubled: tuple[str, ...] = tuple(parser.doubled)
+        self.odd_numbers: tuple[tuple[str, str], ...] = tuple(parser.odd_numbers)
         self._remembered = lru_cache(_REMEMBERED)(lambda *values: closure(values))
 
     def __call__(self, configuration: Mapping[str, Any]) -> Any:  # noqa: ANN401 - number, text, bool, None
@@ -146,6 +158,8 @@ class _Parser:
 
     def __init__(self, text: str, source: str, line: int, column: int, *, arithmetic: bool) -> None:
         self.names: dict[str, None] = {}  # in order of appearance
+        self.doubled: list[str] = []
+        self.odd_numbers: list[tuple[str, str]] = []
         self._text = text
         self._place = (source, line, column)
         self._arithmetic = arithmetic
@@ -176,12 +190,14 @@ class _Parser:
         self._take()
 
     def _fail(self, expected: str, found: _Token) -> NoReturn:
+        raise RaceError(f"{self._where(found)}: expected {expected}, found {found}")
+
+    def _where(self, token: _Token) -> str:
         source, line, column = self._place
-        before = self._text[: found.position]
+        before = self._text[: token.position]
         line += before.count("\n")
-        column = found.position - before.rfind("\n") if "\n" in before else column + found.position
-        where = f"{source}:{line}" if source else f"line {line}"
-        raise RaceError(f"{where}, column {column}: expected {expected}, found {found}")
+        column = token.position - before.rfind("\n") if "\n" in before else column + token.position
+        return f"{source}:{line}, column {column}" if source else f"line {line}, column {column}"
 
     def _tokenise(self, text: str) -> list[_Token]:
         tokens, position = [], 0
@@ -214,6 +230,9 @@ class _Parser:
         """Take an operator that gives a truth value, which bounds may not have."""
         if self._arithmetic:
             self._fail("arithmetic", self._next)
+        if self._at("&&", "||"):
+            twice = self._next.text
+            self.doubled.append(f"{self._where(self._next)}: irace refuses '{twice}' here: write '{twice[0]}'")
         return self._take()
 
     def _within(self, part: Callable[[], Closure]) -> Closure:
@@ -245,11 +264,27 @@ class _Parser:
         return self._comparison()
 
     def _comparison(self) -> Closure:
+        start = self._index
         left = self._sum()
         if self._at(*COMPARISONS):
+            middle = self._index
             compare = COMPARISONS[self._logic().text]
-            return strict(lambda a, b: compare(*comparable(a, b)), left, self._sum())
+            right = self._sum()
+            self._note_odd_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
+            return strict(lambda a, b: compare(*comparable(a, b)), left, right)
         return left
+
+    def _note_odd_numbers(self, left: list[_Token], right: list[_Token]) -> None:
+        """Note the numbers that a parameter is compared with, if as text they are not what is written."""
+        for one, others in ((left, right), (right, left)):
+            if len(one) == 1 and one[0].kind in {"name", "quoted"}:
+                for token in others:
+                    if token.kind == "number" and not token.text.endswith("L"):
+                        text = value_text(float(number(token.text)))
+                        if text != token.text:
+                            what = f"R compares text with '{text}' where a condition has the number {token.text}"
+                            told = f"{self._where(token)}: {what}: put it in quotes"
+                            self.odd_numbers.append((one[0].text.strip("`"), told))
 
     def _sum(self) -> Closure:
         left = self._product()
@@ -266,14 +301,24 @@ class _Parser:
         return left
 
     def _special(self) -> Closure:
-        left = self._sign()
+        start = self._index
+        left = self._range()
         while self._at("%in%", "%%", "%/%"):
             if self._next.text == "%in%":
+                middle = self._index
                 self._logic()
-                left = member(left, self._sign())
+                left = member(left, self._range())
+                self._note_odd_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
             else:
                 operation = modulo if self._take().text == "%%" else whole_quotient
-                left = numeric(operation, left, self._sign())
+                left = numeric(operation, left, self._range())
+        return left
+
+    def _range(self) -> Closure:
+        left = self._sign()
+        while self._at(":"):
+            self._logic()
+            left = span(left, self._sign())
         return left
 
     def _sign(self) -> Closure:
@@ -296,33 +341,48 @@ class _Parser:
             inside = self._within(self._or)
             self._expect(")")
             return inside
-        if token.kind not in {"number", "text", "name"} or (token.kind == "text" and self._arithmetic):
+        if token.kind not in {"number", "text", "name", "quoted"} or (token.kind == "text" and self._arithmetic):
             self._fail("a number or a parameter" if self._arithmetic else "a value, a parameter or '('", token)
         self._take()
         if token.kind == "number":
-            return constant(number(token.text.rstrip("L")))
+            return constant(self._number(token))
         if token.kind == "text":
             return constant(_ESCAPE.sub(lambda match: self._unescaped(match, token), token.text[1:-1]))
-        if self._at("("):
+        if self._at("(") and token.kind == "name":
             return self._call(token)
         if token.text in CONSTANTS:
             return constant(CONSTANTS[token.text])
-        self.names.setdefault(token.text)
-        index = list(self.names).index(token.text)
+        name = token.text.strip("`")
+        self.names.setdefault(name)
+        index = list(self.names).index(name)
         return lambda values: values[index]
+
+    def _number(self, token: _Token) -> float:
+        """A number, which in R is no integer unless it has an L; a bound of integers has integers all the same."""
+        value = number(token.text.rstrip("L"))
+        return value if self._arithmetic or token.text.endswith("L") else float(value)
 
     def _call(self, function: _Token) -> Closure:
         known = ARITHMETIC_FUNCTIONS if self._arithmetic else FUNCTIONS
         if function.text not in known:
             self._fail(f"one of {', '.join(known)}", function)
         self._take()
-        arguments = [self._within(self._or)]
+        given = [] if self._at(")") else [self._argument()]
         while self._at(","):
             self._take()
-            arguments.append(self._within(self._or))
+            given.append(self._argument())
         self._expect(")")
-        fewest, most, build = known[function.text]
-        if not fewest <= len(arguments) <= most:
-            wanted = "1 argument" if most == 1 else f"{fewest} to {most} arguments"
-            self._fail(f"{wanted} of {function.text}", _Token("", f"{len(arguments)}", function.position))
-        return build(*arguments)
+        try:
+            operands, options = known[function.text].arguments(given)
+        except TypeError as error:
+            self._fail(f"{error} of {function.text}", _Token("", f"{len(given)}", function.position))
+        return known[function.text].make(*operands, **options)
+
+    def _argument(self) -> tuple[str, Closure]:
+        """An argument of a function, and its name if that is written."""
+        name = ""
+        following = self._tokens[min(self._index + 1, len(self._tokens) - 1)]
+        if self._next.kind == "name" and following.kind == "operator" and following.text == "=":
+            name = self._take().text
+            self._take()
+        return name, self._within(self._or)

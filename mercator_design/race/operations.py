@@ -1,24 +1,22 @@
-"""What the operators and functions of the expression language do: closures over the values of parameters.
+"""What the operators of the expression language do: closures over the values of parameters.
 
-As in R: NA, here None, spreads through an operation, but for `FALSE & NA`, `TRUE | NA`, `%in%` and `is.na`.
+As in R: NA, here None, spreads through an operation, except in `FALSE & NA`, `TRUE | NA`, `%in%` and `is.na`. An
+operation on vectors, here tuples, works member by member; a vector of one member is that member. A Python int is an
+integer of R, a float is a double.
 """
 
 import math
 import operator
+import re
 from collections.abc import Callable
 from decimal import Decimal
 from typing import Any
-
-import numpy as np
 
 Values = tuple[Any, ...]
 Closure = Callable[[Values], Any]
 
 
 CONSTANTS = {"TRUE": True, "FALSE": False, "NA": None, "NULL": None, "Inf": math.inf}
-_LOGICAL = dict.fromkeys(("TRUE", "true", "T", "True"), True)
-_LOGICAL |= dict.fromkeys(("FALSE", "false", "F", "False"), False)
-_LARGEST_WHOLE = 2**63 - 1
 COMPARISONS = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -27,6 +25,17 @@ COMPARISONS = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+MOST_MEMBERS = 100_000
+"""Of a vector."""
+_LARGEST_WHOLE = 2**63 - 1
+_SIGNIFICANT = 15
+"""Digits of a number as text."""
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+_NUMBER = re.compile(
+    r"[+-]?(?:(?P<hex>0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[+-]?[0-9]+)?)"
+    r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|inf|infinity|nan)",
+    re.IGNORECASE,
+)
 
 
 def is_true(value: Any) -> bool:  # noqa: ANN401 - whatever an expression may give
@@ -37,76 +46,183 @@ def is_true(value: Any) -> bool:  # noqa: ANN401 - whatever an expression may gi
 
 
 def number_text(value: float) -> str:
-    """A number as irace writes it on a command line: up to 15 significant digits, never with an exponent."""
-    text = str(value) if isinstance(value, int) else f"{value:.15g}"
+    """A number as irace writes it on a command line: up to 15 significant digits, no exponent, and no sign of zero."""
+    text = str(value) if isinstance(value, int) else f"{value + 0.0:.{_SIGNIFICANT}g}"
     return format(Decimal(text), "f") if "e" in text else text
+
+
+def value_text(value: Any) -> str:  # noqa: ANN401
+    """A value as R's as.character has it: 1e+05, not 100000, unless that is an integer."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return str(value).upper()
+    if isinstance(value, int):
+        return str(value)
+    if not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Inf" if value > 0 else "-Inf"
+    mantissa, _, exponent = f"{value + 0.0:.{_SIGNIFICANT - 1}e}".partition("e")
+    mantissa = mantissa.rstrip("0").rstrip(".")
+    scientific = f"{mantissa}e{exponent}"
+    fixed = format(Decimal(scientific), "f")
+    return fixed if len(fixed) <= len(scientific) else scientific
+
+
+def number(text: str) -> float:
+    """The number that a text is to R, decimal or hexadecimal.
+
+    Raises:
+        ValueError: It is none.
+    """
+    text = text.strip()
+    if _WHOLE.fullmatch(text):
+        try:
+            return _as_r_has_it(int(text))
+        except (ValueError, OverflowError):  # Python has a limit of its own
+            return float(text)
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise ValueError(text)
+    if match["hex"] is None:
+        return float(text)
+    return _hexadecimal(text)
+
+
+def _hexadecimal(text: str) -> float:
+    try:
+        value = float.fromhex(text)
+    except OverflowError:
+        return -math.inf if text.startswith("-") else math.inf
+    return int(value) if value.is_integer() and abs(value) <= _LARGEST_WHOLE else value
 
 
 def constant(value: Any) -> Closure:  # noqa: ANN401 - any literal
     return lambda _: value
 
 
+def vector(members: tuple[Any, ...]) -> Any:  # noqa: ANN401
+    """Members as a value."""
+    return members[0] if len(members) == 1 else members
+
+
+def members_of(value: Any) -> tuple[Any, ...]:  # noqa: ANN401
+    return value if isinstance(value, tuple) else (value,)
+
+
+def each(operation: Callable[..., Any], arguments: list[Any]) -> Any:  # noqa: ANN401
+    """An operation on values, member by member if some are vectors; the shorter ones are repeated."""
+    lengths = [len(a) for a in arguments if isinstance(a, tuple)]
+    if not lengths:
+        return operation(*arguments)
+    longest = 0 if 0 in lengths else max(lengths)
+    rows = [members_of(a) for a in arguments]
+    return tuple(operation(*(row[k % len(row)] for row in rows)) for k in range(longest))
+
+
 def strict(operation: Callable[..., Any], *operands: Closure) -> Closure:
     """An operation that is NA as soon as one operand is."""
 
-    def apply(values: Values) -> Any:  # noqa: ANN401
-        arguments = [operand(values) for operand in operands]
+    def one(*arguments: Any) -> Any:  # noqa: ANN401
         if any(a is None for a in arguments):
             return None
         result = operation(*arguments)
         return None if isinstance(result, float) and math.isnan(result) else result
 
-    return apply
+    return lambda values: each(one, [operand(values) for operand in operands])
 
 
 def numeric(operation: Callable[..., Any], *operands: Closure) -> Closure:
     """A strict operation on numbers."""
-    return strict(lambda *arguments: _as_r_has_it(operation(*map(_number_of, arguments))), *operands)
+    return strict(lambda *arguments: _as_r_has_it(operation(*map(number_of, arguments))), *operands)
 
 
 def any_of(*operands: Closure) -> Closure:
     """`a | b | ...`."""
-
-    def apply(values: Values) -> bool | None:
-        found = [_truth(operand(values)) for operand in operands]
-        return True if True in found else None if None in found else False
-
-    return apply
+    return lambda values: each(some, [operand(values) for operand in operands])
 
 
 def all_of(*operands: Closure) -> Closure:
     """`a & b & ...`."""
+    return lambda values: each(every, [operand(values) for operand in operands])
 
-    def apply(values: Values) -> bool | None:
-        found = [_truth(operand(values)) for operand in operands]
-        return False if False in found else None if None in found else True
 
-    return apply
+def some(*values: Any) -> bool | None:  # noqa: ANN401
+    """Whether one of them is true; NA if that depends on what is missing."""
+    found = [_truth(value) for value in values]
+    return True if True in found else None if None in found else False
+
+
+def every(*values: Any) -> bool | None:  # noqa: ANN401
+    """Whether all of them are true; NA if that depends on what is missing."""
+    found = [_truth(value) for value in values]
+    return False if False in found else None if None in found else True
 
 
 def member(left: Closure, right: Closure) -> Closure:
     """`x %in% c(...)`, which is never NA."""
 
-    def apply(values: Values) -> bool:
-        a, b = left(values), right(values)
-        members = b if isinstance(b, tuple) else (b,)
-        return any(a is m or (a is not None and m is not None and operator.eq(*comparable(a, m))) for m in members)
+    def apply(values: Values) -> Any:  # noqa: ANN401
+        members = members_of(right(values))
+        return each(lambda a: any(_matches(a, m) for m in members), [left(values)])
 
     return apply
 
 
+def _matches(a: Any, b: Any) -> bool:  # noqa: ANN401
+    if a is None or b is None:
+        return a is b
+    one, other = comparable(a, b)
+    return bool(one == other)
+
+
+def combine(*values: Any) -> Any:  # noqa: ANN401
+    """`c(...)`: one vector of all members, which become text if one of them is, else numbers if one of them is."""
+    members = tuple(m for value in values for m in members_of(value))
+    if any(isinstance(m, str) for m in members):
+        members = tuple(m if m is None else value_text(m) for m in members)
+    elif any(isinstance(m, float) for m in members):
+        members = tuple(m if m is None else float(m) for m in members)
+    elif any(isinstance(m, int) and not isinstance(m, bool) for m in members):
+        members = tuple(m if m is None else int(m) for m in members)
+    return vector(members)
+
+
+def span(low: Closure, high: Closure) -> Closure:
+    """`low:high`."""
+
+    def apply(values: Values) -> Any:  # noqa: ANN401
+        return between(low(values), high(values))
+
+    return apply
+
+
+def between(low: Any, high: Any) -> Any:  # noqa: ANN401
+    """The numbers from one to another in steps of 1, up or down; integers if the first is whole."""
+    first, last = (_end(end) for end in (low, high))
+    n = int(abs(last - first) + 1e-10) + 1
+    check_length(n)
+    step = 1 if first <= last else -1
+    start = int(first) if first.is_integer() else first
+    return vector(tuple(start + k * step for k in range(n)))
+
+
+def _end(value: Any) -> float:  # noqa: ANN401
+    first = members_of(value)[0] if value != () else None
+    if first is None or isinstance(first, str) or not math.isfinite(first):
+        raise TypeError(f"expected a number on each side of ':', found {value!r}")
+    return float(first)
+
+
+def check_length(n: float) -> None:
+    if n > MOST_MEMBERS:
+        raise TypeError(f"expected at most {MOST_MEMBERS} members of a vector, found {n:.0f}")
+
+
 def comparable(a: Any, b: Any) -> tuple[Any, Any]:  # noqa: ANN401
-    if isinstance(a, tuple) or isinstance(b, tuple):
-        raise TypeError("expected single values, found c(...)")
+    """Two values as they are compared: as text if one of them is text."""
     if isinstance(a, str) or isinstance(b, str):
-        return _text_of(a), _text_of(b)
+        return value_text(a), value_text(b)
     return a, b
-
-
-def _text_of(value: Any) -> str:  # noqa: ANN401
-    if isinstance(value, str):
-        return value
-    return str(value).upper() if isinstance(value, bool) else number_text(value)
 
 
 def _truth(value: Any) -> bool | None:  # noqa: ANN401
@@ -114,40 +230,13 @@ def _truth(value: Any) -> bool | None:  # noqa: ANN401
 
 
 def logical(value: Any) -> bool:  # noqa: ANN401
-    return bool(_number_of(value, "TRUE or FALSE"))
+    return bool(number_of(value, "TRUE or FALSE"))
 
 
-def _number_of(value: Any, expected: str = "a number") -> float:  # noqa: ANN401
+def number_of(value: Any, expected: str = "a number") -> float:  # noqa: ANN401
     if isinstance(value, (str, tuple)):
         raise TypeError(f"expected {expected}, found {value!r}")
     return value  # type: ignore[no-any-return]  # an int stays an int
-
-
-def _as_logical(value: Any) -> bool | None:  # noqa: ANN401
-    return _LOGICAL.get(value) if isinstance(value, str) else logical(value)
-
-
-def _as_number(value: Any) -> float | None:  # noqa: ANN401
-    if not isinstance(value, str):
-        return _number_of(value) + 0
-    try:
-        return number(value)
-    except ValueError:
-        return None
-
-
-def number(text: str) -> float:
-    """The number that a text is.
-
-    Raises:
-        ValueError: It is none.
-    """
-    if "_" in text:  # which Python takes, and nobody else
-        raise ValueError(text)
-    try:
-        return _as_r_has_it(int(text))
-    except (ValueError, OverflowError):
-        return float(text)
 
 
 def _as_r_has_it(value: float) -> float:
@@ -166,7 +255,8 @@ def modulo(a: float, b: float) -> float:
 
 
 def whole_quotient(a: float, b: float) -> float:
-    return _whole(math.floor)(divide(a, b))
+    quotient = divide(a, b)
+    return math.floor(quotient) if math.isfinite(quotient) else quotient
 
 
 def power(a: float, b: float) -> float:
@@ -176,45 +266,3 @@ def power(a: float, b: float) -> float:
         return math.nan if a else math.inf
     except OverflowError:
         return -math.inf if a < 0 and b % 2 else math.inf
-
-
-def _log(a: float, base: float = math.e) -> float:
-    with np.errstate(all="ignore"):
-        return float(np.log(a) / np.log(base))
-
-
-def _whole(operation: Callable[[float], float]) -> Callable[[float], float]:
-    return lambda a: operation(a) if math.isfinite(a) else a
-
-
-def _is_missing(operand: Closure) -> Closure:
-    return lambda values: operand(values) is None
-
-
-def _list(*operands: Closure) -> Closure:
-    return lambda values: tuple(operand(values) for operand in operands)
-
-
-def _on_numbers(operation: Callable[..., Any]) -> Callable[..., Closure]:
-    return lambda *operands: numeric(operation, *operands)
-
-
-Functions = dict[str, tuple[int, int, Callable[..., Closure]]]
-
-ARITHMETIC_FUNCTIONS: Functions = {
-    # name: fewest and most arguments, closure of the arguments' closures
-    "min": (1, 99, _on_numbers(lambda *a: min(a))),
-    "max": (1, 99, _on_numbers(lambda *a: max(a))),
-    "round": (1, 2, _on_numbers(lambda a, digits=0: round(a, int(digits)) if math.isfinite(a) else a)),
-    "floor": (1, 1, _on_numbers(_whole(math.floor))),
-    "ceiling": (1, 1, _on_numbers(_whole(math.ceil))),
-    "trunc": (1, 1, _on_numbers(_whole(math.trunc))),
-}
-FUNCTIONS: Functions = {
-    **ARITHMETIC_FUNCTIONS,
-    "c": (1, 999, _list),
-    "is.na": (1, 1, _is_missing),
-    "as.numeric": (1, 1, lambda operand: strict(_as_number, operand)),
-    "as.logical": (1, 1, lambda operand: strict(_as_logical, operand)),
-    "log": (1, 2, _on_numbers(_log)),
-}

@@ -26,9 +26,10 @@ class RaceOptions:
         each_test: Blocks between tests.
         block_size: Instances that make a block: they are raced on together and in their order. With 1, the default, all
             that counts blocks counts instances.
-        mu: Instances to plan the number of configurations with, a multiple of block_size; raised to first_test's.
+        mu: Instances to plan the number of configurations with, a multiple of block_size; raised to first_test's, so
+            that 0 is those.
         elitist: Elites keep their results, and are protected until newcomers have caught up.
-        elitist_new_instances: New blocks that a later elitist race begins with, a multiple of each_test.
+        elitist_new_instances: New blocks that a later elitist race begins with.
         elitist_limit: Tests without elimination that end an elitist race; 0 for no limit.
         iterations: How many to make instead of irace's number (nbIterations).
         survivors: How many configurations end a race instead of irace's number (minNbSurvival).
@@ -87,14 +88,14 @@ class RaceOptions:
         _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
         multiple = f"a multiple of each_test ({self.each_test})"
         even = self.first_test % self.each_test == 0
-        _require("first_test", self.first_test, f"2 or more and {multiple}", valid=self.first_test >= 2 and even)
+        _require("first_test", self.first_test, f"1 or more and {multiple}", valid=self.first_test >= 1 and even)
         _require("block_size", self.block_size, "1 or more", valid=self.block_size >= 1)
         even = self.mu % self.block_size == 0
-        expected = f"1 or more and a multiple of block_size ({self.block_size})"
-        _require("mu", self.mu, expected, valid=self.mu >= 1 and (even or self.mu < self._instances_of_first_test))
-        even = self.elitist_new_instances % self.each_test == 0
-        valid = self.elitist_new_instances >= 0 and even
-        _require("elitist_new_instances", self.elitist_new_instances, f"0 or {multiple}", valid=valid)
+        expected = f"0 or more and a multiple of block_size ({self.block_size})"
+        _require("mu", self.mu, expected, valid=self.mu >= 0 and (even or self.mu < self._instances_of_first_test))
+        _require(
+            "elitist_new_instances", self.elitist_new_instances, "0 or more", valid=self.elitist_new_instances >= 0
+        )
         _require("elitist_limit", self.elitist_limit, "0 or more", valid=self.elitist_limit >= 0)
         for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
             count = getattr(self, name)

@@ -116,13 +116,17 @@ class Parameter:
         low, high = bounds
         if self.kind == "real":
             value = math.exp(_between(u, math.log(low), math.log(high))) if self.log else _between(u, low, high)
-            return min(max(round(value, self.digits), low), high)
+            return min(max(self.rounded(value), low), high)
         if self.log:
             value = min(max(math.exp(_between(u, math.log(low), math.log(high + 1))), low), high + 1)
         else:
             value = _between(u, low, high + 1)
         whole = int(min(high, math.floor(value)))
         return whole if self.kind == "integer" else self.values[whole - 1]
+
+    def rounded(self, value: float) -> float:
+        """A real value as it is used: with `digits` decimal places, and 0 for what rounds to zero from below."""
+        return round(value, self.digits) + 0.0
 
     def position(self, value: Value, bounds: Bounds) -> float:
         """Where a value lies in the unit interval: undoes `quantile`, in the middle of an integer's share."""

@@ -4,8 +4,8 @@
     parameter := NAME "switch" type "(" domain ")" [ "|" condition ]
     type      := c | o | i | r | i,log | r,log        categorical, ordered, integer, real
 
-"#" starts a comment anywhere, even within quotes. Values and bounds may be quoted. `digits` holds for all
-real parameters.
+"#" starts a comment anywhere, even within quotes. Values and bounds may be in double quotes; single quotes are part of
+a value, as in irace. `digits` holds for all real parameters. What irace would refuse is read and noted.
 """
 
 import re
@@ -21,7 +21,6 @@ _NAME = re.compile(r"[._A-Za-z0-9]+")
 _SWITCH = re.compile(r"""(?P<quote>["'])(?P<text>.*?)(?P=quote)""")
 _TYPE = re.compile(r"(?P<kind>[coir])(?P<log>,log)?(?=[\s(]|$)")
 _DIGITS = re.compile(r"digits\s*=\s*(?P<digits>\d+)$")
-_QUOTES = {'"', "'"}
 
 
 def read_space(text: str, source: str) -> Space:
@@ -48,8 +47,10 @@ def read_space(text: str, source: str) -> Space:
     parameters = [line.parameter(digits) for line in sections[""]]
     _check_uses(sections[""], parameters)
     forbidden = [line.expression() for line in sections["[forbidden]"]]
+    notes = [note for line in sections[""] for note in line.notes]
+    notes += _notes_on([p.condition for p in parameters if p.condition is not None] + forbidden, parameters)
     try:
-        return Space(parameters, forbidden=forbidden)
+        return Space(parameters, forbidden=forbidden, notes=notes)
     except RaceError as error:
         raise RaceError(f"{source}: {error}") from None
 
@@ -64,20 +65,31 @@ def _check_uses(lines: "list[_Line]", parameters: list[Parameter]) -> None:
         seen[parameter.name] = line.number
 
 
+def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> list[str]:
+    """What irace refuses in expressions, and numbers that are not what they seem when text is compared with them."""
+    of_text = {parameter.name for parameter in parameters if not parameter.is_numeric}
+    notes = [note for expression in expressions for note in expression.doubled]
+    return notes + [told for expression in expressions for name, told in expression.odd_numbers if name in of_text]
+
+
 class _Line:
-    """One line and how far it has been read."""
+    """One line, how far it has been read, and what irace would refuse of it."""
 
     def __init__(self, text: str, source: str, number: int) -> None:
         self.text = text
         self.source = source
         self.number = number
         self.position = 0
+        self.notes: list[str] = []
 
     def fail(self, expected: str, found: str | None = None) -> NoReturn:
         rest = self.text[self.position :].strip()
         found = found or (f"'{rest}'" if rest else "the end of the line")
-        column = self.position + len(self.text[self.position :]) - len(self.text[self.position :].lstrip()) + 1
-        raise RaceError(f"{self.source}:{self.number}, column {column}: expected {expected}, found {found}")
+        raise RaceError(f"{self._place()}: expected {expected}, found {found}")
+
+    def _place(self) -> str:
+        rest = self.text[self.position :]
+        return f"{self.source}:{self.number}, column {self.position + len(rest) - len(rest.lstrip()) + 1}"
 
     def digits(self) -> int:
         match = _DIGITS.match(self.text.strip())
@@ -92,8 +104,13 @@ class _Line:
 
     def parameter(self, digits: int) -> Parameter:
         name = self._take(_NAME, "the name of a parameter").group()
+        self._expect_blank("name")
+        if self.text[self.position :].lstrip().startswith("'"):
+            self.notes.append(f"{self._place()}: irace expects the switch in double quotes")
         switch = self._take(_SWITCH, 'a switch in quotes such as "--name "')["text"]
+        self._expect_blank("switch")
         kind = self._take(_TYPE, "a type: c, o, i, r, i,log or r,log")
+        self._expect_blank("type")
         words = self._domain()
         condition = self._condition()
         try:
@@ -126,6 +143,11 @@ class _Line:
                 raise
             raise RaceError(f"{self.source}:{self.number}: {message}") from None
 
+    def _expect_blank(self, what: str) -> None:
+        following = self.text[self.position : self.position + 1]
+        if following and not following.isspace():
+            self.notes.append(f"{self._place()}: irace expects a blank after the {what}")
+
     def _skip_blanks(self) -> None:
         while self.text[self.position : self.position + 1].isspace():
             self.position += 1
@@ -146,8 +168,9 @@ class _Line:
         words, depth, quote, start = [], 0, "", self.position + 1
         for position in range(self.position, len(self.text)):
             character = self.text[position]
-            if quote or character in _QUOTES:
-                quote = "" if character == quote else quote or character
+            if character == '"':
+                quote = "" if quote else character
+            if quote or character == '"':
                 continue
             depth += (character == "(") - (character == ")")
             if depth == 0 or (character == "," and depth == 1):
@@ -165,8 +188,11 @@ class _Line:
         if not word:
             self.position = start
             self.fail("a value")
-        if word[0] in _QUOTES and word[-1] == word[0] and len(word) > 1:
+        if word[0] == word[-1] == '"' and len(word) > 1:
             return word[1:-1], start + 1
+        if word[0] == word[-1] == "'" and len(word) > 1:
+            same = f"for a part of the value {word}, and so does this"
+            self.notes.append(f"{self.source}:{self.number}: irace takes single quotes {same}: use double quotes")
         return word, start
 
     def _bound(self, word: str, position: int) -> float | Expression:

@@ -1,18 +1,15 @@
-"""irace's scenario.txt: what its options are, which of them are obeyed, and what they come to.
+"""irace's scenario.txt: what its options (race/scenario_options.py) come to.
 
-All options of irace 4.4 are known by their names. One that cannot be obeyed is refused unless it has its default, and
-the message says what to do instead. Relative paths are relative to the scenario's file, those of the command line to
+Relative paths are relative to the scenario's file, those of the command line to
 the present folder.
 """
 
-import difflib
 import math
 import os
-import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import Unreadable, read_small
@@ -20,113 +17,13 @@ from mercator_design.race.configurations_text import read_configurations, read_l
 from mercator_design.race.operations import number, number_text
 from mercator_design.race.options import RaceOptions
 from mercator_design.race.parameter import Configuration
+from mercator_design.race.scenario_options import EXPECTED, MOST, OPTIONS, TESTS, in_names_of_irace, unknown
 from mercator_design.race.scenario_text import Assignment, Setting, read_assignments
 from mercator_design.race.space import Space
-from mercator_design.race.target import CMDLINE, REQUIRED, Target
+from mercator_design.race.target import REQUIRED, Target
 
 _LARGEST = 16 * 1024 * 1024  # bytes
-_MOST = 2**31 - 1
-"""Of an integer of R."""
 _MOST_JOBS = 256
-_IS_R = "R cannot be run here"
-_NO_CAPPING = "capping is not done here: leave it out, or run irace itself"
-_ONE_RUNNER = "use targetRunner, a program, and parallel, which runs that many at a time"
-
-Kind = Literal["flag", "count", "part", "text", "path", "object"]
-
-
-class _Option(NamedTuple):
-    kind: Kind
-    default: Setting = None
-    refused: str = ""  # why and what to do instead, if only the default can be obeyed
-    ignored: str = ""  # why it makes no difference
-    ours: str = ""  # the name in `RaceOptions`
-
-
-_OPTIONS: Mapping[str, _Option] = {
-    "scenarioFile": _Option("path", "scenario.txt", refused="give the scenario's file to mdesign tune"),
-    "execDir": _Option("path", "."),
-    "parameterFile": _Option("path", "parameters.txt"),
-    "parameters": _Option("object", refused=f"{_IS_R}: write the parameters to a file, and name it as parameterFile"),
-    "initConfigurations": _Option(
-        "object", refused=f"{_IS_R}: write them to a file, and name it as configurationsFile"
-    ),
-    "configurationsFile": _Option("path"),
-    "logFile": _Option("path", "irace.Rdata", ignored="what happens is in journal.jsonl, in the folder of the results"),
-    "recoveryFile": _Option("path", refused="a race goes on with mdesign tune --resume DIRECTORY"),
-    "instances": _Option("object"),
-    "trainInstancesDir": _Option("path"),
-    "trainInstancesFile": _Option("path"),
-    "sampleInstances": _Option("flag", True, ours="sample_instances"),
-    "testInstancesDir": _Option("path"),
-    "testInstancesFile": _Option("path"),
-    "testInstances": _Option("object"),
-    "testNbElites": _Option("count", 1),
-    "testIterationElites": _Option("flag", False),
-    "testType": _Option("text", ""),
-    "firstTest": _Option("count", 5, ours="first_test"),
-    "blockSize": _Option("count", 1, ours="block_size"),
-    "eachTest": _Option("count", 1, ours="each_test"),
-    "targetRunner": _Option("path", "target-runner"),
-    "targetRunnerLauncher": _Option("path"),
-    "targetCmdline": _Option("text", CMDLINE),
-    "targetRunnerRetries": _Option("count", 0),
-    "targetRunnerTimeout": _Option("count", 0),
-    "targetRunnerData": _Option("object", refused=f"{_IS_R}: let targetRunner read a file"),
-    "targetRunnerParallel": _Option("object", refused=f"{_IS_R}: {_ONE_RUNNER}"),
-    "targetEvaluator": _Option("path"),
-    "deterministic": _Option("flag", False),
-    "maxExperiments": _Option("count", 0),
-    "minExperiments": _Option("count"),
-    "maxTime": _Option("count", 0, refused="a budget counts experiments: use maxExperiments"),
-    "budgetEstimation": _Option("part", 0.05, ignored="it is about maxTime"),
-    "minMeasurableTime": _Option("part", 0.01, ignored="it is about maxTime"),
-    "parallel": _Option("count", 0),
-    "loadBalancing": _Option("flag", True, ignored="a worker who is idle takes what comes next"),
-    "mpi": _Option("flag", False, refused=_ONE_RUNNER),
-    "batchmode": _Option("text", "0", refused="let targetRunner wait for its job (as sbatch --wait does)"),
-    "quiet": _Option("flag", False, ignored="progress is shown on a terminal only"),
-    "debugLevel": _Option("count", 0, ignored="the journal has all that happens"),
-    "seed": _Option("count"),
-    "softRestart": _Option("flag", True, ours="soft_restart"),
-    "softRestartThreshold": _Option("part", 1e-4, ours="soft_restart_threshold"),
-    "elitist": _Option("flag", True, ours="elitist"),
-    "elitistNewInstances": _Option("count", 1, ours="elitist_new_instances"),
-    "elitistLimit": _Option("count", 2, ours="elitist_limit"),
-    "repairConfiguration": _Option("object", refused=f"{_IS_R}: say in parameterFile what is [forbidden]"),
-    "iterationCallback": _Option("object", refused=f"{_IS_R}: the journal can be read while the race goes on"),
-    "capping": _Option("flag", False, refused=_NO_CAPPING),
-    "cappingAfterFirstTest": _Option("flag", False, refused=_NO_CAPPING),
-    "cappingType": _Option("text", "median", refused=_NO_CAPPING),
-    "boundType": _Option("text", "candidate", refused=_NO_CAPPING),
-    "boundMax": _Option("count", 0, refused=_NO_CAPPING),
-    "boundDigits": _Option("count", 0, refused=_NO_CAPPING),
-    "boundPar": _Option("count", 1, refused=_NO_CAPPING),
-    "boundAsTimeout": _Option("flag", True, refused=_NO_CAPPING),
-    "postselection": _Option("flag", True, ours="postselection"),
-    "aclib": _Option("flag", False, refused="let targetRunner be a program that prints the cost alone"),
-    "nbIterations": _Option("count", 0, ours="iterations"),
-    "nbExperimentsPerIteration": _Option("count", 0, ours="experiments_per_iteration"),
-    "minNbSurvival": _Option("count", 0, ours="survivors"),
-    "nbConfigurations": _Option("count", 0, ours="n_configurations"),
-    "mu": _Option("count", 5, ours="mu"),
-    "confidence": _Option("part", 0.95, ours="confidence"),
-}
-_OF_OLD = {
-    "digits": "since irace 4 it is in parameterFile: [global], and below it digits = N",
-    "forbiddenFile": "since irace 4 they are in parameterFile, below [forbidden]",
-    "forbiddenExps": "since irace 4 they are in parameterFile, below [forbidden]",
-    "dependencyFile": "a bound in parameterFile may depend on other parameters",
-}
-_TESTS: Mapping[str, str] = {"": "friedman", "f-test": "friedman"}
-_EXPECTED: Mapping[Kind, str] = {
-    "flag": "0 or 1",
-    "count": f"a whole number, 0 to {_MOST}",
-    "part": "a number from 0 to 1",
-    "text": "text in quotes",
-    "path": "a path in quotes",
-    "object": "texts, as c(...)",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,11 +90,11 @@ class _Reader:
         self.found: dict[str, Assignment] = {}
         self.notes: list[str] = []
         for one in assigned:
-            if one.name not in _OPTIONS:
-                raise RaceError(f"{one.place}: {_unknown(one.name)}")
+            if one.name not in OPTIONS:
+                raise RaceError(f"{one.place}: {unknown(one.name)}")
             self.found[one.name] = one
         for one in self.found.values():
-            option = _OPTIONS[one.name]
+            option = OPTIONS[one.name]
             if self.value(one.name) == self.read(one.name, option.default):
                 continue
             if option.refused:
@@ -212,6 +109,7 @@ class _Reader:
         parameters = self.file("parameterFile")
         text = _text(parameters, "parameterFile", self.place("parameterFile"))
         space = Space.from_text(text, str(parameters))
+        self.notes += space.notes
         instances = self.instances("instances", "trainInstances")
         if not instances:
             raise RaceError(
@@ -247,7 +145,7 @@ class _Reader:
             budget=self.budget(space, options),
             seed=1 if self.value("seed") is None else self.count("seed"),
             options=options,
-            settings={one: self.value(one) for one in self.found if not _OPTIONS[one].ignored},
+            settings={one: self.value(one) for one in self.found if not OPTIONS[one].ignored},
             notes=tuple(self.notes),
         )
 
@@ -257,11 +155,11 @@ class _Reader:
     def value(self, name: str) -> Setting:
         """What an option is set to, or else its default; absolute, if it is a path."""
         if name not in self.found:
-            return self.read(name, _OPTIONS[name].default)
+            return self.read(name, OPTIONS[name].default)
         return self.read(name, self.found[name].value)
 
     def read(self, name: str, given: Setting) -> Setting:
-        option = _OPTIONS[name]
+        option = OPTIONS[name]
         if option.kind == "object":
             return None if given in ("", ()) else given
         value = given[0] if isinstance(given, tuple) and len(given) == 1 else given
@@ -274,11 +172,11 @@ class _Reader:
         figure = _figure(value)
         valid = isinstance(value, str)
         if option.kind in {"flag", "count", "part"}:
-            most = _MOST if option.kind == "count" else 1
+            most = MOST if option.kind == "count" else 1
             valid = figure is not None and 0 <= figure <= most and (option.kind == "part" or figure == int(figure))
         if not valid:
             raise RaceError(
-                f"{self.place(name)}: {name}: expected {_EXPECTED[option.kind]}, found {excerpt(repr(given))}"
+                f"{self.place(name)}: {name}: expected {EXPECTED[option.kind]}, found {excerpt(repr(given))}"
             )
         match option.kind:
             case "path":
@@ -302,14 +200,18 @@ class _Reader:
         """The race's: only what the file sets is other than in the base."""
         changes: dict[str, object] = {}
         for name in self.found:
-            option, value = _OPTIONS[name], self.value(name)
+            option, value = OPTIONS[name], self.value(name)
             if option.ours:
                 changes[option.ours] = None if value == option.default == 0 else value
         if self.value("deterministic"):
             changes["instances"] = n_instances
+        if "eachTest" in self.found and "firstTest" not in self.found and (each := self.count("eachTest")):
+            changes["first_test"] = first = math.ceil(base.first_test / each) * each
+            if first != base.first_test:
+                self.notes.append(f"{self.place('eachTest')}: eachTest: firstTest is {first}, a multiple of it")
         if "testType" in self.found:
             test = str(self.value("testType")).lower()
-            changes["test"] = _TESTS.get(test, test)
+            changes["test"] = TESTS.get(test, test)
         try:
             return replace(base, **changes)  # type: ignore[arg-type]
         except RaceError as error:
@@ -368,7 +270,7 @@ class _Reader:
         if isinstance(given, str):
             return given
         if isinstance(given, bool) or not isinstance(given, (int, float)):
-            raise RaceError(f"{self.place(name)}: {name}: expected {_EXPECTED['object']}, found {excerpt(repr(given))}")
+            raise RaceError(f"{self.place(name)}: {name}: expected {EXPECTED['object']}, found {excerpt(repr(given))}")
         return number_text(given)
 
     def target(self) -> Target:
@@ -398,34 +300,27 @@ class _Reader:
             retries=self.count("targetRunnerRetries"),
         )
 
+    def on_path(self, name: str) -> Path | None:
+        """The command that a program's name is, as a shell finds it: a launcher's first of all, as irace does."""
+        given = self.found[name].value if name in self.found else None
+        if not isinstance(given, str) or "/" in given or given.startswith((".", "~")):
+            return None
+        if name != "targetRunnerLauncher" and self.file(name).exists():
+            return None
+        found = shutil.which(given)
+        return None if found is None else Path(found).absolute()
+
     def program(self, name: str) -> Path | None:
         """A program that may be run, if there is to be one."""
         if self.value(name) is None:
             return None
-        file = _existing(self.file(name), name, self.place(name))
+        file = self.on_path(name) or _existing(self.file(name), name, self.place(name))
         if not os.access(file, os.X_OK):
             raise RaceError(
                 f"{self.place(name)}: {name}: expected a program that may be executed, found that {file} may not "
                 f"(chmod +x makes it so)"
             )
         return file
-
-
-def in_names_of_irace(error: RaceError) -> str:
-    """What is wrong with an option of the race, for who knows it by irace's name."""
-    message = str(error)
-    if not message.startswith("race option "):
-        return message
-    names = {option.ours: name for name, option in _OPTIONS.items() if option.ours}
-    names |= {"test": "testType", "instances": "deterministic"}
-    name, _, rest = message.removeprefix("race option ").partition(":")
-    return f"{names.get(name, name)}:" + re.sub(r"\w+_\w+", lambda word: names.get(word[0], word[0]), rest)
-
-
-def of_races(settings: Mapping[str, Setting]) -> list[str]:
-    """Which settings are about races, and say nothing to another method."""
-    of_races = {name for name, option in _OPTIONS.items() if option.ours} | {"testType", "deterministic"}
-    return [name for name in settings if name in of_races - {"sampleInstances"}]
 
 
 def _figure(value: Setting) -> float | None:
@@ -464,12 +359,3 @@ def _text(file: Path, name: str = "", place: str = "") -> str:
         raise RaceError(
             f"{where}{file}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}"
         ) from None
-
-
-def _unknown(name: str) -> str:
-    if name in _OF_OLD:
-        return f"{name} is no option of irace 4: {_OF_OLD[name]}"
-    lower = {option.lower(): option for option in _OPTIONS}
-    close = difflib.get_close_matches(name.lower(), lower, n=1)
-    hint = f"; did you mean {lower[close[0]]}?" if close else "; begin the name of a variable of your own with a dot"
-    return f"expected an option of irace, found {excerpt(name)}{hint}"

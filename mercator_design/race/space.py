@@ -41,6 +41,7 @@ class Space:
         n_variable: how many those are (irace's nbVariable); conditional ones count.
         forbidden: expressions no configuration may satisfy.
         structure: what configurations mean beyond the values of their parameters, if anything is known of it.
+        notes: what a user should know of the text that it was read from.
 
     Raises:
         RaceError: a name is used twice, unknown or circular; a bound depends on a parameter that is not
@@ -53,8 +54,10 @@ class Space:
         *,
         forbidden: Iterable[Expression | str] = (),
         structure: Structure | None = None,
+        notes: Iterable[str] = (),
     ) -> None:
         self.structure = structure
+        self.notes = tuple(notes)
         self.parameters = tuple(parameters)
         self.forbidden = tuple(Expression(f) if isinstance(f, str) else f for f in forbidden)
         self._by_name = {p.name: p for p in self.parameters}

@@ -52,7 +52,11 @@ class Concordance(NamedTuple):
 
 
 def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
-    """Test a table of at least two instances and two configurations."""
+    """Test a table of at least one instance and two configurations.
+
+    On one instance, as in irace: Friedman's test eliminates none, the t-test all but the best and its equals; of two
+    configurations the worse one is eliminated.
+    """
     return _TESTS[test](costs, 1.0 - confidence)
 
 
@@ -222,8 +226,11 @@ def _t_test(costs: Floats, alpha: float, *, adjust: Callable[[Floats], Floats]) 
     gaps = means - means[best]
     if abs(means[best]) > _SAME_MEANS:
         gaps = gaps / abs(means[best])
-    variances = costs.var(axis=0, ddof=1)
     differences = costs[:, [best]] - costs
+    if n == 1:  # who is not the best is worse on every row
+        p_values = adjust(np.where(gaps <= _SAME_MEANS, 1.0, 0.0))
+        return Verdict(p_values >= alpha, _row_ranks(means), best, float(p_values.min()))
+    variances = costs.var(axis=0, ddof=1)
     comparable = (np.minimum(variances, variances[best]) >= _NO_VARIANCE) & (differences > 0).any(axis=0)
     errors = differences.std(axis=0, ddof=1) / math.sqrt(n)
     p_values = np.zeros(k)

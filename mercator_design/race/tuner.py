@@ -18,7 +18,8 @@ from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.methods import METHODS, RACES, Method
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
-from mercator_design.race.scenario import Scenario, in_names_of_irace, of_races, read_scenario
+from mercator_design.race.scenario import Scenario, read_scenario
+from mercator_design.race.scenario_options import in_names_of_irace, of_races
 from mercator_design.race.target import Call
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import generator, instance_seed
@@ -91,6 +92,10 @@ class Tuner(Task[Call]):
         target = scenario.target
         settings |= {"maxExperiments": scenario.budget, "seed": scenario.seed}
         settings |= {"targetRunner": str(target.runner), "execDir": str(target.folder)}
+        if target.launcher is not None:
+            settings["targetRunnerLauncher"] = str(target.launcher)
+        if target.evaluator is not None:
+            settings["targetEvaluator"] = str(target.evaluator)
         settings |= {"parameterFile": "parameters.txt", "instances": scenario.instances}
         settings.pop("minExperiments", None)
         if scenario.test_instances:

@@ -1,10 +1,12 @@
+import json
 import pickle
+from pathlib import Path
 
 import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race.expressions import Expression
-from mercator_design.race.operations import number_text
+from mercator_design.race.operations import number, number_text
 
 GIVEN = {"n": 3, "x": 0.5, "s": "1", "rule": "fast", "big": "100000"}
 
@@ -80,7 +82,8 @@ def test_value(text, value):
         ("s != 2", True),
         ("s %in% c(0, 1)", True),
         ("s == '01'", False),
-        ("big == 100000", True),
+        ("big == 100000", False),
+        ("big == 100000L", True),
         ("s == TRUE", False),
         ("TRUE == 1", True),
     ],
@@ -138,13 +141,19 @@ def test_a_condition_that_is_missing_does_not_hold():
         ("n == 3)", 7, "an operator or the end", "')'"),
         ("(n == 3", 8, "')'", "the end"),
         ("1 < n < 3", 7, "an operator or the end", "'<'"),
-        ("n = 3", 3, "a number, a name, text or an operator", "'='"),
+        ("n = 3", 3, "an operator or the end", "'='"),
+        ("n ? 3", 3, "a number, a name, text or an operator", "'?'"),
         ('rule == "fast', 9, "a number, a name, text or an operator", "'\"'"),
-        ("sqrt(n) > 1", 1, "one of min, max", "'sqrt'"),
+        ("paste(n) > 1", 1, "one of min, max", "'paste'"),
         ("floor(n, 2)", 1, "1 argument of floor", "'2'"),
         ("round(n, 2, 3)", 1, "1 to 2 arguments of round", "'3'"),
         ("n n", 3, "an operator or the end", "'n'"),
-        ("min()", 5, "a value, a parameter or '('", "')'"),
+        ("min()", 1, "1 or more arguments of min", "'0'"),
+        ("grepl('a')", 1, "2 to 5 arguments of grepl", "'1'"),
+        ("seq(1, to = 2, from = 3, 4, 5)", 1, "1 to 4 arguments of seq", "'5'"),
+        ("round(n, digit = 2, digits = 2)", 1, "one argument 'digits' of round", "'3'"),
+        ("grepl('a', rule, colour = TRUE)", 1, "arguments pattern, x, ignore.case, perl, fixed of grepl", "'3'"),
+        ("1:n:", 5, "a value, a parameter or '('", "the end"),
     ],
 )
 def test_a_wrong_text_is_refused_with_its_place(text, column, expected, found):
@@ -154,21 +163,70 @@ def test_a_wrong_text_is_refused_with_its_place(text, column, expected, found):
     assert str(error.value).endswith(f"found {found}")
 
 
-@pytest.mark.parametrize("text", ["n > 1", "!n", "n & 1", "n | 1", "'a'", "as.numeric(n)", "n %in% 1", "c(1)"])
+@pytest.mark.parametrize(
+    "text", ["n > 1", "!n", "n & 1", "n | 1", "'a'", "as.numeric(n)", "n %in% 1", "c(1)", "1:n", "sqrt(n)", "seq(n)"]
+)
 def test_bounds_are_arithmetic(text):
     with pytest.raises(RaceError, match="expected"):
         Expression(text, arithmetic=True)
 
 
-@pytest.mark.parametrize("text", ["rule + 1", "n & rule", "c(1, 2) == n", "-rule", "min(rule, 1)"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "rule + 1", "n & rule", "-rule", "min(rule, 1)", "xor(rule, TRUE)", "any(rule)", "rule:3", "NA:3", "1:1000000",
+        "seq(1, 10, by = -1)", "seq(1, 1e9, 0.1)", "seq(1, NA)", "grepl('(', rule)", "1:(1/0)",
+        "seq(1, 2, by = 1, length.out = 3)",
+    ],
+)  # fmt: skip
 def test_operands_of_the_wrong_type_are_named(text):
     with pytest.raises(RaceError, match=r"expected .*, found .*"):
         Expression(text)(GIVEN)
 
 
+def members(value):
+    """Of a vector, which is a tuple of ours and a list of JSON's."""
+    return list(value) if isinstance(value, (tuple, list)) else [value]
+
+
+R_VALUES = json.loads((Path(__file__).parents[1] / "data" / "r_expressions.json").read_text())
+
+
+@pytest.mark.parametrize(("text", "kind", "value"), R_VALUES["values"], ids=[text for text, *_ in R_VALUES["values"]])
+def test_what_r_makes_of_it(text, kind, value):
+    """What R printed, by tests/data/r_expressions.R."""
+    found, expected = members(Expression(text)(GIVEN)), members(value)
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        if one is None or other is None:
+            assert one is other
+        else:
+            assert isinstance(one, bool) == (kind == "logical")
+            assert one == pytest.approx(other, rel=1e-14) if kind == "double" else one == other
+
+
+def test_a_name_in_backticks():
+    expression = Expression("`rule` == 'fast' & `2opt` > 1")
+    assert expression.names == ("rule", "2opt")
+    assert expression({"rule": "fast", "2opt": 2}) is True
+
+
+def test_what_irace_refuses_is_noted():
+    expression = Expression("n > 1 && x < 1 || n == 100000", source="p.txt", line=3)
+    assert expression.doubled == ("p.txt:3, column 7: irace refuses '&&' here: write '&'",
+                                  "p.txt:3, column 16: irace refuses '||' here: write '|'")  # fmt: skip
+    [(name, told)] = expression.odd_numbers
+    assert (name, told.partition(": ")[2]) == (
+        "n", "R compares text with '1e+05' where a condition has the number 100000: put it in quotes"
+    )  # fmt: skip
+    assert Expression("n %in% c(1, 2L, 100000L) & x > 0.5").odd_numbers == ()
+
+
 def test_a_condition_of_the_wrong_type_is_named():
     with pytest.raises(RaceError, match=r"rule: expected TRUE or FALSE, found 'fast' \(with rule = 'fast'\)"):
         Expression("rule").holds(GIVEN)
+    with pytest.raises(RaceError, match=r"expected TRUE or FALSE, found \(False, False\)"):
+        Expression("c(1, 2) == n").holds(GIVEN)
 
 
 def test_a_long_row_of_conditions():
@@ -216,12 +274,28 @@ def test_an_expression_knows_its_names_and_can_be_sent_to_other_processes():
     assert again({"a": 2, "b": 2}) is True
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("0x1A", 26), ("-0X10", -16), ("0x1.8p1", 3), ("0x.8", 0.5), ("1.", 1), (".5", 0.5), (" 7 ", 7), ("+1e-3", 1e-3),
+     ("1e400", float("inf")), ("-inf", float("-inf")), ("Infinity", float("inf")), ("0x1p99999", float("inf"))],
+)  # fmt: skip
+def test_numbers_are_r_s(text, value):
+    assert number(text) == value
+
+
+@pytest.mark.parametrize("text", ["", ".", "1_0", "1L", "1d2", "0x", "\u0661", "1 2", "ten", "NA"])
+def test_what_is_no_number_to_r(text):
+    with pytest.raises(ValueError, match=r"^"):
+        number(text)
+
+
 def test_numbers_are_written_without_exponents():
-    assert [number_text(x) for x in (1e-10, 1e15, 0.1 + 0.2, 3, -0.0001, 10**20)] == [
+    assert [number_text(x) for x in (1e-10, 1e15, 0.1 + 0.2, 3, -0.0001, 10**20, -0.0)] == [
         "0.0000000001",
         "1000000000000000",
         "0.3",
         "3",
         "-0.0001",
         "100000000000000000000",
+        "0",
     ]

@@ -47,6 +47,26 @@ def test_it_improves_with_each_test(test):
     assert mixed_cost(race.configurations[race.best.configuration]) < 0.7
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"each_test": 5, "first_test": 5},
+        {"each_test": 3, "first_test": 6, "elitist_new_instances": 2, "block_size": 2, "mu": 12},
+        {"first_test": 1, "mu": 0},
+        {"first_test": 1, "mu": 0, "test": "t-test"},
+        {"first_test": 1, "mu": 0, "test": "t-test-holm", "elitist": False},
+    ],
+)
+def test_new_instances_need_not_be_a_multiple_of_those_between_tests_and_one_may_be_enough(options):
+    """As irace's own test of bug 10 has it, with eachTest = 5 and elitistNewInstances = 1."""
+    race = IteratedRace(MIXED, budget=900, seed=2, options=replace(RaceOptions.irace(), **options))
+    run(race)
+    assert 800 < race.used <= 900
+    assert len(race.iterations) > 1
+    best = mixed_cost(race.configurations[race.best.configuration])
+    assert best < sorted(mixed_cost(c) for c in race.configurations)[len(race.configurations) // 2]
+
+
 def test_a_race_that_would_exceed_the_budget_ends():
     """A case in which irace's rules alone would make three experiments too many."""
     generator = random.Random(805)

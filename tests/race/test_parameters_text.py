@@ -7,7 +7,7 @@ from mercator_design.race import Space, categorical, integer, ordered, real
 
 TEXT = """
 # an example with all that the format has
-algorithm  "--"            c      (as, "mm as", 'eas')     # values may be quoted
+algorithm  "--"            c      (as, "mm as", "eas")     # values may be quoted
 level      "--level "      o      (0, 1, 2)
 alpha      "--alpha="      r      (0.00, 5.00)
 ants       "--ants "       i,log  (5, 100)
@@ -39,6 +39,37 @@ def test_the_whole_format_is_read():
         '(ants > 50) && (algorithm == "as")',
     ]
     assert space.is_forbidden({"algorithm": "as", "ants": 60})
+
+
+def test_single_quotes_are_part_of_a_value():
+    """As readParameters of irace has it."""
+    space = Space.from_text("""a "" c ('eas', it's, "a b")""", "p.txt")
+    assert space["a"].values == ("'eas'", "it's", "a b")
+    assert space.notes == (
+        "p.txt:1: irace takes single quotes for a part of the value 'eas', and so does this: use double quotes",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "notes"),
+    [
+        ('a "-a " i (0,5)', ()),
+        ('a "-a " i(0,5)', ("p.txt:1, column 10: irace expects a blank after the type",)),
+        ('a"-a " i (0,5)', ("p.txt:1, column 2: irace expects a blank after the name",)),
+        ('a "-a "r,log(1,5)', ("p.txt:1, column 8: irace expects a blank after the switch",
+                              "p.txt:1, column 13: irace expects a blank after the type")),
+        ("a '-a ' i (0,5)", ("p.txt:1, column 3: irace expects the switch in double quotes",)),
+        ('a "" i (0,5)\nb "" c (x,y) | a > 1 && a < 3\n[forbidden]\na == 1 || b == "x"',
+         ("p.txt:2, column 22: irace refuses '&&' here: write '&'",
+          "p.txt:4, column 8: irace refuses '||' here: write '|'")),
+        ('a "" i (0,5)\nb "" c (100000,y)\nc "" c (u,v) | b == 100000',
+         ("p.txt:3, column 21: R compares text with '1e+05' where a condition has the number 100000: "
+          "put it in quotes",)),
+        ('a "" i (0,200000)\nc "" c (u,v) | a == 100000', ()),
+    ],
+)  # fmt: skip
+def test_what_irace_refuses_is_noted(text, notes):
+    assert Space.from_text(text, "p.txt").notes == notes
 
 
 def test_digits_are_four_unless_said_and_sections_may_come_in_any_order():
@@ -80,7 +111,7 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
         ('a "-a" i (1,2) |', "p.txt:1, column 17: expected a value, a parameter or '(', found the end"),
         (
             'a "-a" i (1,2) | b =< 1',
-            "p.txt:1, column 20: expected a number, a name, text or an operator, found '='",
+            "p.txt:1, column 20: expected an operator or the end, found '='",
         ),
         ('a "-a" i (1, "b >")', "p.txt:1, column 17: expected arithmetic, found '>'"),
         ('a "-a" i (one, 2)', "p.txt: parameter 'a': expected names of parameters, found 'one'"),

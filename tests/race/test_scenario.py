@@ -7,7 +7,8 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import RaceOptions
-from mercator_design.race.scenario import _OPTIONS, read_scenario
+from mercator_design.race.scenario import read_scenario
+from mercator_design.race.scenario_options import OPTIONS
 from mercator_design.race.scenario_text import Assignment
 
 SPACE = 'x "--x " r (0, 1)\nrule "--rule " c (slow, fast)\n'
@@ -53,6 +54,13 @@ def test_what_is_not_set_is_irace_s(scenario, folder):
         ('testType = "t-test"', {"test": "t-test"}),
         ('testType = "F-test"', {"test": "friedman"}),
         ('testType = "t-test-holm"', {"test": "t-test-holm"}),
+        ('testType = "t.none"', {"test": "t-test"}),
+        ('testType = "t.holm"', {"test": "t-test-holm"}),
+        ('testType = "T.Bonferroni"', {"test": "t-test-bonferroni"}),
+        ("firstTest = 1\nmu = 0", {"first_test": 1, "mu": 0}),
+        ("eachTest = 5", {"each_test": 5, "first_test": 5, "elitist_new_instances": 1}),
+        ("eachTest = 2", {"each_test": 2, "first_test": 6}),
+        ("maxExperiments = 0x200", {"mu": 5}),
         ("firstTest = 6\neachTest = 2\nelitistNewInstances = 2",
          {"first_test": 6, "each_test": 2, "elitist_new_instances": 2}),
         ("blockSize = 2\nmu = 10", {"block_size": 2, "mu": 10}),
@@ -69,6 +77,35 @@ def test_what_is_not_set_is_irace_s(scenario, folder):
 def test_options_of_the_race(scenario, text, expected):
     options = scenario(text).options
     assert {name: getattr(options, name) for name in expected} == expected
+
+
+def test_the_first_test_follows_on_those_after_it(scenario, folder):
+    assert scenario("eachTest = 5").notes == ()
+    assert scenario("eachTest = 2").notes == (
+        f"{folder / 'scenario.txt'}:3: eachTest: firstTest is 6, a multiple of it",
+    )
+    assert scenario("eachTest = 5", base=RaceOptions()).options.first_test == 5
+
+
+def test_a_launcher_is_found_as_a_shell_finds_it(scenario, folder, monkeypatch):
+    (folder / "bin").mkdir()
+    (folder / "bin" / "snake").write_text("#!/bin/sh\n")
+    (folder / "bin" / "snake").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder / 'bin'}:/usr/bin")
+    (folder / "snake").write_text("not this one")
+    assert scenario('targetRunnerLauncher = "snake"').target.launcher == folder / "bin" / "snake"
+    with pytest.raises(RaceError, match=r"targetRunnerLauncher: expected a program that may be executed, found that "):
+        scenario('targetRunnerLauncher = "./snake"')
+    assert scenario('targetEvaluator = "other"').target.evaluator == folder / "other"
+    (folder / "snake").unlink()
+    assert scenario('targetRunner = "snake"').target.runner == folder / "bin" / "snake"
+    with pytest.raises(RaceError, match="targetRunnerLauncher: expected a file, found none at"):
+        scenario('targetRunnerLauncher = "nobody-has-this"')
+
+
+def test_what_irace_refuses_of_parameters_is_told(scenario, folder):
+    (folder / "parameters.txt").write_text('x "--x " r(0, 1)\n')
+    assert scenario("").notes == (f"{folder / 'parameters.txt'}:1, column 11: irace expects a blank after the type",)
 
 
 def test_only_what_is_set_differs_from_another_base(scenario):
@@ -134,22 +171,22 @@ VALUES = {"flag": ("1", "0"), "count": ("3", "4"), "part": ("0.5", "0.25"), "tex
 
 
 def other_than_default(name):
-    option = _OPTIONS[name]
+    option = OPTIONS[name]
     return next(text for text in VALUES[option.kind] if text != str(int(bool(option.default))) or option.kind != "flag")
 
 
-@pytest.mark.parametrize("name", [name for name, option in _OPTIONS.items() if option.refused])
+@pytest.mark.parametrize("name", [name for name, option in OPTIONS.items() if option.refused])
 def test_what_cannot_be_obeyed_is_refused_unless_it_is_the_default(scenario, folder, name):
     with pytest.raises(RaceError) as error:
         scenario(f"{name} = {other_than_default(name)}")
     assert f"{folder / 'scenario.txt'}:3: {name}: expected no more than its default" in str(error.value)
-    assert _OPTIONS[name].refused in str(error.value)
-    default = _OPTIONS[name].default
+    assert OPTIONS[name].refused in str(error.value)
+    default = OPTIONS[name].default
     text = {None: "NA", True: "1", False: "0"}.get(default, f'"{default}"')
     assert scenario(f"{name} = {text}").options == RaceOptions.irace()
 
 
-@pytest.mark.parametrize("name", [name for name, option in _OPTIONS.items() if option.ignored])
+@pytest.mark.parametrize("name", [name for name, option in OPTIONS.items() if option.ignored])
 def test_what_makes_no_difference_is_said(scenario, folder, name):
     [note] = scenario(f"{name} = {other_than_default(name)}").notes
     assert note.startswith(f"{folder / 'scenario.txt'}:3: {name} makes no difference: ")
@@ -157,7 +194,7 @@ def test_what_makes_no_difference_is_said(scenario, folder, name):
 
 def test_all_of_irace_s_options_are_known():
     """Those of irace 4.4 that a scenario may have, and one that is newer."""
-    assert len(_OPTIONS) == 64 + 1
+    assert len(OPTIONS) == 64 + 1
 
 
 @pytest.mark.parametrize(
@@ -183,8 +220,8 @@ def test_all_of_irace_s_options_are_known():
         ("confidence = 1", ":3: confidence: expected between 0 and 1, found 1"),
         ("testType = 'z-test'", ":3: testType: expected friedman or t-test"),
         ("targetRunner = 3", ":3: targetRunner: expected a path in quotes, found 3"),
-        ("firstTest = 1", ":3: firstTest: expected 2 or more"),
-        ("firstTest = 5\neachTest = 2", ":3: firstTest: expected 2 or more and a multiple of eachTest (2), found 5"),
+        ("firstTest = 0", ":3: firstTest: expected 1 or more"),
+        ("firstTest = 5\neachTest = 2", ":3: firstTest: expected 1 or more and a multiple of eachTest (2), found 5"),
         ("blockSize = 3", ":3: blockSize: expected the number of instances (2) to be a multiple of it, found 3"),
         ("parameterFile = 'nowhere.txt'", ":3: parameterFile: "),
         ("parameterFile = 'data'", "expected a file, found a folder"),

@@ -18,11 +18,12 @@ from mercator_design.race.scenario_text import read_assignments, to_text
         ("## a = 1\n\n  # b\n", {}),
         ("a = 'it\"s'", {"a": 'it"s'}),
         (r'a = "\"\\\n\t\x41\101\u00e9\u{1F600}"', {"a": '"\\\n\tAAé\U0001f600'}),
-        ("a = c(\"x\", # first\n  'y',\n3)\nb = 1", {"a": ("x", "y", 3), "b": 1}),
+        ("a = c(\"x\", # first\n  'y',\n3)\nb = 1", {"a": ("x", "y", "3"), "b": 1}),
         ("a =\n  3\nb = 4 +\n  1", {"a": 3, "b": 5}),
         ('.mine = "x"\na = .mine', {"a": "x"}),
         ("a = 1\nb = a * 2", {"a": 1, "b": 2}),
         ("a = 1\na = 2", {"a": 2}),
+        ("a = 1:3\nb = seq(2, 8, by = 3)", {"a": (1, 2, 3), "b": (2, 5, 8)}),
     ],
 )
 def test_what_is_read(text, expected):
@@ -53,6 +54,6 @@ def test_what_is_refused(text, message):
 
 
 def test_what_is_written_is_read():
-    settings = {"a": 'x\\y"z\n', "b": True, "c": ("1", 2, 1e-10), "d": None, "e": 0.05}
+    settings = {"a": 'x\\y"z\n', "b": True, "c": ("1", "x"), "d": None, "e": 0.05, "f": (2, 1e-10)}
     again = {one.name: one.value for one in read_assignments(to_text(settings), "s")}
     assert again == settings | {"b": 1}

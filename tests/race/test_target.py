@@ -61,7 +61,13 @@ def test_a_launcher_runs_the_runner(cmdline, expected):
 
 @pytest.mark.parametrize(
     ("text", "cost"),
-    [("echo 1", 1.0), ("echo; echo ' -1e3  0.5 '", -1000.0), ("echo a warning >&2; echo 2", 2.0)],
+    [
+        ("echo 1", 1.0),
+        ("echo; echo ' -1e3  0.5 '", -1000.0),
+        ("echo a warning >&2; echo 2", 2.0),
+        ("echo 0x1A", 26.0),
+        ("echo -0x1.8p1 1", -3.0),
+    ],
 )
 def test_what_is_a_cost(tmp_path, program, text, cost):
     assert Target(runner=program(text), folder=tmp_path)(CALL).score == cost

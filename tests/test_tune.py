@@ -128,6 +128,30 @@ class TestTune:
         for name in ("best.txt", "results.csv"):
             assert (run / name).read_bytes() == (whole / name).read_bytes()
 
+    @pytest.mark.parametrize("options", [[], ["--speculate"]])
+    def test_the_budget_is_that_of_runs(self, mdesign, tmp_path, options):
+        """The runner notes each run."""
+        folder = written(tmp_path / "s", RUNNER.replace("#!/bin/sh\n", '#!/bin/sh\necho "$*" >> runs\n'))
+        (folder / "scenario.txt").write_text(SCENARIO.replace("testInstances", ".no"))
+        code, out, _ = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r", "-j", 8, *options)
+        made = len((folder / "runs").read_text().splitlines())
+        record = read(tmp_path / "r" / JOURNAL).record
+        unasked = len(record.ahead.keys() - {(e.configuration, e.instance) for e in record.experiments.values()})
+        assert code == 0
+        assert f"the target runner ran {made} times now" in out
+        if options:
+            assert made == len(record.experiments) + unasked
+            assert not unasked or f"ran {made} times now, {unasked} of them ahead of the race" in out
+        else:
+            assert made == len(record.experiments) <= 110
+            assert record.ahead == {}
+
+    def test_a_launcher_by_its_name(self, mdesign, tmp_path):
+        folder = written(tmp_path / "s", RUNNER, f'{SCENARIO}targetRunnerLauncher = "sh"\n')
+        (folder / "target-runner").chmod(0o644)
+        assert mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r", "--max-experiments", 100)[0] == 0
+        assert mdesign("tune", "--resume", tmp_path / "r", "--max-experiments", 110)[0] == 0
+
     def test_which_changes_led_to_the_best(self, mdesign, undisturbed):
         _, run = undisturbed
         code, out, _ = mdesign("runs", "ablation", run, "--from-first", "-n", 2, "--csv")

@@ -45,6 +45,7 @@ _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "targ
 @click.option("--exec-dir", type=click.Path(path_type=Path), help="Folder that they run in.  [default: the scenario's]")
 @click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
 @method_option("irace")
+@click.option("--speculate", is_flag=True, help="Let idle workers run ahead of the race: more runs than the budget.")
 @click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
 @OUTPUT
 @RESUME
@@ -60,6 +61,7 @@ def tune(
     exec_dir: Path | None,
     target_runner: Path | None,
     method: str,
+    speculate: bool,
     check: bool,
     output: Path | None,
     resume: Path | None,
@@ -95,6 +97,7 @@ def tune(
             return
         folder = _new_folder(scenario, tuner, output, method)
     assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
+    folder.task.speculates = speculate
     jobs = parallel or folder.task.scenario.jobs
     with folder, Interrupt(then=folder.task.stop) as interrupt:
         if resume is not None and max_experiments is not None:

@@ -1,9 +1,9 @@
 """A race run to its end: what it asks for is looked up in a record of it, or run, noted there, and told.
 
 A race asks for some experiments at a time, and decides when it has them all. Workers who would have to wait for the
-last of them run what it will ask for next if nothing is eliminated: an experiment is a pure function of configuration
-and seed, so it may run before anyone asks. What the race then does not ask for is lost time and nothing else; it does
-not count as part of the budget, and the race never sees it.
+last of them may run what it will ask for next if nothing is eliminated: an experiment is a pure function of
+configuration and seed, so it may run before anyone asks. What the race then does not ask for is lost time and nothing
+else; it does not count as part of the budget, and the race never sees it.
 
 So a race that was stopped is resumed by running it again with its record: it takes the same way, as it depends on the
 costs alone, and only what had not finished is run.
@@ -52,6 +52,7 @@ class Runner(Generic[T]):
     watch: called with experiments that have just been run or looked up.
     watch_iterations: called with an iteration that has ended, unless that was known.
     stopped: whether to stop; asked before each experiment.
+    speculate: whether an idle worker runs what the race has not asked for.
     """
 
     race: Asking
@@ -65,6 +66,7 @@ class Runner(Generic[T]):
     watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
     watch_iterations: Callable[[Iteration], None] = lambda iteration: None  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False
+    speculate: bool = True
 
     def __post_init__(self) -> None:
         self._batch: list[Experiment] = []  # that the race has asked for
@@ -115,7 +117,7 @@ class Runner(Generic[T]):
 
     def _foreseen(self) -> Experiment | None:
         if self._likely is None:
-            self._likely = iter(self.race.foresee(2 * self.executor.jobs))
+            self._likely = iter(self.race.foresee(2 * self.executor.jobs) if self.speculate else [])
         under_way = set(self._under_way.values())
         return next((e for e in self._likely if e not in under_way and e not in self.record.ahead), None)
 

@@ -42,6 +42,18 @@ class Call:
     arguments: str  # switches and values, joined by blanks
 
 
+class Count:
+    """Of what several threads do."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._lock = threading.Lock()
+
+    def add(self) -> None:
+        with self._lock:
+            self.count += 1
+
+
 class TargetFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
     """A target runner did not do what it should; what it printed, and how to call it again."""
 
@@ -58,6 +70,7 @@ class Target:
     timeout: seconds after which a run has failed; 0 for none.
     retries: how often a run that failed is tried again.
     stop: set to end all runs that are under way.
+    made: how often the runner was started.
     """
 
     runner: Path
@@ -68,6 +81,7 @@ class Target:
     timeout: float = 0.0
     retries: int = 0
     stop: threading.Event = field(default_factory=threading.Event, compare=False)
+    made: Count = field(default_factory=Count, compare=False)
 
     def command(self, call: Call) -> list[str]:
         """The program and its arguments.
@@ -117,6 +131,7 @@ class Target:
 
     def _cost(self, call: Call) -> float:
         command = self.command(call)
+        self.made.add()
         numbers, printed = self._numbers(command)
         if self.evaluator is not None:
             if len(numbers) > 1:

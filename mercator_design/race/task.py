@@ -46,6 +46,7 @@ class Task(ABC, Generic[T]):
         race: Over its configurations; has not begun.
         maximise: Whether more is better.
         function: Runs one experiment, in this process or in another.
+        speculates: Whether idle workers run experiments that the race has not asked for, and may never ask for.
     """
 
     WINNER: ClassVar[str]
@@ -58,6 +59,7 @@ class Task(ABC, Generic[T]):
     race: Asking
     maximise: bool = False
     function: Callable[[T], Measured]
+    speculates: bool = True
 
     @classmethod
     @abstractmethod
@@ -107,6 +109,10 @@ class Task(ABC, Generic[T]):
     def header(self) -> dict[str, str]:
         """What the file of a winner says of where it comes from, beside what all say."""
         return {}
+
+    def runs(self, experiments: int) -> list[str]:  # noqa: ARG002
+        """What a summary tells of the runs of this process, of so many experiments and tests; headed as in `about`."""
+        return []
 
     def stop(self) -> None:
         """End what is under way, if that is worth more than waiting for it."""
@@ -181,6 +187,7 @@ class Task(ABC, Generic[T]):
             watch=watch,
             watch_iterations=watch_iterations,
             stopped=stopped,
+            speculate=self.speculates,
         ).run()
         tests: dict[int, Scores] = {}
         if testing is not None:

@@ -42,6 +42,7 @@ class Tuner(Task[Call]):
 
     WINNER = "best.txt"
     START: ClassVar = {}
+    speculates = False  # a run of a program may take hours of a cluster
 
     def __init__(self, scenario: Scenario, method: str = "irace") -> None:
         self.scenario = scenario
@@ -106,6 +107,13 @@ class Tuner(Task[Call]):
             files["configurations.txt"] = configurations_text.to_text(scenario.space, scenario.initial)
         files["scenario.txt"] = scenario_text.to_text(settings)
         return {name: text.encode() for name, text in files.items()}
+
+    def runs(self, experiments: int) -> list[str]:
+        """As `Task.runs`: how often the target runner ran."""
+        made = self.scenario.target.made.count
+        more = made - experiments
+        why = f", {more} of them ahead of the race or tried again" if more else ""
+        return [f"Runs       the target runner ran {made} times now{why}"]
 
     def stop(self) -> None:
         """As `Task.stop`: all runs that are under way."""

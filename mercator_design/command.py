@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import click
 
 from mercator_design import spelling
-from mercator_design.errors import MercatorError, printable
+from mercator_design.errors import MercatorError, Signalled, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
 
@@ -55,14 +55,6 @@ class NumberRange(click.FloatRange):
         if math.isnan(number):
             self.fail(f"{value!r} is not a number.", param, ctx)
         return number
-
-
-class Signalled(BaseException):
-    """A signal ends the program, with this exit code."""
-
-    def __init__(self, message: str, exit_code: int) -> None:
-        super().__init__(message)
-        self.exit_code = exit_code
 
 
 def run(command: click.Command, name: str) -> None:

@@ -27,6 +27,27 @@ def excerpt(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def described(error: BaseException, most: int = 300) -> str:
+    """The class of an error and what it says, at most so many characters of it."""
+    try:
+        text = str(error)
+    except Exception:  # noqa: BLE001 - of a stranger's class, which may do anything
+        text = ""
+    return f"{type(error).__name__}: {text[:most]}" if text else type(error).__name__
+
+
+class Signalled(BaseException):
+    """A signal ends the program, with this exit code."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+INTERRUPTIONS = (KeyboardInterrupt, Signalled)
+"""What the user or the system raises in the main thread to end the program; never the fault of an experiment."""
+
+
 class MercatorError(Exception):
     """Base of all errors that are reported to the user without a traceback.
 

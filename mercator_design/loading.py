@@ -39,6 +39,7 @@ from mercator_design.yaml_tree import (
     Fault,
     Node,
     Origin,
+    clashes,
     compose,
     compose_all,
     merge,
@@ -140,6 +141,7 @@ def parse(
         tree, mistakes = compose_all(text, label, folder or Path.cwd(), may_be_empty=may_be_empty, lines=lines)
         if find_base is not None:
             tree = _on_base(tree, find_base, [str(Path(label).resolve())])
+        mistakes += clashes(overrides)
         for assignment in overrides:
             try:
                 override(tree, assignment)

@@ -7,8 +7,9 @@ first event that shows it.
 """
 
 import json
+import operator
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -205,6 +206,22 @@ def steps(path: str) -> list[str | int]:
     if not re.fullmatch(r"[^.\[\]]+(\[[0-9]{1,9}\])*(\.[^.\[\]]+(\[[0-9]{1,9}\])*)*", path):
         return []
     return [int(index) if index else key for index, key in re.findall(r"\[([0-9]+)\]|([^.\[\]]+)", path)]
+
+
+def clashes(assignments: Sequence[str]) -> list[str]:
+    """What is wrong with values given on the command line of which one sets what another sets, or a part of that."""
+    given: dict[tuple[str | int, ...], str] = {}
+    mistakes = []
+    for assignment in assignments:
+        path, _, _ = assignment.partition("=")
+        way = tuple(spelling.folded(step) if isinstance(step, str) else step for step in steps(path.strip()))
+        set_by = [earlier for other, earlier in given.items() if all(map(operator.eq, way, other))]
+        if way and set_by:
+            first = f"--set {excerpt(set_by[0])}"
+            mistakes.append(f"--set {excerpt(assignment)}: sets what {first} sets, too; give one of them")
+        elif way:
+            given[way] = assignment
+    return mistakes
 
 
 def override(tree: Node, assignment: str) -> None:

@@ -573,6 +573,59 @@ class TestFailures:
         assert winner not in set(failed.configuration)
 
 
+class TestLeaving:
+    """An objective that would end the program is a failed experiment, whatever runs it."""
+
+    @pytest.fixture
+    def leaving(self, tmp_path):
+        """Options with which some experiments leave; the first cycle, by which a race is rehearsed, does not."""
+
+        def options(how):
+            text = FAILING.replace('raise ArithmeticError("too far to the left")', how).replace(
+                "if x", "if len(trace.poses) > 2 and x"
+            )
+            (tmp_path / "leaving.py").write_text(text)
+            objective = "objective={name: nervous, least: -0.9, direction: maximise}"
+            return ["--plugin", tmp_path / "leaving.py", "--set", objective, "--set", "robots=1", "--set", "duration=5"]
+
+        return options
+
+    @pytest.mark.parametrize(
+        ("how", "reason"),
+        [
+            ("raise SystemExit(0)", "MissionError: objective nervous: SystemExit: 0"),
+            ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+        ],
+    )
+    @pytest.mark.parametrize("executor", [("threads", 1), ("threads", 2), ("processes", 1)])
+    def test_in_a_race_with_tests(self, mdesign, leaving, tmp_path, executor, how, reason):
+        name, jobs = executor
+        race = ["race", "aggregation", "--budget", 60, *leaving(how), "--executor", name, "-j", jobs]
+        code, out, err = mdesign(*race, "-o", tmp_path / "s")
+        assert (code, out) == (3 if "Mission" in reason else 1, "")
+        assert f"failed: {reason}" in err
+        code, _, err = mdesign(*race, "-o", tmp_path / "r", "--on-failure", "reject", "--test-runs", 40)
+        assert code == 0, err
+        assert (tmp_path / "r" / "fsm.txt").exists()
+        failures = set(experiments_table(tmp_path / "r").failure)
+        assert failures == {"", reason}
+
+    def test_in_evaluate_and_record(self, mdesign, leaving, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")
+        evaluate = ["evaluate", tmp_path / "fsm.txt", "--mission", "aggregation", "-n", 40, "-j"]
+        record = ["record", tmp_path / "fsm.txt", "--mission", "aggregation", "-o", tmp_path / "t.csv", "--seed"]
+        options = leaving("raise SystemExit(0)")
+        for jobs in (1, 2):
+            code, out, err = mdesign(*evaluate, jobs, *options)
+            assert (code, out, err) == (3, "", "Error: objective nervous: SystemExit: 0\n")
+        codes = {mdesign(*record, seed, *options)[0] for seed in range(1, 31)}
+        assert codes == {0, 3}
+        options = leaving("raise KeyboardInterrupt")
+        for jobs in (1, 2):
+            code, out, err = mdesign(*evaluate, jobs, *options)
+            assert (code, out, err) == (1, "", "Error: an experiment failed: KeyboardInterrupt\n")
+
+
 class TestRuns:
     def test_list(self, mdesign, folder, tmp_path):
         stop(shutil.copytree(folder, tmp_path / "s"), 30)

@@ -74,7 +74,8 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
 
     If the header has the digest of the mission that was raced, the last two must have it too.
     """
-    from mercator_design.missions.mission import load_mission
+    from mercator_design.loading import dump
+    from mercator_design.missions.mission import load_mission, parse_mission
 
     if given is not None:
         return load_mission(given, overrides)
@@ -97,7 +98,7 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     if digest and mission.digest != digest:
         what = changed or f"{excerpt(named)} is not what it was when this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")
-    return load_mission(named, (*raced_with, *overrides))
+    return parse_mission(dump(mission), name=named, overrides=overrides) if overrides else mission
 
 
 def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:

@@ -9,7 +9,8 @@ from os import EX_TEMPFAIL
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
-from mercator_design.command import Signalled, tell, warn
+from mercator_design.command import tell, warn
+from mercator_design.errors import Signalled
 
 if TYPE_CHECKING:
     from mercator_design.fsm.pfsm import Pfsm

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.colours import RGB, Colour, ColourName, rgb
-from mercator_design.errors import MissionError, excerpt
+from mercator_design.errors import INTERRUPTIONS, MissionError, described, excerpt
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
@@ -273,16 +273,16 @@ class Floor:
         function = DYNAMICS[dynamics.name]
         try:
             rows = function(site, **dynamics.parameters)
-        except FieldError:
+            try:
+                numbers = [tuple(map(float, row)) for row in rows]
+            except (TypeError, ValueError) as error:
+                raise FieldError("name", f"{dynamics.name} must give rows of numbers: {error}") from None
+        except (FieldError, *INTERRUPTIONS):
             raise
-        except Exception as error:
+        except BaseException as error:  # also sys.exit()
             if is_ours(function):  # whose mistakes shall be seen whole
                 raise
-            raise FieldError("name", f"{dynamics.name}: {type(error).__name__}: {error!s:.300}") from error
-        try:
-            numbers = [tuple(map(float, row)) for row in rows]
-        except (TypeError, ValueError) as error:
-            raise FieldError("name", f"{dynamics.name} must give rows of numbers: {error}") from None
+            raise FieldError("name", f"{dynamics.name}: {described(error)}") from error
         if len({len(row) for row in numbers}) > 1:
             raise FieldError("name", f"{dynamics.name} must give rows of one length")
         if len(numbers) > _MOST_ROWS:

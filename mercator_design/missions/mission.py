@@ -4,7 +4,6 @@ What is decided here: the keys of a mission file, what must fit together in it, 
 The files in `scenarios/` are found by being there.
 """
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from mercator_design import shipped
-from mercator_design.errors import MercatorError, MissionError
+from mercator_design.errors import INTERRUPTIONS, MercatorError, MissionError, described
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, digest_of, parse, read
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
@@ -22,6 +21,7 @@ from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.plugins import is_ours
 from mercator_design.missions.trace import Trace
+from mercator_design.scores import EXPECTED, is_score
 
 _LONGEST = 10_000_000
 """Robots times cycles: their trace fills 250 MB."""
@@ -43,19 +43,19 @@ class Objective:
         """The score of an experiment.
 
         Raises:
-            MissionError: if the function fails, or has no finite number to give.
+            MissionError: if the function fails, or gives what is no score.
         """
         function = OBJECTIVES[self.name]
         try:
             score = float(function(trace, **self.parameters))
-        except MercatorError:
+        except (MercatorError, *INTERRUPTIONS):
             raise
-        except Exception as error:
+        except BaseException as error:  # also sys.exit()
             if is_ours(function):  # whose mistakes shall be seen whole
                 raise
-            raise MissionError(f"objective {self.name}: {type(error).__name__}: {error!s:.300}") from error
-        if not math.isfinite(score):
-            raise MissionError(f"objective {self.name}: expected a finite score, found {score}")
+            raise MissionError(f"objective {self.name}: {described(error)}") from error
+        if not is_score(score):
+            raise MissionError(f"objective {self.name}: {EXPECTED}, found {score}")
         return score
 
 

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from mercator_design import jit
-from mercator_design.errors import MissionError
+from mercator_design.errors import INTERRUPTIONS, MissionError, described
 from mercator_design.files import Unreadable, read_small
 from mercator_design.loading import Length, check_parameter
 from mercator_design.missions.arena import Array
@@ -220,8 +220,10 @@ def _run(source: bytes, file: Path, path: str | Path, name: str) -> None:
     sys.modules[name] = module  # where typing and pickle look for what is in it
     try:
         exec(compile(source, str(file), "exec"), module.__dict__)  # noqa: S102 - the user's own file
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises
+    except INTERRUPTIONS:
+        raise
+    except BaseException as error:  # noqa: BLE001 - whatever it raises, also by sys.exit()
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
         line = lines[-1] if lines else getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)
-        raise MissionError(f"{place}: a plugin that cannot be run: {type(error).__name__}: {error!s:.300}") from None
+        raise MissionError(f"{place}: a plugin that cannot be run: {described(error)}") from None

@@ -26,7 +26,7 @@ from joblib import cpu_count
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, described
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -93,11 +93,14 @@ def available_jobs() -> int:
 
 
 def attempt(function: Callable[[T], R], item: T) -> R | Failed:
-    """What a function gives for an item, or that it failed."""
+    """What a function gives for an item, or that it failed: whatever it raises, SystemExit too, is about this item.
+
+    Not for the main thread, in which a signal raises exceptions that are about the program.
+    """
     try:
         return function(item)
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is about this experiment
-        return Failed(f"{type(error).__name__}: {str(error)[:_MOST_SAID]}", error)
+    except BaseException as error:  # noqa: BLE001 - see above
+        return Failed(described(error, _MOST_SAID), error if isinstance(error, Exception) else None)
 
 
 def in_order(
@@ -138,12 +141,15 @@ def in_order(
     if stopped():
         raise Stopped
     if failed:
-        raise failed[0].error or RaceError(failed[0].reason)
+        raise failed[0].error or RaceError(f"an experiment failed: {failed[0].reason}")
     return [found[place] for place in range(len(found))]
 
 
 class ThreadExecutor:
-    """Threads of this process, for functions that do not hold the GIL; with one job, this thread itself."""
+    """Threads of this process, for functions that do not hold the GIL.
+
+    The thread that asks runs nothing: what an experiment raises, and what a signal raises there, cannot be confused.
+    """
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
@@ -151,11 +157,10 @@ class ThreadExecutor:
         self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Self:
-        if self.jobs > 1:
-            # They end with this process even if an experiment does not.
-            self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
-            for thread in self._threads:
-                thread.start()
+        # They end with this process even if an experiment does not.
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(
@@ -173,20 +178,15 @@ class ThreadExecutor:
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         numbered = enumerate(items)
-        if not self._threads:
-            for index, item in numbered:
-                if item is None:
-                    return  # nothing is under way that could finish
-                yield index, attempt(function, item)
-            return
         done: queue.SimpleQueue[tuple[int, R | Failed]] = queue.SimpleQueue()
 
         def job(index: int, item: T) -> Callable[[], None]:
             return lambda: done.put((index, attempt(function, item)))
 
+        most = self.jobs + (self.jobs > 1)  # one that runs for each thread; of several threads, one that waits
         under_way = 0
         while True:
-            while under_way <= self.jobs:  # one that runs for each thread, and one that waits
+            while under_way < most:
                 index, item = next(numbered, (0, None))
                 if item is None:
                     break
@@ -280,21 +280,26 @@ class ProcessExecutor:
 
 
 def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed | None:
-    """What came of an errand; None if it is to be run again."""
-    try:
+    """What came of an errand; None if it is to be run again.
+
+    Raises:
+        WorkerUnfit: The worker has no such function.
+    """
+    error = future.exception()  # never raised here: it may be a SystemExit
+    if error is None:
         return future.result()
-    except BrokenProcessPool as error:
+    if isinstance(error, BrokenProcessPool):
         errand.deaths += 1
         if errand.deaths < MOST_DEATHS:
             return None
         return Failed(f"its worker process died, {errand.deaths} times: {_sentence(error)}")
-    except WorkerUnfit:
-        raise
-    except Exception as error:  # noqa: BLE001 - such as what cannot be carried between processes
-        return Failed(f"{type(error).__name__}: {error!s:.500}", error)
+    if isinstance(error, WorkerUnfit):
+        raise error
+    # Such as what cannot be carried between processes.
+    return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
-def _sentence(error: Exception) -> str:
+def _sentence(error: BaseException) -> str:
     return str(error).partition("\n")[0][:200]
 
 
@@ -331,13 +336,13 @@ def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the
     """
     try:
         function = _unpacked(packed)
-    except Exception as error:  # noqa: BLE001 - such as what is not installed
+    except BaseException as error:  # noqa: BLE001 - such as what is not installed; also sys.exit()
         where = f"process {os.getpid()} on {socket.gethostname()}"
-        raise WorkerUnfit(f"a worker ({where}) cannot run this race: {type(error).__name__}: {error!s:.300}") from None
+        raise WorkerUnfit(f"a worker ({where}) cannot run this race: {described(error)}") from None
     result = attempt(function, item)
     if isinstance(result, Failed):
         try:
             pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
-        except Exception:  # noqa: BLE001 - exceptions fail in many ways here
+        except BaseException:  # noqa: BLE001 - exceptions of strangers' classes fail in many ways here
             result = Failed(result.reason)
     return result

@@ -21,6 +21,7 @@ from mercator_design.race.events import End, Finished, Iteration, Measured, Test
 from mercator_design.race.executors import Executor, Failed, Rejected, Stopped
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
+from mercator_design.scores import EXPECTED, is_score
 
 T = TypeVar("T")
 OnFailure = Literal["stop", "reject"]
@@ -240,11 +241,11 @@ def error_of(result: Measured | Failed) -> Exception | None:
 
 
 def read_result(result: Measured | Failed) -> tuple[float | None, str, str]:
-    """Score, digest and failure; what is no finite number is a failure."""
+    """Score, digest and failure; what is no score is a failure."""
     if isinstance(result, Failed):
         return None, "", result.reason
-    if not abs(result.score) < float("inf"):
-        return None, "", f"expected a finite score, found {result.score}"
+    if not is_score(result.score):
+        return None, "", f"{EXPECTED}, found {result.score}"
     return result.score, result.outcome, ""
 
 

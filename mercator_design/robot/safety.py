@@ -18,8 +18,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Self
 
-from mercator_design.command import Signalled
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, Signalled, Stopped
 from mercator_design.robot.settings import Swarm
 from mercator_design.robot.swarm import HEARTBEAT, STOP, STOPPED, hear, listener
 

@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 
 from mercator_design import seeds, shipped
 from mercator_design.colours import COLOURS
-from mercator_design.errors import MissionError
+from mercator_design.errors import MissionError, excerpt
 from mercator_design.loading import FieldError, dump
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
@@ -219,6 +219,27 @@ def test_a_mistake_on_the_command_line(override, message):
     first = ["robots=1000"] if "duration" in override else []
     with pytest.raises(MissionError, match=re.escape(message)):
         load_mission("aggregation", [*first, override])
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("robots=2", "robots=3"),
+        ("robots=2", " robots = 2"),
+        ("floor.zones[0].color=red", "floor.zones[0].colour=blue"),
+        ("floor.zones[0].radius=0.4", "floor.zones[00].radius=0.3"),
+        (
+            "floor.zones[0].radius=0.4",
+            "floor.zones=[{name: spot, shape: disc, center: [0, 0], radius: 0.5, color: red}]",
+        ),
+        ("floor={background: white}", "floor.zones=[]"),
+    ],
+)
+def test_an_override_is_given_once(first, second):
+    """The one that was not obeyed would be missing without a word."""
+    expected = f"--set {excerpt(second)}: sets what --set {excerpt(first)} sets, too; give one of them"
+    with pytest.raises(MissionError, match=re.escape(expected)):
+        load_mission("aggregation", [first, "duration=3", second])
 
 
 def test_overrides():

@@ -88,10 +88,40 @@ class TestLoading:
         assert outcome.score == outcome.trace.poses[-1, :, 1].max()
         assert list(plugins.loaded_plugins()) == ["my.py"]
 
-    def test_a_score_must_be_a_finite_number(self, write):
-        load_plugin(write(NORTHERN.replace(".sum())", '.sum() * float("nan"))')))
+    @pytest.mark.parametrize("number", ["nan", "inf", "1.7e308", "-1.01e100"])
+    def test_a_score_must_be_a_number_of_which_means_can_be_computed(self, write, number):
+        load_plugin(write(NORTHERN.replace(".sum())", f".sum() * 0) + float('{number}')")))
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
-        with pytest.raises(MissionError, match="objective northernmost: expected a finite score, found nan"):
+        expected = f"objective northernmost: expected a score from -1e+100 to 1e+100, found {float(number)}"
+        with pytest.raises(MissionError, match=re.escape(expected)):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ("sys.exit(0)", "SystemExit: 0"),
+            ("raise Leave('now')", "Leave: now"),
+            ("raise Mute", "Mute"),
+        ],
+    )
+    def test_an_objective_that_ends_the_program_is_named(self, write, body, message):
+        classes = (
+            "import sys\nclass Leave(BaseException): pass\n"
+            "class Mute(Exception):\n    def __str__(self): raise ValueError\n"
+        )
+        text = NORTHERN.replace("\n@objective", f"\n{classes}@objective").replace(
+            "    return", f"    {body}\n    return"
+        )
+        load_plugin(write(text))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match=f"objective northernmost: {message}$"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    def test_an_interruption_is_no_mistake_of_an_objective(self, write):
+        """In the main thread nobody can tell whether the user asked for it."""
+        load_plugin(write(NORTHERN.replace("    return", "    raise KeyboardInterrupt\n    return")))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(KeyboardInterrupt):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
     def test_an_objective_that_fails_is_named(self, write):
@@ -107,6 +137,8 @@ class TestLoading:
             ("return 3", "floor.dynamics[0].name: shrinking must give rows of numbers: 'int' object is not iterable"),
             ("return [(1.0, 2.0), (1.0,)]", "floor.dynamics[0].name: shrinking must give rows of one length"),
             ("raise ValueError('\\033')", r"ValueError: \x1b"),
+            ("raise SystemExit", "floor.dynamics[0].name: shrinking: SystemExit"),
+            ("return (1 / 0 for _ in range(2))", "floor.dynamics[0].name: shrinking: ZeroDivisionError"),
         ],
     )
     def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
@@ -139,6 +171,7 @@ class TestLoading:
             ("\nimport nowhere_at_all", "my.py:2: a plugin that cannot be run: ModuleNotFoundError: No module"),
             ("x = 1\ny = (", "my.py:2: a plugin that cannot be run: SyntaxError"),
             ("import sys\nsys.exit(3)", "my.py:2: a plugin that cannot be run: SystemExit: 3"),
+            ("x = 1\nraise GeneratorExit", "my.py:2: a plugin that cannot be run: GeneratorExit"),
             (NORTHERN.replace("northernmost", "trips"), "ValueError: an objective is called 'trips' already, in "),
             (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
             (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),

@@ -47,6 +47,31 @@ class Stubborn(Exception):  # noqa: N818
     """Cannot be carried to another process."""
 
 
+class Leave(BaseException):
+    """As a library may have it."""
+
+
+class Mute(Exception):  # noqa: N818
+    """Cannot say what is wrong."""
+
+    def __str__(self):
+        raise ValueError
+
+
+def leaves(x):
+    """Raises what would end a program."""
+    match x:
+        case 1:
+            sys.exit(0)
+        case 2:
+            raise KeyboardInterrupt
+        case 3:
+            raise Leave("now")
+        case 4:
+            raise Mute
+    return x
+
+
 class Dies:
     """Kills its process at some items: always, or as long as a file is not there."""
 
@@ -132,6 +157,16 @@ class TestConformance:
             assert {k: result for k, result in results.items() if k not in failed} == {k: k for k in (0, 1, 2, 6, 7)}
             with pytest.raises(MissionError, match="three is not allowed"):
                 in_order(executor, fails, range(4))
+
+    def test_what_would_end_the_program_is_a_failure_too(self, make):
+        with make() as executor:
+            for _ in range(2):  # and no thread or worker is missing afterwards
+                results = dict(executor.run(leaves, range(8)))
+                failed = {k: result.reason for k, result in results.items() if isinstance(result, Failed)}
+                assert failed == {1: "SystemExit: 0", 2: "KeyboardInterrupt", 3: "Leave: now", 4: "Mute"}
+                assert {k: result for k, result in results.items() if k not in failed} == {k: k for k in (0, 5, 6, 7)}
+            with pytest.raises(RaceError, match="an experiment failed: SystemExit: 0"):
+                in_order(executor, leaves, range(2))
 
     def test_items_are_drawn_when_there_is_room(self, make):
         drawn = []
@@ -375,6 +410,33 @@ def process_of(_):
 def survives(number):
     os.kill(os.getpid(), number)
     return True
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_interrupts_who_waits_for_threads(jobs):
+    """A signal is for the main thread: no experiment fails by it."""
+    let_go = threading.Event()
+
+    def interrupting(_):
+        os.kill(os.getpid(), signal.SIGINT)
+        let_go.wait(60)
+
+    with pytest.raises(KeyboardInterrupt), ThreadExecutor(jobs) as executor:
+        list(executor.run(interrupting, range(3)))
+    let_go.set()
+
+
+def test_one_job_runs_nothing_ahead():
+    drawn = []
+
+    def items():
+        for k in range(5):
+            drawn.append(k)
+            yield k
+
+    with ThreadExecutor(1) as executor:
+        for done, _ in enumerate(executor.run(square, items()), start=1):
+            assert len(drawn) == done
 
 
 def test_threads_run_at_once():

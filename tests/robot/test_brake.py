@@ -8,8 +8,7 @@ import time
 
 import pytest
 
-from mercator_design.command import Signalled
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, Signalled, Stopped
 from mercator_design.robot import rvr
 from mercator_design.robot.safety import STALL, Brake, Signals
 

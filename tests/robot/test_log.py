@@ -13,8 +13,7 @@ import pytest
 
 from mercator_design.checked_lines import to_line
 from mercator_design.colours import COLOURS
-from mercator_design.command import Signalled
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, Signalled
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS

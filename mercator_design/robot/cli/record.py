@@ -5,7 +5,8 @@ import sys
 
 import click
 
-from mercator_design.command import NumberRange, OutputFile, Signalled, tell
+from mercator_design.command import NumberRange, OutputFile, tell
+from mercator_design.errors import Signalled
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.recording import record as write
 from mercator_design.robot.settings import Settings

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import click
 
-from mercator_design.command import Signalled, tell
-from mercator_design.errors import RobotError, printable
+from mercator_design.command import tell
+from mercator_design.errors import RobotError, Signalled, printable
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.rest import rest

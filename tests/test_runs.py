@@ -34,7 +34,7 @@ from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_files import JOURNAL
-from mercator_design.run_tables import configurations_table, experiments_table
+from mercator_design.run_tables import configurations_table, experiments_table, tests_table
 from mercator_design.sim.simulate import Simulator
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
@@ -573,57 +573,54 @@ class TestFailures:
         assert winner not in set(failed.configuration)
 
 
+@pytest.mark.usefixtures("registries")
 class TestLeaving:
     """An objective that would end the program is a failed experiment, whatever runs it."""
 
     @pytest.fixture
     def leaving(self, tmp_path):
-        """Options with which some experiments leave; the first cycle, by which a race is rehearsed, does not."""
+        """Options with which some experiments leave; the one cycle by which a race is rehearsed does not."""
 
-        def options(how):
-            text = FAILING.replace('raise ArithmeticError("too far to the left")', how).replace(
-                "if x", "if len(trace.poses) > 2 and x"
-            )
-            (tmp_path / "leaving.py").write_text(text)
-            objective = "objective={name: nervous, least: -0.9, direction: maximise}"
-            return ["--plugin", tmp_path / "leaving.py", "--set", objective, "--set", "robots=1", "--set", "duration=5"]
+        def options(how, least):
+            text = FAILING.replace('raise ArithmeticError("too far to the left")', f"raise {how}")
+            (tmp_path / "leaving.py").write_text(text.replace("if x", "if len(trace.poses) > 2 and x"))
+            objective = f"objective={{name: nervous, least: {least}, direction: maximise}}"
+            return ["--plugin", tmp_path / "leaving.py", "--set", objective, "--set", "robots=2", "--set", "duration=5"]
 
         return options
 
-    @pytest.mark.parametrize(
-        ("how", "reason"),
-        [
-            ("raise SystemExit(0)", "MissionError: objective nervous: SystemExit: 0"),
-            ("raise KeyboardInterrupt", "KeyboardInterrupt"),
-        ],
-    )
     @pytest.mark.parametrize("executor", [("threads", 1), ("threads", 2), ("processes", 1)])
-    def test_in_a_race_with_tests(self, mdesign, leaving, tmp_path, executor, how, reason):
+    def test_it_stops_the_race(self, mdesign, leaving, tmp_path, executor):
         name, jobs = executor
-        race = ["race", "aggregation", "--budget", 60, *leaving(how), "--executor", name, "-j", jobs]
-        code, out, err = mdesign(*race, "-o", tmp_path / "s")
-        assert (code, out) == (3 if "Mission" in reason else 1, "")
-        assert f"failed: {reason}" in err
-        code, _, err = mdesign(*race, "-o", tmp_path / "r", "--on-failure", "reject", "--test-runs", 40)
+        race = ["race", "aggregation", "--budget", 60, *leaving("SystemExit(0)", -0.9), "-o", tmp_path / "r"]
+        code, out, err = mdesign(*race, "--executor", name, "-j", jobs)
+        assert (code, out) == (3, "")
+        assert "failed: MissionError: objective nervous: SystemExit: 0" in err
+
+    @pytest.mark.parametrize("jobs", [1, 2])
+    def test_or_rejects_its_configuration_and_is_a_test_that_failed(self, mdesign, leaving, tmp_path, jobs):
+        race = ["race", "aggregation", "--budget", 60, *leaving("KeyboardInterrupt", -0.9), "-o", tmp_path / "r"]
+        code, _, err = mdesign(*race, "-j", jobs, "--on-failure", "reject", "--test-runs", 20, "--test-elites", 3)
         assert code == 0, err
         assert (tmp_path / "r" / "fsm.txt").exists()
-        failures = set(experiments_table(tmp_path / "r").failure)
-        assert failures == {"", reason}
+        assert set(experiments_table(tmp_path / "r").failure) == {"", "KeyboardInterrupt"}
+        assert set(tests_table(tmp_path / "r").failure) <= {"", "KeyboardInterrupt"}
 
     def test_in_evaluate_and_record(self, mdesign, leaving, tmp_path):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")
-        evaluate = ["evaluate", tmp_path / "fsm.txt", "--mission", "aggregation", "-n", 40, "-j"]
+        evaluate = ["evaluate", tmp_path / "fsm.txt", "--mission", "aggregation", "-n", 20, "-j"]
         record = ["record", tmp_path / "fsm.txt", "--mission", "aggregation", "-o", tmp_path / "t.csv", "--seed"]
-        options = leaving("raise SystemExit(0)")
+        options = leaving("SystemExit(0)", 0.0)
         for jobs in (1, 2):
-            code, out, err = mdesign(*evaluate, jobs, *options)
-            assert (code, out, err) == (3, "", "Error: objective nervous: SystemExit: 0\n")
-        codes = {mdesign(*record, seed, *options)[0] for seed in range(1, 31)}
-        assert codes == {0, 3}
-        options = leaving("raise KeyboardInterrupt")
+            assert mdesign(*evaluate, jobs, *options) == (3, "", "Error: objective nervous: SystemExit: 0\n")
+        assert {mdesign(*record, seed, *options)[0] for seed in range(1, 21)} == {0, 3}  # halves of the arena
+
+    def test_one_that_raises_what_ctrl_c_does(self, mdesign, leaving, tmp_path):
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")
+        evaluate = ["evaluate", tmp_path / "fsm.txt", "--mission", "aggregation", "-n", 20, "-j"]
+        options = leaving("KeyboardInterrupt", 0.0)
         for jobs in (1, 2):
-            code, out, err = mdesign(*evaluate, jobs, *options)
-            assert (code, out, err) == (1, "", "Error: an experiment failed: KeyboardInterrupt\n")
+            assert mdesign(*evaluate, jobs, *options) == (1, "", "Error: an experiment failed: KeyboardInterrupt\n")
 
 
 class TestRuns:

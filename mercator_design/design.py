@@ -11,7 +11,7 @@ import json
 import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -144,10 +144,12 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     def files(self) -> dict[str, bytes]:
         """As `Task.files`."""
-        mission = replace(self.simulator.mission, robot_model="robot_model.yaml")
+        mission = self.simulator.mission
+        image = mission.floor.image
         return {
             "robot_model.yaml": dump(self.simulator.robot_model).encode(),
-            "mission.yaml": dump(mission).encode(),
+            **({} if image is None else {"floor.png": image.png()}),
+            "mission.yaml": dump(mission.with_files(robot_model="robot_model.yaml", image="floor.png")).encode(),
             **{f"plugins/{file.name}": file.read_bytes() for file in plugin_files()},
         }
 

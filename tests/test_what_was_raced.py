@@ -1,10 +1,15 @@
 """A controller is measured on what it was designed for: what differs from that is refused, or told."""
 
 import json
+import shutil
 
 import pytest
+from PIL import Image as Pillow
 
 from mercator_design import shipped
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.journal import read
+from mercator_design.run_files import JOURNAL
 
 QUICK = ("--set", "robots=2", "--set", "duration=2")
 
@@ -81,3 +86,78 @@ class TestMission:
         assert code == 0
         assert "Warning" in err
         assert "was designed for another mission of the name mine" in err
+
+
+class TestFloorImage:
+    """The pixels belong to the mission; where their file lies does not matter."""
+
+    @pytest.fixture
+    def painted(self, tmp_path):
+        """Write a mission whose floor is a picture of one colour."""
+
+        def paint(folder, colour, name="floor.png"):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            Pillow.new("RGB", (4, 4), colour).save(tmp_path / folder / name)
+            text = shipped.missions()["aggregation"].read_text()
+            image = f"floor:\n  image: {{path: {name}, size: [3, 3]}}"
+            (tmp_path / folder / "painted.yaml").write_text(text.replace("floor:", image))
+            return tmp_path / folder / "painted.yaml"
+
+        return paint
+
+    RACE = ("--budget", 60, "-j", 2, "--set", "robots=2", "--set", "duration=2")
+
+    def test_its_digest_is_of_the_pixels(self, painted):
+        black, same = painted("a", "black"), painted("b", "black", "other.bmp")
+        assert load_mission(black) == load_mission(same)
+        assert load_mission(black).digest == load_mission(same).digest
+        before = load_mission(black)
+        painted("a", (0, 0, 1))
+        assert load_mission(black) != before
+        assert load_mission(black).digest != before.digest
+        moved = load_mission(same, ["floor.image.center=[0.1, 0]"])
+        assert moved.digest != before.digest
+
+    def test_a_run_folder_has_its_own_copy(self, mdesign, painted, tmp_path):
+        """The same race in another folder has the same journal; repainting or deleting the original changes nothing."""
+        first, second = painted("a", "black"), painted("b", "black")
+        for mission, folder in ((first, "r"), (second, "s")):
+            assert mdesign("race", mission, *self.RACE, "-o", tmp_path / folder)[0] == 0
+        assert read(tmp_path / "r" / JOURNAL).record.digest() == read(tmp_path / "s" / JOURNAL).record.digest()
+        painted("a", "red")
+        (tmp_path / "b" / "floor.png").unlink()
+        for folder in "rs":
+            assert mdesign("race", "--resume", tmp_path / folder, "--budget", 90, "-j", 2)[0] == 0
+            assert mdesign("runs", "verify", tmp_path / folder)[0] == 0
+        assert read(tmp_path / "r" / JOURNAL).record.digest() == read(tmp_path / "s" / JOURNAL).record.digest()
+        assert mission_of(tmp_path / "r").floor.image.pixels.max() == 0
+        shutil.copytree(tmp_path / "r", tmp_path / "moved")
+        found = [mdesign("evaluate", tmp_path / folder / "fsm.txt", "-n", 5, "--json") for folder in ("r", "moved")]
+        assert found[0] == found[1]
+        assert found[0][0] == 0
+
+    def test_one_that_was_repainted_is_refused_or_told(self, mdesign, painted, tmp_path):
+        mission = painted("a", "black")
+        mdesign("race", mission, *self.RACE, "-o", tmp_path / "r")
+        evaluate = ("evaluate", tmp_path / "r" / "fsm.txt", "-n", 2)
+        painted("a", "red")
+        code, _, err = mdesign(*evaluate, "--mission", mission)
+        assert (code, "was designed for another mission of the name painted" in err) == (0, True)
+        Pillow.new("RGB", (4, 4), "red").save(tmp_path / "r" / "floor.png")
+        code, out, err = mdesign(*evaluate)
+        assert (code, out) == (3, "")
+        assert "mission.yaml is not what it was when this was designed" in err
+        code, out, err = mdesign("race", "--resume", tmp_path / "r", "--budget", 90)
+        assert (code, out) == (1, "")
+        assert "mission_digest: raced with " in err
+
+    def test_a_scenario_for_irace_has_its_own_copy_too(self, mdesign, painted, tmp_path):
+        mission = painted("a", "black")
+        assert mdesign("export", "irace", mission, "--budget", 300, "-o", tmp_path / "x")[0] == 0
+        mission.unlink()
+        (tmp_path / "a" / "floor.png").unlink()
+        assert mission_of(tmp_path / "x").floor.image.pixels.max() == 0
+
+
+def mission_of(folder):
+    return load_mission(folder / "mission.yaml")

@@ -5,7 +5,9 @@ at random) becomes a `FloorTable` of numbers. What a table means at a point is
 said once, in floor_kernels.py, for sensors and objectives alike.
 """
 
+import hashlib
 import inspect
+import io
 import math
 import os.path
 import typing
@@ -173,16 +175,29 @@ class Tiles:
 class Image:
     """A picture laid on the floor, its first row at the top (+y); transparency is ignored.
 
-    It is read once, here, and travels with the mission: the file may change or be out of a worker's reach.
+    It is read once, here, and travels with the mission: the file may change or be out of a worker's reach. So images
+    of the same pixels are equal, wherever their files are.
     """
 
-    path: Annotated[str, FilePath()]  # of a PNG, JPEG, BMP or PPM
+    path: Annotated[str, FilePath()] = field(compare=False)  # of a PNG, JPEG, BMP or PPM
     size: tuple[Size, Size]  # [m] width and height
     center: Point = (0.0, 0.0)  # [m] x, y
     pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # (rows, columns, 3)
+    digest: str = field(init=False)  # of the pixels
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pixels", _pixels(self.path))
+        pixels = _pixels(self.path)
+        digest = hashlib.sha256(f"{pixels.shape}".encode() + pixels.tobytes()).hexdigest()[:16]
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "digest", digest)
+
+    def png(self) -> bytes:
+        """A PNG of the same pixels."""
+        from PIL import Image as Pillow
+
+        file = io.BytesIO()
+        Pillow.fromarray(self.pixels).save(file, "PNG")
+        return file.getvalue()
 
     def extent(self) -> Array:
         """Left, bottom, width and height [m]."""

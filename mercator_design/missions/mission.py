@@ -6,7 +6,7 @@ The files in `scenarios/` are found by being there.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from mercator_design import shipped
 from mercator_design.errors import INTERRUPTIONS, MercatorError, MissionError, described
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, digest_of, parse, read
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, digest_of, parse, plain, read
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Floor, check_call
 from mercator_design.missions.objectives import OBJECTIVES
@@ -122,8 +122,21 @@ class Mission:
 
     @property
     def digest(self) -> str:
-        """Equal for missions that are equal in all but the place of their robot model."""
-        return digest_of(replace(self, robot_model=""))
+        """Equal for missions that are equal, whatever the places of their robot model's and image's files."""
+        return digest_of(self.with_files(robot_model="", image=self.floor.image.digest if self.floor.image else ""))
+
+    def with_files(self, *, robot_model: str, image: str) -> dict[str, Any]:
+        """The mission as YAML has it, with other places of its files.
+
+        Args:
+            robot_model: The name of a shipped robot model, or a file.
+            image: The file of the floor's image, if it has one.
+        """
+        content: dict[str, Any] = plain(self)
+        content["robot_model"] = robot_model
+        if self.floor.image is not None:
+            content["floor"]["image"]["path"] = image
+        return content
 
     def cost(self, score: float) -> float:
         """What a race minimises."""

@@ -20,8 +20,20 @@ TIMEOUT = 2.0
 BRAKING = 2.0
 """[m/s2]"""
 
-_STOP, _RAW, _TANK, _YAW, _RC_RATE, _RC_SLEW, _POSITION = 0, 1, 2, 4, 5, 6, 7  # controllers
-_CONTROLLERS = {0: 0, 1: 1, 2: 2, 3: 4, 4: 5, 5: 7, 6: 8, 7: 9}  # of each type, at first
+_STOP, _RAW, _TANK, _YAW_SLEW, _YAW, _RC_RATE, _RC_SLEW, _POSITION = range(8)  # controllers
+_OF_YAW, _OF_RC = 3, 4  # types of controllers
+_CONTROLLERS = {
+    0: (0,),
+    1: (1,),
+    2: (2,),
+    _OF_YAW: (_YAW, _YAW_SLEW),
+    _OF_RC: (_RC_RATE, _RC_SLEW),
+    5: (7,),
+    6: (8,),
+    7: (9,),
+}
+"""Of each type; the first is the default at first."""
+_DEFAULTS = {kind: controllers[0] for kind, controllers in _CONTROLLERS.items()}
 _SLEW = {"a": -177.78, "b": 533.33, "c": 200.0, "linear_acceleration": 0.5, "linear_velocity_slew_method": 1}
 _GAIN = 5.0  # of the yaw controller [1/s]
 _AIMED = 5.0  # [degrees] from the aim, within which a robot that stood drives off
@@ -35,7 +47,7 @@ class Drive:
     """The drive. Its public methods with the names of commands obey these; `now` is to be set before.
 
     told: What the treads aim at.
-    by: What told them so: a command, or "timeout", "sleep".
+    by: What told them so: a command, or "timeout", "sleep", "port closed".
     treads: What they are at, on the way to what they aim at.
     """
 
@@ -59,7 +71,8 @@ class Drive:
         self._then = 0.0
         self._stopped = True
         self._stalled: frozenset[int] = frozenset()
-        self._defaults, self._slew = dict(_CONTROLLERS), dict(_SLEW)
+        self._cut: frozenset[int] = frozenset()
+        self._defaults, self._slew = dict(_DEFAULTS), dict(_SLEW)
         self._drove_to: bool | None = None
 
     def advance(self) -> list[tuple[str, dict[str, Any]]]:
@@ -70,7 +83,7 @@ class Drive:
         told: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
-            0.0 if motor in self._stalled else now + min(max(aim - now, -change), change)
+            0.0 if motor in self._stalled | self._cut else now + min(max(aim - now, -change), change)
             for motor, (aim, now) in enumerate(zip(self.told, self.treads, strict=True))
         )
         self._then, self.treads = self.now, (left, right)
@@ -87,26 +100,36 @@ class Drive:
         self._stop(by)
         self.treads = _REST
 
+    def end_position_drive(self, by: str) -> None:
+        """Stop, if it drives to a position, which no time ends."""
+        if self._controller == _POSITION:
+            self._stop(by)
+
     def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
         """These motors (0 left, 1 right), and no others, are cut off from now on; the notifications that follow."""
         stalled = frozenset(motors)
         changed, self._stalled = sorted(stalled ^ self._stalled), stalled
         return [("motor_stall", {"motor_index": motor, "is_triggered": motor in stalled}) for motor in changed]
 
+    def cut(self, motors: Iterable[int]) -> None:
+        """These motors, and no others, are cut off from now on, whatever they are told."""
+        self._cut = frozenset(motors)
+
     def _tell(self) -> None:
         left, right = self._aim()
         self.told = min(max(left, -TOP), TOP), min(max(right, -TOP), TOP)
 
-    def _drive(self, by: str, controller: int, aim: Callable[[], Treads], limit: float = _AT_ONCE) -> None:
-        self.by, self._controller, self._aim, self._limit = by, controller, aim, limit
+    def _drive(self, by: str, controller: int, aim: Callable[[], Treads]) -> None:
+        self.by, self._controller, self._aim = by, controller, aim
+        self._limit = self._slew["linear_acceleration"] if controller in {_YAW_SLEW, _RC_SLEW} else _AT_ONCE
         self._deadline = self.now + self._timeout
         self._stopped = False
         self._tell()
 
     def _stop(self, by: str, deceleration: float = BRAKING) -> None:
         was_stopped = self._stopped
-        self._drive(by, _STOP, lambda: _REST, deceleration)
-        self._stopped, self._deadline = was_stopped, math.inf
+        self._drive(by, _STOP, lambda: _REST)
+        self._limit, self._stopped, self._deadline = deceleration, was_stopped, math.inf
 
     def _turning(self, speed: float, turn: float) -> Treads:
         """Treads of a speed [m/s] and a turn to the left [degrees/s]."""
@@ -142,9 +165,8 @@ class Drive:
 
     def drive_rc_si_units(self, yaw_angular_velocity: float, linear_velocity: float, flags: int) -> None:
         treads = self._turning(linear_velocity, yaw_angular_velocity)
-        slews = flags & 1
-        limit = self._slew["linear_acceleration"] if slews else _AT_ONCE
-        self._drive("drive_rc_si_units", _RC_SLEW if slews else _RC_RATE, lambda: treads, limit)
+        controller = _RC_SLEW if flags & 1 else self._defaults[_OF_RC]
+        self._drive("drive_rc_si_units", controller, lambda: treads)
 
     def drive_rc_normalized(self, yaw_angular_velocity: int, linear_velocity: int, flags: int) -> None:
         self.drive_rc_si_units(FASTEST_TURN * yaw_angular_velocity / 127, TOP * linear_velocity / 127, flags)
@@ -154,11 +176,13 @@ class Drive:
         if heading > 359 or flags > _HEADING_FLAGS:
             return Error.BAD_DATA_VALUE
         forwards = -1.0 if flags & 1 else 1.0
-        self._drive("drive_with_heading", _YAW, self._towards(-heading, forwards * TOP * speed / 255))
+        self._drive(
+            "drive_with_heading", self._defaults[_OF_YAW], self._towards(-heading, forwards * TOP * speed / 255)
+        )
         return None
 
     def drive_with_yaw_si(self, yaw_angle: float, linear_velocity: float) -> None:
-        self._drive("drive_with_yaw_si", _YAW, self._towards(yaw_angle, linear_velocity))
+        self._drive("drive_with_yaw_si", self._defaults[_OF_YAW], self._towards(yaw_angle, linear_velocity))
 
     def drive_with_yaw_normalized(self, yaw_angle: int, linear_velocity: int) -> None:
         self.drive_with_yaw_si(yaw_angle, TOP * linear_velocity / 127)
@@ -225,7 +249,7 @@ class Drive:
         self._timeout = TIMEOUT
 
     def set_default_control_system_for_type(self, control_system_type: int, controller_id: int) -> Error | None:
-        if control_system_type not in _CONTROLLERS or controller_id > max(_CONTROLLERS.values()):
+        if controller_id not in _CONTROLLERS.get(control_system_type, ()):
             return Error.BAD_DATA_VALUE
         self._defaults[control_system_type] = controller_id
         return None
@@ -236,7 +260,7 @@ class Drive:
         return {"controller_id": self._defaults[control_system_type]}
 
     def restore_initial_default_control_systems(self) -> None:
-        self._defaults = dict(_CONTROLLERS)
+        self._defaults = dict(_DEFAULTS)
 
     def get_active_control_system_id(self) -> dict[str, Any]:
         return {"controller_id": self._controller}

@@ -17,6 +17,7 @@ from mercator_design.checked_lines import Event
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.log import NO_END, condition_met, controller_of, read, understanding
+from mercator_design.robot.log_events import LINES
 from mercator_design.robot.samples import FIELDS
 from mercator_design.robot.sweep import BINS, STEP
 
@@ -94,6 +95,7 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         f"/sensors/{name}": (f"mercator.{name.title().replace('_', '')}", _numbers(("age", *values)))
         for name, values in _SENSED.items()
     },
+    **{f"/lines/{name}": (f"mercator.{name.title()}Line", _numbers(values)) for name, values in LINES.items()},
 }
 """Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
 
@@ -152,6 +154,7 @@ class _Run(_Log):
         *Wheels._fields,
         "neighbour_places",
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
+        *(f"line_{name}_{value}" for name, values in LINES.items() for value in values),
     )
     counted = ("cycle",)
     unit = "cycles"
@@ -161,13 +164,17 @@ class _Run(_Log):
         self._pfsm, self._controller = controller_of(start)
 
     def events(self) -> Iterator[Event]:
-        """Those after the start; cycles have `behaviour` and `condition`, and what is `sensed` has names."""
+        """Those after the start; cycles have `behaviour` and `condition`, and names in `sensed` and `lines`."""
         for event in super().events():
             if event["event"] == "cycle":
                 event["behaviour"] = self._pfsm.states[event["state"]].behaviour
                 event["condition"] = condition_met(self._controller, event)
                 event["sensed"] = {
                     name: {"age": age, **_named(name, values)} for name, (age, *values) in event["sensed"].items()
+                }
+                event["lines"] = {
+                    name: dict(zip(LINES[name], values, strict=True))
+                    for name, values in (event.get("lines") or {}).items()
                 }
             yield event
 
@@ -187,6 +194,11 @@ class _Run(_Log):
                     for name, values in event["sensed"].items()
                     for key, value in values.items()
                 },
+                **{
+                    f"line_{name}_{key}": value
+                    for name, values in event["lines"].items()
+                    for key, value in values.items()
+                },
             }
 
     def messages(self, event: Event) -> Iterator[Message]:
@@ -200,6 +212,8 @@ class _Run(_Log):
             yield "/neighbours", {"places": places}
             for name, values in event["sensed"].items():
                 yield f"/sensors/{name}", _present(values)
+            for name, values in event["lines"].items():
+                yield f"/lines/{name}", values
             if {"position", "attitude"} <= event["sensed"].keys():
                 position, yaw = event["sensed"]["position"], event["sensed"]["attitude"]["yaw"]
                 yield from _stands(self.time - position["age"], position["x"], position["y"], yaw)

@@ -11,6 +11,7 @@
     start       what each device is told before it is of use, and to be at rest again
     samples     measurements of the RVR and the hub, with axes and units converted
     sweep       the lidar's last turn
+    health      how much of each line arrives whole; battery and motors
     senses      what the robot perceives, from what its devices tell
     mercator    the robot as one object: its senses, wheels, lamps
     safety      what keeps the wheels from turning when nobody is in control of them

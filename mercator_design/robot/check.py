@@ -2,17 +2,24 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from mercator_design.robot.findings import Finding, Look, of_devices
+from mercator_design.robot.framing import Counts
+from mercator_design.robot.health import CRITICAL, LOW, SIDES, matters_below
 from mercator_design.robot.install import NAMED, RULES
+from mercator_design.robot.mercator import PERIOD
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import DeviceName, Line, PortNames, sharing
+from mercator_design.robot.rvr import Response
 from mercator_design.robot.rvr_messages import Processor
+from mercator_design.robot.rvr_streaming import streaming
+from mercator_design.robot.samples import STREAMED
 from mercator_design.robot.settings import Settings
-from mercator_design.robot.start import firmware_name, start_hub, start_lidar, stop_lidar, wake_rvr
-from mercator_design.robot.sweep import LEAST_READINGS
+from mercator_design.robot.start import end_streaming, firmware_name, start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.sweep import LEAST_READINGS, Sweep, Swept
 from mercator_design.robot.talk import Event, Talk
 from mercator_design.robot.ydlidar import Packet, Turns
 
@@ -26,7 +33,8 @@ _RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but 
 _LISTEN = 2.0  # [s] to a lidar or hub
 _LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
-_LOW = 20  # [%] of the battery
+_ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, and how often [s]
+_LOOSE = "is a cable loose, too long, or beside one of a motor?"
 _OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
@@ -134,8 +142,14 @@ def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
 
 
-def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
-    talk = Talk([line], lambda _event, _now: None)
+def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
+    echoes = 0
+
+    def take(event: Event, _: float) -> None:
+        nonlocal echoes
+        echoes += isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
+
+    talk = Talk([line], take)
     found = wake_rvr(talk)
     words = found.words()
     for processor, oldest in _OLDEST.items():
@@ -143,17 +157,52 @@ def _check_rvr(_: Settings, line: Line) -> Iterator[Finding]:
         advice = "" if is_fine else "; update it with the app Sphero Edu"
         name = firmware_name(processor)
         yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
-    is_fine = found.battery >= _LOW
-    yield Finding("battery", is_fine, words["battery"] + ("" if is_fine else "; charge it"))
+    is_low = found.battery < settings.limits.battery_low or found.battery_state in {LOW, CRITICAL}
+    yield Finding("battery", not is_low, words["battery"] + ("; it is low: charge it" if is_low else ""))
+    yield _of_motors(talk.ask("get_motor_thermal_protection_status"))
+    asked, before = round(_LISTEN / _ECHOES), talk.counts("rvr")
+    try:
+        for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
+            talk.ask(name, processor, **values)
+        for _ in range(asked):
+            talk.tell("echo", data=_ECHO)
+            talk.attend(time.monotonic() + _ECHOES)
+    finally:
+        end_streaming(talk)
+    yield _of_line("rvr", settings, before, talk.counts("rvr"))
+    is_fine = echoes >= asked * matters_below(settings.limits.rvr_whole)
+    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back" + ("" if is_fine else f"; {_LOOSE}"))
 
 
-def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
-    turns = Turns()
+def _of_motors(heat: Mapping[str, Any]) -> Finding:
+    temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
+    hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
+    advice = f"; {' and '.join(hot)} too hot: let it cool, and leave the RVR switched on" if hot else ""
+    return Finding("motors", not hot, f"{temperatures} degrees{advice}")
+
+
+def _of_line(
+    device: DeviceName, settings: Settings, before: Counts, after: Counts, swept: Swept | None = None
+) -> Finding:
+    """How much of what a device said between two counts has arrived whole."""
+    received, lost, refused = (later - earlier for earlier, later in zip(before, after, strict=True))
+    missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
+    whole = 1.0 - missing / max(of_all, 1)
+    is_fine = whole >= matters_below(getattr(settings.limits, f"{device}_whole"))
+    words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
+    return Finding(f"{device}'s line", is_fine, words + ("" if is_fine else f"; {_LOOSE}"))
+
+
+def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
+    turns, sweep = Turns(), Sweep()
     times: list[float] = []
     readings: list[int] = []
 
     def take(event: Event, now: float) -> None:
-        if isinstance(event, Packet) and (turn := turns.receive(event)) is not None:
+        if not isinstance(event, Packet):
+            return
+        sweep.add(event)
+        if (turn := turns.receive(event)) is not None:
             times.append(now)
             readings.append(sum(distance > 0.0 for _, distance in turn))
 
@@ -167,18 +216,21 @@ def _check_lidar(_: Settings, line: Line) -> Iterator[Finding]:
         talk.until(lambda: bool(times), _LISTEN)  # the motor starts
         times.clear()
         readings.clear()
+        before, begin = talk.counts("lidar"), sweep.swept
         talk.attend(time.monotonic() + _LISTEN)
     finally:
         stop_lidar(talk, line)
+    swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
+    yield _of_line("lidar", settings, before, talk.counts("lidar"), swept)
     rate = _rate(times)
     is_fine = rate >= _LEAST_TURNS
     advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
     if readings:
         seen = readings[len(readings) // 2]
-        is_fine = seen >= LEAST_READINGS
-        advice = "" if is_fine else "; is there anything at its height, and its window clean?"
-        yield Finding("lidar's sight", is_fine, f"{seen} readings in a turn" + advice)
+        sees = seen >= LEAST_READINGS
+        advice = "" if sees else "; is there nothing at its height, or does its laser fail? Hold something before it"
+        yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
 
 
 def _rate(times: Sequence[float]) -> float:
@@ -198,7 +250,9 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     talk = Talk([line], take)
     start_hub(talk)
     times.clear()
+    before = talk.counts("proximity")
     talk.attend(time.monotonic() + _LISTEN)
+    yield _of_line("proximity", settings, before, talk.counts("proximity"))
     rate = _rate(times)
     is_fine = rate >= _LEAST_DISTANCES
     advice = "" if is_fine else f"; {talk.remedy('proximity')}"

@@ -10,11 +10,15 @@ from mercator_design.robot.settings import Settings
 
 
 class Finding(NamedTuple):
-    """What was looked at or done, and how it is; if something is wrong, with what to do."""
+    """What was looked at or done, and how it is; if something is wrong, with what to do.
+
+    is_unclear: Only a person can tell whether it is fine.
+    """
 
     what: str
     is_fine: bool
     words: str
+    is_unclear: bool = False
 
 
 Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]

@@ -2,9 +2,23 @@
 
 import re
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from itertools import takewhile
+from typing import Generic, NamedTuple, TypeVar
 
 Event = TypeVar("Event")
+
+
+class Counts(NamedTuple):
+    """Of what came over a line.
+
+    received: Bytes.
+    lost: Bytes that were of no sound frame.
+    refused: Beginnings of frames among the lost bytes.
+    """
+
+    received: int = 0
+    lost: int = 0
+    refused: int = 0
 
 
 class Decoder(Generic[Event]):
@@ -14,7 +28,7 @@ class Decoder(Generic[Event]):
     the events do not depend on how the bytes were split, and a damaged beginning that promises a long frame holds up
     none of those that follow. Kept between calls is less than the longest frame.
 
-    lost: Bytes so far that were of no sound frame.
+    counts: Of all that came so far; bytes that may still become a frame are received, and not lost.
     """
 
     def __init__(
@@ -30,10 +44,16 @@ class Decoder(Generic[Event]):
         """
         self._starts, self._size, self._read = starts, size, read
         self._kept = b""
-        self.lost = 0
+        self.counts = Counts()
+
+    @property
+    def lost(self) -> int:
+        """Bytes so far that were of no sound frame."""
+        return self.counts.lost
 
     def receive(self, data: bytes) -> list[Event]:
         """The events that these bytes complete, in order."""
+        self.counts = self.counts._replace(received=self.counts.received + len(data))
         data = self._kept + data
         events: list[Event] = []
         done = 0
@@ -50,9 +70,18 @@ class Decoder(Generic[Event]):
                 elif size and place + size < end and (event := self._read(data[place : place + size])) is not None:
                     found, start, end = event, place, place + size
             if found is None:
-                self.lost += unfinished - done
+                self._lose(data, done, unfinished)
                 self._kept = data[unfinished:]
                 return events
             events.append(found)
-            self.lost += start - done
+            self._lose(data, done, start)
             done = end
+
+    def _lose(self, data: bytes, start: int, end: int) -> None:
+        """Count bytes that are of no sound frame."""
+        if start == end:
+            return
+        places = (match.start() for match in self._starts.finditer(data, start))
+        refused = sum(self._size(data, place) > 0 for place in takewhile(lambda place: place < end, places))
+        received, lost, before = self.counts
+        self.counts = Counts(received, lost + end - start, before + refused)

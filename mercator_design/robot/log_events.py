@@ -88,6 +88,13 @@ def _is_sensed(value: Any) -> bool:  # noqa: ANN401
     return isinstance(value, dict) and all(_is_aged_sample(*item) for item in value.items())
 
 
+def _is_lines(value: Any) -> bool:  # noqa: ANN401
+    """Logs of older versions tell nothing of lines."""
+    return value is None or (
+        isinstance(value, dict) and all(name in LINES and _LINES[name].fits(each) for name, each in value.items())
+    )
+
+
 def _is_aged_sample(sensor: str, value: Any) -> bool:  # noqa: ANN401
     return (
         sensor in _SENSED
@@ -111,6 +118,15 @@ _SAMPLES: Mapping[str, _Form] = {
 """The values of a sample by sensor; nothing in sight is null."""
 _SENSED = {**_SAMPLES, "lidar": _list("nothing", _is_number, 0)}
 
+LINES: Mapping[str, tuple[str, ...]] = {
+    "rvr": ("whole", "received", "lost", "refused"),
+    "lidar": ("whole", "received", "lost", "refused", "readings"),
+    "proximity": ("whole", "received", "lost", "refused"),
+}
+"""What is told of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
+no sound frame, beginnings of frames among these; readings of the last turn."""
+_LINES = {name: _list(f"{len(values)} numbers", _is_number, len(values)) for name, values in LINES.items()}
+
 _START = {"robot": _TEXT, "time": _Form(f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
 _STARTS: Mapping[Kind, Mapping[str, _Form]] = {
     "run": {"fsm": _TEXT, "flavour": _TEXT, "reference_model": _Form("a reference model's constants", _is_model)},
@@ -129,6 +145,7 @@ _EVENTS: Mapping[Kind, Mapping[str, Mapping[str, _Form]]] = {
             "cpu": _NUMBER,
             "neighbours": _PAIRS,
             "sensed": _Form("the age and values of samples by sensor", _is_sensed),
+            "lines": _Form("numbers by line", _is_lines),
         }
     },
     "recording": {

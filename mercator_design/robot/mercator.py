@@ -11,7 +11,9 @@ from typing import Any
 from mercator_design.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.ports import DEVICES, Line, Ports
+from mercator_design.robot.framing import Counts
+from mercator_design.robot.health import RvrHealth, charge
+from mercator_design.robot.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.rvr import Notification, Response
 from mercator_design.robot.rvr_messages import lights
 from mercator_design.robot.rvr_streaming import streaming
@@ -19,7 +21,7 @@ from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED
 from mercator_design.robot.senses import Senses
 from mercator_design.robot.settings import Settings
-from mercator_design.robot.start import charge, halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
+from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import LEAST_READINGS
 from mercator_design.robot.talk import Event, Talk, words
 
@@ -27,13 +29,13 @@ COMMANDS_END = 0.3
 """[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
 PERIOD = 0.05
 """[s] of the RVR's streaming."""
+POLL = 1.0
+"""[s] between questions after battery and motors."""
 
 _BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
-_POLL = 1.0  # [s] between questions after the battery
 _UNANSWERED = 2  # times that it was asked
 _SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _NOTES = 100
-_CRITICAL = 3  # state of the battery
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
@@ -42,7 +44,8 @@ class Mercator:
 
     senses: What it perceives.
     facts: Versions and the like, for people.
-    notes: What devices told that is neither a measurement nor an answer, before they are `report`ed; the latest.
+    notes: What devices told that is neither a measurement nor an answer, and whether people should know of it at once,
+        before they are `report`ed; the latest.
     unrest: Why it may not be at rest, once it is closed; empty if it is.
     listen: Is called with all that is heard, and when [s].
     """
@@ -69,10 +72,11 @@ class Mercator:
         self._is_blind = self._do_commands_end = False
         self._polled, self._unanswered = -math.inf, 0
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
+        self._health = RvrHealth(settings.limits)
         self.facts: dict[str, Any] = {}
         self.unrest = ""
-        self.notes: deque[str] = deque(maxlen=_NOTES)
-        self._note: Callable[[str], None] = self.notes.append
+        self.notes: deque[tuple[str, bool]] = deque(maxlen=_NOTES)
+        self._tell_of: tuple[Callable[[str], None], Callable[[str], None]] | None = None
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(
             partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), settings.limits.speed
@@ -85,11 +89,20 @@ class Mercator:
         if not self._do_commands_end:
             tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
 
-    def report(self, tell: Callable[[str], None]) -> None:
-        """Have the notes told, as they come from now on."""
-        self._note = tell
+    def report(self, note: Callable[[str], None], tell: Callable[[str], None] = lambda _: None) -> None:
+        """Have the notes written down, as they come from now on, and people told of those that matter to them."""
+        self._tell_of = note, tell
         while self.notes:
-            tell(self.notes.popleft())
+            self._note(*self.notes.popleft())
+
+    def _note(self, text: str, matters: bool = False) -> None:
+        if self._tell_of is None:
+            self.notes.append((text, matters))
+            return
+        note, tell = self._tell_of
+        note(text)
+        if matters:
+            tell(text)
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -98,6 +111,27 @@ class Mercator:
             Stopped: if a device says that the robot must not drive, or a port is lost.
         """
         self._talk.attend(until)
+        self._look(time.monotonic())
+
+    def _look(self, now: float) -> None:
+        """Look at a time [s] how much of what the devices send arrives whole, and whether a tread is stuck."""
+        for text in self.senses.look(now, self._counts()):
+            self._note(text, matters=True)
+        self._health.look(now)
+
+    def _counts(self) -> dict[DeviceName, Counts]:
+        return {device: self._talk.counts(device) for device in DEVICES}
+
+    def lines(self) -> dict[DeviceName, list[float]]:
+        """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
+
+        Of the lidar's the readings of its last turn, too.
+        """
+        found: dict[DeviceName, list[float]] = {
+            device: [round(self.senses.lines[device].share, 4), *count] for device, count in self._counts().items()
+        }
+        found["lidar"].append(self.senses.sight)
+        return found
 
     def readings(self) -> Readings:
         """What the robot perceives now; what no sensor tells any more is neutral.
@@ -136,18 +170,19 @@ class Mercator:
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def poll(self) -> None:
-        """Ask after the battery if that was long ago: keeps the RVR awake, and tells whether it still hears.
+        """Ask after battery and motors if that was long ago: keeps the RVR awake, and tells whether it still hears.
 
         Raises:
             Stopped: if it does not answer, or the port is lost.
         """
-        if time.monotonic() - self._polled > _POLL:
+        if time.monotonic() - self._polled > POLL:
             if self._unanswered == _UNANSWERED:
                 raise Stopped(f"rvr: it does not answer any more; {self._talk.remedy('rvr')}")
             self._polled = time.monotonic()
             self._unanswered += 1
             self._talk.tell("get_battery_voltage_state")
             self._talk.tell("get_battery_percentage")
+            self._talk.tell("get_motor_thermal_protection_status")
 
     def show(self, colours: Mapping[str, Levels]) -> None:
         """Give lamps, of rvr_messages.LIGHTS, their colours."""
@@ -178,7 +213,9 @@ class Mercator:
         talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
         talk.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
-        talk.ask("enable_motor_fault_notify", is_enabled=True)
+        for notify in ("motor_fault", "motor_stall", "motor_thermal_protection_status"):
+            talk.ask(f"enable_{notify}_notify", is_enabled=True)
+        talk.ask("get_motor_thermal_protection_status")
         talk.ask("reset_yaw")
         talk.ask("reset_locator_x_and_y")
         talk.ask("enable_color_detection", is_enabled=True)
@@ -196,11 +233,17 @@ class Mercator:
             Stopped: as `attend`.
         """
         self._talk.catch_up()
-        self.senses.forget()
         self._until_all_is_told()
 
     def _until_all_is_told(self) -> None:
-        self._talk.until(lambda: not self.stale(time.monotonic()), _BEGIN)
+        self.senses.forget()  # what the lines bring while devices are started may be of before
+
+        def is_told() -> bool:
+            now = time.monotonic()
+            self._look(now)
+            return not self.stale(now)
+
+        self._talk.until(is_told, _BEGIN)
         for why in self.stale(time.monotonic()).values():
             raise RobotError(why)
 
@@ -265,20 +308,15 @@ class Mercator:
 
     def _note_sight(self) -> None:
         """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
-        was_blind, self._is_blind = self._is_blind, sum(map(bool, self.senses.sweep.ranges())) < LEAST_READINGS
+        was_blind, self._is_blind = self._is_blind, self.senses.sight < LEAST_READINGS
         if was_blind != self._is_blind:
             self._note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
-        """Stop if the RVR says that it must not drive."""
-        match name:
-            case "get_battery_percentage" if values:
-                before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
-                if before != self.facts["battery"]:
-                    self._note(f"battery {self.facts['battery']}")
-            case "battery_voltage_state_change" | "get_battery_voltage_state" if values.get("state") == _CRITICAL:
-                raise Stopped("rvr: the battery is critical; charge it")
-            case "did_sleep":
-                raise Stopped("rvr: it fell asleep")
-            case "motor_fault" if values["is_fault"]:
-                raise Stopped("rvr: a motor has a fault")
+        """Tell what the RVR says of itself; stop if it says that it must not drive."""
+        if name == "get_battery_percentage" and values:
+            before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
+            if before != self.facts["battery"]:
+                self._note(f"battery {self.facts['battery']}")
+        for text in self._health.take(name, values):
+            self._note(text, matters=True)

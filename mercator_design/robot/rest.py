@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 
 from mercator_design.robot.findings import Finding, of_devices
+from mercator_design.robot.health import charge
 from mercator_design.robot.ports import Line
 from mercator_design.robot.settings import Settings
-from mercator_design.robot.start import charge, halt, rest_rvr, stop_lidar, wake_rvr
+from mercator_design.robot.start import halt, rest_rvr, stop_lidar, wake_rvr
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.talk import Talk
 

@@ -88,7 +88,7 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
         reference_model=settings.reference_model._asdict(),
         facts=dict(robot.facts),
     )
-    robot.report(log.remark)
+    robot.report(log.remark, tell)
     robot.introduce(tell)
 
 
@@ -122,6 +122,7 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> No
                 name: [round(begin - sample.time, 4), *map(plain, sample.values)]
                 for name, sample in robot.senses.samples.items()
             },
+            lines=robot.lines(),
         )
         robot.drive(wheels, is_dry=what.is_dry)
         notify(WATCHDOG=1)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 from mercator_design.errors import ProtocolError
-from mercator_design.robot.framing import Decoder
+from mercator_design.robot.framing import Counts, Decoder
 from mercator_design.robot.rvr_messages import COMMANDS, NOTIFICATIONS, Error, Message, Processor, Value, Values
 from mercator_design.robot.rvr_streaming import Slots, StreamData
 
@@ -170,9 +170,9 @@ class Host:
         self._slots = Slots()
 
     @property
-    def lost(self) -> int:
-        """Bytes received that were of no sound frame."""
-        return self._decoder.lost
+    def counts(self) -> Counts:
+        """Of what came so far."""
+        return self._decoder.counts
 
     def send(
         self, name: str, /, *, target: Processor | None = None, reply: Flags | None = None, **values: Value

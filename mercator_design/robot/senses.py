@@ -4,7 +4,7 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from mercator_design.colours import COLOURS, RGB, ColourName
@@ -12,6 +12,8 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings
+from mercator_design.robot.framing import Counts
+from mercator_design.robot.health import LineHealth
 from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.samples import Sample, converted, heading
 from mercator_design.robot.settings import Settings, nearest
@@ -21,7 +23,7 @@ from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
 
 class Stale(NamedTuple):
-    """A sample that cannot be relied on.
+    """A sample that cannot be relied on: it is too old, or too little of its line arrives whole.
 
     device: Which device should have told it.
     words: What is wrong with it.
@@ -38,6 +40,8 @@ class Senses:
         without values: when a turn has ended.
     neighbours: Distances [m] and bearings [rad] of the robots that the latest readings have.
     sweep: What the lidar sees, in a frame that does not turn with the robot.
+    sight: Readings of its last turn.
+    lines: How much of what each device sends arrives whole: of the lidar, of its turns; of the others, of their bytes.
     """
 
     def __init__(self, settings: Settings, reads: Iterable[str], labels: Mapping[ColourName, RGB]) -> None:
@@ -65,9 +69,8 @@ class Senses:
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
         self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
-        self.samples: dict[str, Sample] = {}
         self.neighbours: list[tuple[float, float]] = []
-        self.sweep = Sweep(settings.lidar_angle)
+        self.forget()
 
     def take(self, event: Event, now: float) -> bool:
         """Take in what was heard at a time [s]; whether a turn of the lidar has ended with it."""
@@ -80,12 +83,32 @@ class Senses:
         ends = self.sweep.add(event, heading(self.samples, began), heading(self.samples, now))
         if ends:
             self.samples["lidar"] = Sample(now, ())
+            self.sight = sum(map(bool, self.sweep.ranges()))
         return ends
 
+    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[str]:
+        """Look at a time [s] how much arrives whole, by what came over each line so far; what people should know."""
+        for device, line in self.lines.items():
+            count = counts[device]
+            lost, received = (self.sweep.swept.lost, self.sweep.swept.all) if device == "lidar" else count[1::-1]
+            is_worse = line.look(now, lost, received)
+            if is_worse is not None:
+                whole = f"{_percent(line.share)} of what it sends arrives whole"
+                consequence = f"; below {_percent(line.least)} it counts as silent; is a cable loose?"
+                yield f"{device}: only {whole}{consequence}" if is_worse else f"{device}: {whole} again"
+
     def forget(self) -> None:
-        """Forget all samples."""
-        self.samples.clear()
+        """Begin anew, without a sample."""
+        limits = self._settings.limits
+        self.samples: dict[str, Sample] = {}
         self.sweep = Sweep(self._settings.lidar_angle)
+        self.sight = 0
+        least: dict[DeviceName, float] = {
+            "rvr": limits.rvr_whole,
+            "lidar": limits.lidar_whole,
+            "proximity": limits.proximity_whole,
+        }
+        self.lines = {device: LineHealth(share) for device, share in least.items()}
 
     def readings(self, now: float) -> Readings:
         """What the robot perceives at a time [s]; what no sensor tells any more is neutral."""
@@ -93,9 +116,9 @@ class Senses:
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
         ground = COLOURS["white"]
-        if self.age("proximity", now) <= limits.proximity:
+        if self._is_told("proximity", now, limits.proximity, "proximity"):
             proximity = self.samples["proximity"].values
-        if self.age("ground", now) <= limits.rvr:
+        if self._is_told("ground", now, limits.rvr, "rvr"):
             ground = COLOURS[self.label()]
         n = self._find_neighbours(now)
         weights = [proximity_weight(model, distance) for distance in proximity]
@@ -114,9 +137,9 @@ class Senses:
         )
 
     def _find_neighbours(self, now: float) -> int:
-        """Find `neighbours` in the lidar's last turn, if it is not too old; how many they are."""
+        """Find `neighbours` in the lidar's last turn, if it can be relied on; how many they are."""
         n = 0
-        if self.age("lidar", now) <= self._settings.limits.lidar:
+        if self._is_told("lidar", now, self._settings.limits.lidar, "lidar"):
             front = -heading(self.samples, now)
             n = lidar_neighbours(self._model, self.sweep.ranges(), front, STEP, *self._found)
         distances, x, y = self._found
@@ -132,11 +155,24 @@ class Senses:
         """Of a sample at a time [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
 
+    def _is_told(self, name: str, now: float, limit: float, device: DeviceName) -> bool:
+        """Whether a sample is not too old, and enough of its device's line arrives whole."""
+        return self.age(name, now) <= limit and not self.lines[device].is_broken
+
     def stale(self, now: float) -> dict[str, Stale]:
-        """The samples that are needed and too old at a time [s], by name."""
+        """The samples that are needed and cannot be relied on at a time [s], by name."""
         stale = {}
         for name, limit, device in self._needed:
-            if (age := self.age(name, now)) > limit:
-                found = f"nothing for {age:.2f} s; the limit is {limit:g} s" if math.isfinite(age) else "nothing yet"
-                stale[name] = Stale(device, found)
+            age, line = self.age(name, now), self.lines[device]
+            if age == math.inf:
+                stale[name] = Stale(device, "nothing yet")
+            elif age > limit:
+                stale[name] = Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
+            elif line.is_broken:
+                found = f"only {_percent(line.share)} of what the {device} sends arrives whole"
+                stale[name] = Stale(device, f"{found}; the limit is {_percent(line.least)}")
         return stale
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"

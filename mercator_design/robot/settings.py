@@ -18,6 +18,8 @@ Angle = Annotated[float, Range(-7.0, 7.0)]
 Age = Annotated[float, Range(0.3, 10.0)]
 Offset = Annotated[float, Range(-0.2, 0.2)]
 Speed = Annotated[float, Range(0.01, 1.55)]
+Percentage = Annotated[float, Range(0.0, 100.0)]
+Share = Annotated[float, Range(0.0, 1.0)]
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle, as missions have it unless they say otherwise."""
@@ -38,6 +40,12 @@ class Limits:
     rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
     proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
+    rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; below it is silent
+    proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are much of it
+    lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
+    battery_low: Percentage = 20.0  # [%] of charge below which people are told; also if the RVR says that it is low
+    battery_critical: Percentage = 5.0  # [%] of charge below which the robot stops; also if the RVR says so
+    stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
     unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex
+from mercator_design.robot.health import charge
 from mercator_design.robot.multiflex import Acknowledgement
 from mercator_design.robot.ports import Line
 from mercator_design.robot.rvr_messages import Processor
@@ -21,10 +22,12 @@ class Rvr(NamedTuple):
 
     firmware: Major and minor number and revision, of each processor.
     battery: Its charge [%].
+    battery_state: 0 unknown, 1 good, 2 low, 3 critical.
     """
 
     firmware: Mapping[Processor, tuple[int, int, int]]
     battery: int
+    battery_state: int
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
@@ -37,11 +40,6 @@ def firmware_name(processor: Processor) -> str:
     return f"firmware_{processor.name.lower()}"
 
 
-def charge(percentage: int) -> str:
-    """Of a battery, for people."""
-    return f"{percentage} %"
-
-
 def wake_rvr(talk: Talk) -> Rvr:
     """End what a former program has begun, and wake the RVR: its firmware and battery.
 
@@ -49,15 +47,15 @@ def wake_rvr(talk: Talk) -> Rvr:
         RobotError: if it does not answer.
     """
     talk.tell("disable_notifications_and_active_commands")
-    _end_streaming(talk)
+    end_streaming(talk)
     talk.tell("wake")
     talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
     firmware = {}
     for processor in Processor:
         version = talk.ask("get_main_application_version", processor)
         firmware[processor] = version["major"], version["minor"], version["revision"]
-    talk.ask("get_battery_voltage_state")
-    return Rvr(firmware, talk.ask("get_battery_percentage")["percentage"])
+    state = talk.ask("get_battery_voltage_state")["state"]
+    return Rvr(firmware, talk.ask("get_battery_percentage")["percentage"], state)
 
 
 def halt(talk: Talk) -> bytes:
@@ -71,7 +69,7 @@ def rest_rvr(talk: Talk) -> None:
     Raises:
         RobotError: if it does not answer, or refuses to stop.
     """
-    _end_streaming(talk)
+    end_streaming(talk)
     talk.tell("enable_color_detection", is_enabled=False)
     talk.tell("release_led_requests")
     talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
@@ -117,7 +115,8 @@ def start_hub(talk: Talk) -> None:
             raise RobotError(f"proximity: command {command.code:#x} was refused")
 
 
-def _end_streaming(talk: Talk) -> None:
+def end_streaming(talk: Talk) -> None:
+    """Let the RVR stream nothing any more."""
     for processor in Processor:
         talk.tell("clear_streaming_service", processor)
 

@@ -1,7 +1,13 @@
-"""The lidar's last turn: ranges in a ring by angle, each kept until the lidar comes by again."""
+"""The lidar's last turn: ranges in a ring by angle, each kept until the lidar has looked there again.
+
+Where a packet is lost the lidar has not looked, as far as is known: what was seen there in the turn before is kept for
+one more turn. How much of what it sweeps is lost is counted.
+"""
 
 import math
+from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 from mercator_design.robot.ydlidar import Packet
 
@@ -14,7 +20,16 @@ LEAST_READINGS = 2
 
 _TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
 _BACKWARDS = 10 * 64  # by which a packet may begin before the end of the one before, as turns are not all alike
+_GAP = 4 * 64  # between the angles of packets, from which on samples are missing; a sample is 0.36 to 0.86 degrees
+_ASIDE = 2 * 64  # of a gap, within which it may be that the lidar has not looked; a turn is not quite like the other
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
+
+
+class Swept(NamedTuple):
+    """How far the lidar has turned [degrees / 64], and for how much of that no samples came."""
+
+    all: int = 0
+    lost: int = 0
 
 
 class Sweep:
@@ -25,6 +40,8 @@ class Sweep:
 
     Ranges stay where they were seen if it is told how the robot stood, which may turn by half a radian while the lidar
     goes round: angles are then those of a frame that does not turn.
+
+    swept: How far the lidar has turned, against the robot, and how much of that was lost.
     """
 
     def __init__(self, front: float = 0.0) -> None:
@@ -32,7 +49,11 @@ class Sweep:
         self._front = front
         self._ranges = [0.0] * BINS
         self._written = [-_TURN] * BINS  # how far the lidar had swept
+        self._places = [-_TURN] * BINS  # the same, of the sample itself
         self._swept = 0
+        self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: from where to where nothing came
+        self._seen: int | None = None  # as _last, against the robot
+        self.swept = Swept()
         self._last: int | None = None  # angle of the last packet's last sample
         self._began: int | None = None  # how far the lidar had swept at the last ring start
 
@@ -51,12 +72,18 @@ class Sweep:
         """
         if packet.is_suspect:
             return False
+        is_gap = self._count(packet)
         packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
-            ahead = (packet.first - self._last) % _TURN
-            self._swept += ahead if ahead < _TURN - _BACKWARDS else 0
+            ahead = _ahead(self._last, packet.first)
+            if is_gap:
+                self._gaps.append((self._swept - _ASIDE, self._swept + ahead + _ASIDE))
+            self._swept += ahead
         span = (packet.last - packet.first) % _TURN
-        for angle, distance in packet.points():
+        while self._gaps and self._gaps[0][1] < self._swept + span - _TURN:
+            self._gaps.popleft()
+        step = span / max(len(packet.samples) - 1, 1)
+        for i, (angle, distance) in enumerate(packet.points()):
             if distance <= 0.0:
                 continue
             k = round((angle + self._front) / STEP) % BINS
@@ -64,6 +91,7 @@ class Sweep:
             if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
+                self._places[k] = self._swept + round(i * step)
         ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= _TURN // 2
         if packet.is_ring_start:
             self._began = self._swept
@@ -71,12 +99,33 @@ class Sweep:
         self._last = packet.last
         return ends
 
+    def _count(self, packet: Packet) -> bool:
+        """Count how far the lidar has turned with a packet; whether samples before it are missing."""
+        ahead = 0 if self._seen is None else _ahead(self._seen, packet.first)
+        is_gap = ahead > _GAP
+        self._seen = packet.last
+        turned = ahead + (packet.last - packet.first) % _TURN
+        self.swept = Swept(self.swept.all + turned, self.swept.lost + (ahead if is_gap else 0))
+        return is_gap
+
     def ranges(self) -> list[float]:
-        """Of each bin [m]; 0 where nothing was seen in the last turn."""
+        """Of each bin [m]; 0 where nothing was seen in the last turn, or in the one before if nothing came since."""
         oldest = self._swept - _TURN
-        return [
+        found = [
             distance if written > oldest else 0.0 for distance, written in zip(self._ranges, self._written, strict=True)
         ]
+        if self._gaps:
+            for k in [k for k, written in enumerate(self._written) if oldest - _TURN < written <= oldest]:
+                now = self._places[k] + _TURN
+                if any(begin <= now <= end for begin, end in self._gaps):
+                    found[k] = self._ranges[k]
+        return found
+
+
+def _ahead(last: int, first: int) -> int:
+    """How far it is from a packet's last sample to the next one's first; 0 if that is before it."""
+    ahead = (first - last) % _TURN
+    return ahead if ahead < _TURN - _BACKWARDS else 0
 
 
 def _seen(angle: int, heading: float) -> int:

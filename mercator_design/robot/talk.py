@@ -8,6 +8,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.framing import Counts
 from mercator_design.robot.multiflex import Acknowledgement
 from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr import Flags, Notification, Response, Unknown
@@ -123,12 +124,16 @@ class Talk:
                 return found()[0]
         raise RobotError(f"{device}: no answer; {self.remedy(device)}")
 
+    def counts(self, device: DeviceName) -> Counts:
+        """Of what a device has said so far."""
+        return {"rvr": self._host.counts, "lidar": self._lidar.counts, "proximity": self._hub.counts}[device]
+
     def remedy(self, device: DeviceName) -> str:
         """What to look at if a device says nothing, or nothing that makes sense."""
         if device == "rvr" and self._is_joined:
             return _JOINED
         remedy = (_REMEDIES_OF_HEARD if device in self._understood else _REMEDIES)[device]
-        lost = {"rvr": self._host.lost, "lidar": self._lidar.lost, "proximity": self._hub.lost}[device]
+        lost = self.counts(device).lost
         if lost <= (_MUCH if device in self._understood else 0):
             return remedy
         return f"{remedy} ({lost} bytes from it make no sense: another device, or another baud rate)"

@@ -127,8 +127,17 @@ class Stall(_Fault):
     motor: Literal["left", "right"]  # which
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heat(_Fault):
+    """A motor is hot: from 60 degrees on the robot warns, from 70 on it cuts the motor off."""
+
+    kind: Literal["heat"] = "heat"
+    motor: Literal["left", "right"]  # which
+    temperature: Annotated[float, Range(-20.0, 200.0)]  # [degrees Celsius]
+
+
 LineFault: TypeAlias = Flip | Lose | Double | Insert | Silence | WrongBaud
-Fault: TypeAlias = LineFault | PortLoss | Battery | Stall
+Fault: TypeAlias = LineFault | PortLoss | Battery | Stall | Heat
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

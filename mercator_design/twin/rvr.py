@@ -23,6 +23,9 @@ _UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
 _THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
 _EMPTY, _FULL = 6.4, 8.2  # [V]
 _ECHO = 16  # bytes at most
+_THERMOMETERS = 4, 5, 8  # of the left motor, the right one, the Nordic
+_TEMPERATURE = 30.0  # [degrees Celsius] of everything that is not hot
+_HOT, _TOO_HOT = 60.0, 70.0  # [degrees Celsius] of a motor; nowhere documented
 _CURRENT = 0.35  # [A] of a motor that turns
 _VERSIONS = {Processor.NORDIC: (9, 1, 462), Processor.ST: (9, 2, 482)}
 _MADE_UP: Mapping[str, Mapping[str, Any]] = {
@@ -34,7 +37,6 @@ _ACCEPTED = {
     # What they would notify does not happen here.
     "enable_gyro_max_notify",
     "enable_motor_fault_notify",
-    "enable_motor_thermal_protection_status_notify",
     "enable_robot_infrared_message_notify",
     "set_locator_flags",
     # Slots are kept by the line.
@@ -70,7 +72,10 @@ class Rvr:
         self._awake = now  # from when on
         self._warned = False
         self._battery_state = _GOOD
-        self._notifies = dict.fromkeys(("battery_voltage_state_change", "motor_stall"), False)
+        self._notifies = dict.fromkeys(
+            ("battery_voltage_state_change", "motor_stall", "motor_thermal_protection_status"), False
+        )
+        self._temperatures = [_TEMPERATURE] * 2  # of the motors
         self._said: list[bytes] = []
         self._obeyed_by = {name: part for part in (self, self._senses, self._drive) for name in _names(part)}
 
@@ -81,7 +86,7 @@ class Rvr:
 
     @property
     def told_by(self) -> str:
-        """What told them: a command, or "timeout", "sleep"."""
+        """What told them: a command, or "timeout", "sleep", "port closed"."""
         return self._drive.by
 
     @property
@@ -114,10 +119,24 @@ class Rvr:
         self._watch_battery()
         return self._take_said()
 
+    def hang_up(self, now: float) -> None:
+        """Nobody has the port open any more."""
+        self._now = self._drive.now = now
+        self._drive.end_position_drive("port closed")
+
     def stall(self, motors: Iterable[int]) -> None:
         """These motors (0 left, 1 right), and no others, are stuck, and cut off, from now on."""
         for name, values in self._drive.stall(motors):
             self._notify(name, **values)
+
+    def heat(self, temperatures: Mapping[int, float]) -> None:
+        """Motors (0 left, 1 right) are as hot as this [degrees Celsius] from now on, and others as usual."""
+        before = self.get_motor_thermal_protection_status()
+        self._temperatures = [temperatures.get(motor, _TEMPERATURE) for motor in (0, 1)]
+        status = self.get_motor_thermal_protection_status()
+        if status != before:
+            self._notify("motor_thermal_protection_status", **status)
+        self._drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
 
     def _obey(self, event: Command | Unknown) -> bytes:
         frame = event.frame
@@ -229,6 +248,22 @@ class Rvr:
 
     def enable_motor_stall_notify(self, is_enabled: bool) -> None:
         self._notifies["motor_stall"] = is_enabled
+
+    def enable_motor_thermal_protection_status_notify(self, is_enabled: bool) -> None:
+        self._notifies["motor_thermal_protection_status"] = is_enabled
+
+    def get_motor_thermal_protection_status(self) -> Mapping[str, Any]:
+        values: dict[str, Any] = {}
+        for side, temperature in zip(("left", "right"), self._temperatures, strict=True):
+            values[f"{side}_motor_temperature"] = temperature
+            values[f"{side}_motor_status"] = (temperature >= _HOT) + (temperature >= _TOO_HOT)
+        return values
+
+    def get_temperature(self, id0: int, id1: int) -> Mapping[str, Any] | Error:
+        found = dict(zip(_THERMOMETERS, (*self._temperatures, _TEMPERATURE), strict=True))
+        if not {id0, id1} <= found.keys():
+            return Error.BAD_DATA_VALUE
+        return {"id0": id0, "temp0": found[id0], "id1": id1, "temp1": found[id1]}
 
     def disable_notifications_and_active_commands(self) -> None:
         self._notifies = dict.fromkeys(self._notifies, False)

@@ -20,8 +20,6 @@ gone [m]."""
 
 _NO_CLASS = 255  # of a colour: none that the robot has learnt
 _TICKS = 3000.0  # of an encoder for a metre; nowhere documented
-_THERMOMETERS = {4, 5, 8}  # of the left motor, the right one, the Nordic
-_TEMPERATURE = 30.0  # [degrees Celsius] of everything
 _FIELD = 0.3, 0.4  # [gauss] of the earth, along the floor to the arena's +y, and downwards
 _CALIBRATING = 3.0  # [s] of the magnetometer
 
@@ -129,17 +127,6 @@ class Senses:
 
     def magnetometer_calibrate_to_north(self) -> None:
         self._calibrated = self.now + _CALIBRATING
-
-    def get_temperature(self, id0: int, id1: int) -> dict[str, Any] | Error:
-        if not {id0, id1} <= _THERMOMETERS:
-            return Error.BAD_DATA_VALUE
-        return {"id0": id0, "temp0": _TEMPERATURE, "id1": id1, "temp1": _TEMPERATURE}
-
-    def get_motor_thermal_protection_status(self) -> dict[str, Any]:
-        sides = ("left", "right")
-        return {f"{side}_motor_temperature": _TEMPERATURE for side in sides} | {
-            f"{side}_motor_status": 0 for side in sides
-        }
 
     def _world_yaw(self) -> float:
         return self._measure("imu")[2]

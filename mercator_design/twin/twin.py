@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 from mercator_design.errors import SettingsError
+from mercator_design.robot.health import SIDES
 from mercator_design.robot.ports import DeviceName
 from mercator_design.twin.arena import Arena
-from mercator_design.twin.faults import Battery, Damage, Direction, Fault, LineFault, PortLoss, Script, Stall
+from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat, LineFault, PortLoss, Script, Stall
 from mercator_design.twin.hub import Hub
 from mercator_design.twin.lidar import Lidar
 from mercator_design.twin.rvr import Rvr
@@ -81,6 +82,9 @@ class Robot:
         if device == "lidar":
             self.lidar.set_motor(on=is_open, now=now)
         self._tell(now, "port", device=device, open=is_open)
+        if device == "rvr" and not is_open:
+            self.rvr.hang_up(now)
+            self._note(now)
 
     def _begin_and_end_faults(self, now: float) -> None:
         on = [fault for fault in self._faults if fault.is_on(now)]
@@ -91,7 +95,10 @@ class Robot:
             self._tell(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
         if any(isinstance(fault, Battery) for fault in begun + ended):
             self.rvr.level = min((fault.level for fault in on if isinstance(fault, Battery)), default=100.0)
-        self.rvr.stall(("left", "right").index(fault.motor) for fault in on if isinstance(fault, Stall))
+        self.rvr.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
+        if any(isinstance(fault, Heat) for fault in begun + ended):
+            hot = [(SIDES.index(fault.motor), fault.temperature) for fault in on if isinstance(fault, Heat)]
+            self.rvr.heat(dict(sorted(hot)))  # of several the hottest counts
 
     def _note(self, now: float) -> None:
         """Log what is new."""

@@ -63,6 +63,8 @@ class Devices(Surroundings):
     joined: Names of lines on which there is no device, but what is sent comes back.
     unplugged: Names of lines that have no port.
     damaged: Names of lines on which one byte of a thousand that a device tells has a wrong bit.
+    torn: The same, of one byte of a hundred.
+    noisy: Names of lines on which twice as much comes between frames, and makes no sense.
     wrong_baud: Names of lines on which nothing that a device tells makes sense.
     instead: By name of a command, what answers it in place of the RVR, which does not obey it: values, or an `error`.
     is_stuck: Whether the lidar's motor does not turn.
@@ -75,6 +77,7 @@ class Devices(Surroundings):
     def __init__(self):
         super().__init__()
         self.silent, self.deaf, self.joined, self.unplugged, self.damaged, self.wrong_baud = (set() for _ in range(6))
+        self.torn, self.noisy = set(), set()
         self.instead, self.is_stuck, self.suspended = {}, False, threading.Lock()
         self.commands, self.lidar_commands, self.log = [], [], []
         self._told, self._is_over, self._stack = deque(), False, contextlib.ExitStack()
@@ -83,6 +86,8 @@ class Devices(Surroundings):
         self.rvr, self.lidar, self.hub = robot.rvr, robot.lidar, robot.hub
         self.rvr.level = 87.0
         robot.receive = functools.partial(self._receive, robot.receive)
+        for line, device in zip(DEVICES, (self.rvr, self.lidar, self.hub), strict=True):
+            device.advance = functools.partial(self._advance, device.advance, line)
         self.rvr._obey = functools.partial(self._obey, self.rvr._obey)
         self.rvr._senses._stream = functools.partial(self._stream, self.rvr._senses._stream)
         self.lidar._obey = functools.partial(self._obey_lidar, self.lidar._obey)
@@ -95,6 +100,7 @@ class Devices(Surroundings):
             yield by_hand(lambda line=line: line in self.deaf, Silence, device=line, direction="to_robot")
             yield by_hand(lambda line=line: line in self.unplugged, PortLoss, device=line)
             yield by_hand(lambda line=line: line in self.damaged, Flip, device=line, direction="from_robot", rate=1e-3)
+            yield by_hand(lambda line=line: line in self.torn, Flip, device=line, direction="from_robot", rate=1e-2)
             yield by_hand(lambda line=line: line in self.wrong_baud, WrongBaud, device=line, direction="from_robot")
 
     def __enter__(self):
@@ -171,6 +177,10 @@ class Devices(Surroundings):
 
     def _receive(self, usual, line, data, now):
         return data if line in self.joined else usual(line, data, now)
+
+    def _advance(self, usual, line, now):
+        said = usual(now)
+        return said + bytes(2 * len(said)) if line in self.noisy else said
 
     def _obey(self, usual, command):
         self.commands.append((time.monotonic(), command.name, command.values))

@@ -1,6 +1,7 @@
 """mercator-robot check: what is fine, and what is wrong with what to do."""
 
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -55,7 +56,7 @@ def found(robot_command, devices, tmp_path, processes, monkeypatch):
         code, out, err = robot_command("check", "--robot", tmp_path / "robot.yaml")
         lines = {True: {}, False: {}}
         for line in out.splitlines():
-            lines[line.startswith("ok ")][line[7:34].strip()] = line[34:]
+            lines[not line.startswith("WRONG ")][line[7:34].strip()] = line[34:]
         return code, lines[True], lines[False], err
 
     return run
@@ -67,6 +68,10 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.2.482"
     assert fine["battery"] == "87 %"
+    assert fine["motors"] == "left 30 and right 30 degrees"
+    for device in ("rvr", "lidar", "proximity"):
+        assert re.fullmatch(r"100\.0 % arrives whole; 0 of \d+ bytes lost, 0 frames refused", fine[f"{device}'s line"])
+    assert fine["rvr's echoes"] == "20 of 20 came back"
     assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
     assert 4.0 <= float(fine["lidar's turns"].split()[0]) <= 7.5
     assert fine["lidar's sight"].endswith("readings in a turn")
@@ -80,16 +85,55 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
 def test_one_that_is_not(found, devices, monkeypatch):
     monkeypatch.setattr(checking, "_LISTEN", 1.0)
     devices.instead["get_main_application_version"] = {"major": 8, "minor": 3, "revision": 400}
-    devices.rvr.level, devices.hub.plugged_in, devices.heads = 12.0, 0xFE, []
+    devices.rvr.level, devices.hub.plugged_in = 12.0, 0xFE
+    devices.rvr.heat({1: 65.0})
     code, _, wrong, err = found()
     assert wrong == {
         "firmware nordic": "8.3.400; update it with the app Sphero Edu",
         "firmware st": "8.3.400; update it with the app Sphero Edu",
-        "battery": "12 %; charge it",
-        "lidar's sight": "0 readings in a turn; is there anything at its height, and its window clean?",
+        "battery": "12 %; it is low: charge it",
+        "motors": "left 30 and right 65 degrees; right too hot: let it cool, and leave the RVR switched on",
         "sensor 0, at +45 degrees": "off; plug it in",
     }
     assert (code, err) == (1, "Error: 5 wrong\n")
+
+
+def test_a_battery_that_is_low_by_the_word_of_the_rvr(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.rvr.level = 30.0  # above limits.battery_low
+    devices.when(lambda: devices.rvr.get_battery_voltage_state() == {"state": 2})
+    assert found()[2] == {"battery": "30 %; it is low: charge it"}
+
+
+def test_lines_that_are_damaged(found, devices, monkeypatch):
+    """One byte of a hundred is wrong: three of five packets of the lidar are refused."""
+    monkeypatch.setattr(talk, "_TRIES", 20)
+    devices.torn = {"lidar"}
+    devices.noisy = {"rvr", "proximity"}
+    _, _, wrong, _ = found()
+    assert wrong.keys() == {"rvr's line", "lidar's line", "proximity's line"}
+    words = r"\d\d\.\d % arrives whole; \d+ of \d+ bytes lost, \d+ frames refused; is a cable loose"
+    assert all(re.match(words, line) for line in wrong.values())
+
+
+def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+    devices.instead["echo"] = {"error": 8}
+    _, _, wrong, _ = found()
+    assert wrong.keys() == {"rvr's echoes"}
+    assert wrong["rvr's echoes"].startswith("0 of 10 came back; is a cable loose")
+
+
+def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devices, tmp_path, monkeypatch):
+    """As on a twin of one robot: nobody can tell it from one whose laser fails."""
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    devices.heads = []
+    code, _, wrong, _ = found()
+    assert (code, wrong) == (0, {})
+    code, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
+    (row,) = [line for line in out.splitlines() if "sight" in line]
+    assert row.startswith("look   lidar's sight")
+    assert "0 readings in a turn; is there nothing at its height, or does its laser fail?" in row
 
 
 def test_each_device_by_itself(found, devices, monkeypatch):
@@ -284,7 +328,7 @@ class TestOtherPrograms:
         processes("ModemManager", "agetty -o -p tty1 linux")
         assert check_programs("/dev/ttyS0").words.startswith("ModemManager talks")
         rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
-        assert check_programs("/dev/ttyS0") == ("other programs", True, "none that takes ports")
+        assert check_programs("/dev/ttyS0")[:3] == ("other programs", True, "none that takes ports")
 
     def test_one_that_reads_a_port_too(self, found, devices):
         code = f"import os, sys; os.open({devices.names.lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); "

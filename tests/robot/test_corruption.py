@@ -36,7 +36,7 @@ def test_events_do_not_depend_on_how_bytes_are_split(stream):
     line, data, chunks = stream
     whole, split = line.decoder(), line.decoder()
     assert whole.receive(data) == [event for chunk in chunks for event in split.receive(chunk)]
-    assert whole.lost == split.lost
+    assert whole.counts == split.counts
 
 
 @FIXED
@@ -76,6 +76,19 @@ def test_bytes_of_no_frame_are_counted(name):
     frame = line.frames[-1]
     assert decoder.receive(b"\x01\x02\x03" + frame + b"\x04\x05" + frame + b"\x06") != []
     assert decoder.lost == 6
+    assert decoder.counts == (6 + 2 * len(frame), 6, 0)
+
+
+@pytest.mark.parametrize("name", [name for name in LINES if name.endswith("to the computer")])
+def test_frames_that_are_refused_are_counted(name):
+    """Each once, whose checksum is wrong; a frame of which the beginning is gone is lost bytes only."""
+    line = LINES[name]
+    decoder = line.decoder()
+    frame = max((f for f in line.frames if b"MF" not in f[1:]), key=len)  # what begins as a frame counts as one
+    wrong = frame[:-2] + bytes([frame[-2] ^ 1]) + frame[-1:]
+    events = decoder.receive(frame + wrong + frame + frame[1:] + wrong + frame)
+    assert len(events) == 3
+    assert decoder.counts == (6 * len(frame) - 1, 3 * len(frame) - 1, 2)
 
 
 def damaged(data, draws):

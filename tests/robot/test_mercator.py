@@ -27,6 +27,8 @@ SENSES = ("proximity", "neighbours", "ground")
 PREPARATIONS = (
     "enable_battery_voltage_state_change_notify",
     "enable_motor_fault_notify",
+    "enable_motor_stall_notify",
+    "enable_motor_thermal_protection_status_notify",
     "reset_yaw",
     "reset_locator_x_and_y",
     "enable_color_detection",
@@ -225,7 +227,7 @@ class TestStart:
         assert values["set_custom_control_system_timeout"] == {"command_timeout": round(1000 * COMMANDS_END)}
         assert names.index("reset_yaw") < names.index("start_streaming_service")
         assert set(PREPARATIONS) <= set(names)
-        assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 2 + [{}] * 2 + [{"is_enabled": True}]
+        assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 4 + [{}] * 2 + [{"is_enabled": True}]
         assert not devices.drives()
         assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
 
@@ -365,7 +367,7 @@ def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
         robot._polled = -math.inf
         robot.poll()
         robot.attend(time.monotonic() + 0.2)
-        noted = [note for note in robot.notes if "refused" in note]
+        noted = [note for note, _ in robot.notes if "refused" in note]
         assert sorted(noted) == [f"{name} was refused: restricted" for name in refused]
         assert robot.facts["battery"] == "87 %"
 
@@ -373,7 +375,7 @@ def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
 def test_a_lidar_that_sees_nothing_is_noted(devices):
     def lidar_notes(robot):
         robot.attend(time.monotonic() + 0.5)
-        return [note for note in robot.notes if note.startswith("lidar")]
+        return [note for note, _ in robot.notes if note.startswith("lidar")]
 
     with robot_on(devices, ()) as robot:
         assert lidar_notes(robot) == ["lidar: sees nothing"]

@@ -116,15 +116,57 @@ def test_what_is_far_does_not_hide_what_is_near():
 
 
 def test_lost_and_senseless_packets():
-    """A gap in a turn is a gap, not a turn; angles that go backwards elsewhere than through north are nobody's."""
+    """A gap in a turn is a gap, not a turn; angles that go backwards elsewhere than through north are nobody's.
+
+    What was seen where a gap is stays for a turn, and no longer, even if the same packets are lost again.
+    """
     sweep = Sweep()
     turn = [*packets([(2.0, 0.6), (-1.0, 0.5)])]
-    for packet in [*turn, *turn[:3], *turn[9:], *turn[:1]]:
+    with_gap = [*turn[:3], *turn[9:]]
+    for packet in [*turn, *with_gap, turn[0]]:
         sweep.add(packet)
     sweep.add(Packet(TURN // 2, TURN // 2 - 640, (2000, 2000)))
-    assert [distance for distance, _ in found(sweep)] == pytest.approx([0.6], abs=0.01)
+    assert [distance for distance, _ in found(sweep)] == pytest.approx([0.5, 0.6], abs=0.01)
     sweep.add(Packet(turn[0].last - 3, turn[0].last - 3, (0,)))  # a step back
-    assert len(found(sweep)) == 1
+    assert len(found(sweep)) == 2
+    for packet in [*with_gap[1:], turn[0]]:
+        sweep.add(packet)
+    assert [distance for distance, _ in found(sweep)] == pytest.approx([0.6], abs=0.01)
+
+
+def test_what_has_gone_from_a_gap_is_forgotten_when_the_lidar_has_looked_there():
+    sweep, turn, empty = Sweep(), [*packets([(2.0, 0.6), (-1.0, 0.5)])], [*packets([])]
+    for packet in [*turn, *empty[:3], *empty[9:], empty[0]]:
+        sweep.add(packet)
+    assert [distance for distance, _ in found(sweep)] == pytest.approx([0.5], abs=0.01)
+    for packet in [*empty[1:], empty[0]]:
+        sweep.add(packet)
+    assert found(sweep) == []
+
+
+@pytest.mark.parametrize("size", [8, 40])
+@pytest.mark.parametrize("n", [417, 714, 1000])
+def test_how_much_of_a_turn_is_lost_is_counted(n, size):
+    """A turn of the lidar is a turn, however fast it goes and whatever is near; each lost packet is its own share."""
+    sweep, turn = Sweep(), [*packets(THREE, n, wall=0.2, size=size)]
+    for packet in [*turn, *turn, turn[0]]:
+        sweep.add(packet)
+    assert (sweep.swept.lost, sweep.swept.all) == (0, pytest.approx(2 * TURN, rel=0.07))
+    before = sweep.swept
+    for packet in [*turn[1:3], *turn[5:], turn[0]]:
+        sweep.add(packet)
+    assert sweep.swept.all - before.all == pytest.approx(TURN, abs=1)
+    assert sweep.swept.lost - before.lost == pytest.approx(TURN * (2 * size + 1) / n, abs=2)
+
+
+@pytest.mark.parametrize("speed", [0.0, 4.0, -4.0])
+def test_a_robot_that_turns_loses_nothing(speed):
+    sweep, turned = Sweep(), 0.0
+    for packet in [*packets(THREE)] * 20:
+        ended = turned + speed * len(packet.samples) / 5000
+        sweep.add(packet, turned, ended)
+        turned = ended + 0.02 * speed * (-1) ** len(packet.samples)  # what the RVR tells comes late
+    assert sweep.swept.lost == 0
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, -2.0, 4.0, -4.0])

@@ -14,8 +14,10 @@ import pytest
 
 from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.digest import control_digest
+from mercator_design.robot.health import WINDOW
 from mercator_design.robot.log import read
-from mercator_design.robot.mercator import COMMANDS_END
+from mercator_design.robot.mercator import COMMANDS_END, POLL
+from mercator_design.robot.settings import Limits
 from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
 from tests.robot.ways import (
     ALL,
@@ -58,6 +60,10 @@ def tells(name, **values):
     return lambda robot: robot.devices.tell(name, **values)
 
 
+def noise(line):
+    return lambda robot: robot.devices.noisy.add(line)
+
+
 def refuses(robot):
     robot.devices.instead["drive_tank_si_units"] = {"error": 4}
 
@@ -75,9 +81,23 @@ DEVICE_FAULTS = {
     "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
     "hub's sensor off": (lambda robot: setattr(robot.devices.hub, "plugged_in", 0x7F), 0.5, "proximity: nothing for"),
     "lidar stuck": (lambda robot: setattr(robot.devices, "is_stuck", True), 0.6, "lidar: nothing for"),
+    "lidar damaged": (lambda robot: robot.devices.torn.add("lidar"), WINDOW, "% of what the lidar sends arrives whole"),
+    "rvr noisy": (noise("rvr"), WINDOW, "% of what the rvr sends arrives whole; the limit is 80 %"),
+    "hub noisy": (noise("proximity"), WINDOW, "% of what the proximity sends arrives whole; the limit is 50 %"),
     "hub lost": (unplugs("proximity"), 0.0, "/proximity is lost: "),
     "lidar lost": (unplugs("lidar"), 0.0, "/lidar is lost: "),
     "battery critical": (lambda robot: setattr(robot.devices.rvr, "level", 5.0), 0.0, "rvr: the battery is critical"),
+    "battery below the limit": (
+        lambda robot: robot.devices.instead.update(get_battery_percentage={"percentage": 4}),
+        POLL + CYCLE,
+        "rvr: the battery is critical (4 %); charge it",
+    ),
+    "tread stuck": (
+        tells("motor_stall", motor_index=1, is_triggered=True),
+        Limits().stall + CYCLE,
+        "rvr: the right tread is stuck for 3.",
+    ),
+    "motor too hot": (lambda robot: robot.devices.rvr.heat({0: 75.0}), 0.0, "rvr: the left motor is too hot (75 deg"),
     "asleep": (tells("did_sleep"), 0.0, "rvr: it fell asleep"),
     "motor fault": (tells("motor_fault", is_fault=True), 0.0, "rvr: a motor has a fault"),
     "drive refused": (refuses, 0.1, "rvr: it does not drive: restricted"),

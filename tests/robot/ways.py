@@ -36,7 +36,7 @@ talk._LOOK, talk._TRIES = 0.0002, 3
 And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
-OFTEN = "from mercator_design.robot import mercator; mercator._POLL = 0.2\n"
+OFTEN = "from mercator_design.robot import mercator; mercator.POLL = 0.2\n"
 """Lets a program ask after the battery more often."""
 SLOW = """
 import time

@@ -14,6 +14,7 @@ from mercator_design.twin.faults import (
     Double,
     Fault,
     Flip,
+    Heat,
     Insert,
     Lose,
     PortLoss,
@@ -81,6 +82,7 @@ faults:
   - {kind: port_loss, at: 20, duration: 2, robot: 1, device: proximity}
   - {kind: battery, at: 1, robot: 0, level: 3}
   - {kind: stall, at: 1, duration: 3, robot: 0, motor: left}
+  - {kind: heat, at: 1, robot: 0, motor: right, temperature: 65}
 """)
         assert read_script(file) == Script(
             seed=7,
@@ -90,6 +92,7 @@ faults:
                 PortLoss(at=20, duration=2, robot=1, device="proximity"),
                 Battery(at=1, robot=0, level=3),
                 Stall(at=1, duration=3, robot=0, motor="left"),
+                Heat(at=1, robot=0, motor="right", temperature=65),
             ),
         )
 
@@ -97,7 +100,7 @@ faults:
         text = (Path(__file__).parents[2] / "docs" / "twin.md").read_text()
         file = tmp_path / "faults.yaml"
         file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
-        assert len(read_script(file).faults) == 5
+        assert len(read_script(file).faults) == 6
         kinds = {
             kind for row in re.findall(r"^\| (`[a-z_`, ]+`) \|", text, re.MULTILINE) for kind in re.findall(r"\w+", row)
         }
@@ -195,6 +198,35 @@ class TestInATwin:
             {"motor_index": 1, "is_triggered": False},
         ]
         assert talk.arena.poses[0, 2] < -0.3  # it turned to the right meanwhile
+
+    def test_a_motor_gets_hot(self):
+        """From 70 degrees on it is cut off, whatever it is told; of several faults the hottest counts."""
+        faults = [Heat(at=at, duration=1.0, robot=0, motor="right", temperature=t) for at, t in ((0.5, 75), (1.0, 65))]
+        talk = Talk(script=Script(faults=tuple(faults)))
+        talk.send("enable_motor_thermal_protection_status_notify", is_enabled=True)
+        said = talk.drive(0.2, 0.2, 1.0)["rvr"]
+        assert talk.robot.rvr.treads == (pytest.approx(0.2), 0.0)
+        said += talk.drive(0.2, 0.2, 1.5)["rvr"]
+        assert talk.robot.rvr.treads == pytest.approx((0.2, 0.2))
+        found = [(event.values["right_motor_temperature"], event.values["right_motor_status"]) for event in said]
+        assert found == [(75.0, 2), (65.0, 1), (30.0, 0)]
+        assert {event.values["left_motor_status"] for event in said} == {0}
+
+    def test_a_drive_to_a_position_ends_when_the_port_is_closed(self):
+        """No time ends it; one that began before must not go on for nobody."""
+        talk = Talk()
+        talk.robot.note_port("rvr", is_open=True, now=0.0)
+        talk.send("drive_to_position_si", yaw_angle=0.0, x=0.0, y=1.0, linear_speed=0.2, flags=0)
+        talk.wait(3.0)
+        assert talk.robot.rvr.told != (0.0, 0.0)
+        talk.robot.note_port("lidar", is_open=False, now=talk.now)
+        assert talk.robot.rvr.told != (0.0, 0.0)
+        talk.robot.note_port("rvr", is_open=False, now=talk.now)
+        assert (talk.robot.rvr.told, talk.robot.rvr.told_by) == ((0.0, 0.0), "port closed")
+        assert talk.events("wheels")[-1]["by"] == "port closed"
+        talk.send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1)
+        talk.robot.note_port("rvr", is_open=False, now=talk.now)
+        assert talk.robot.rvr.told_by == "drive_tank_si_units"  # that ends by itself
 
     def test_the_port_goes_away(self):
         talk = Talk(script=Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="lidar"),)))

@@ -121,6 +121,7 @@ class TestCommands:
             (0x16, 0x3C, 2, struct.pack(">ffffB", 0, 0, 0, -1.0, 1), Error.BAD_DATA_VALUE),
             (0x16, 0x46, 2, b"\x09", Error.BAD_DATA_VALUE),
             (0x16, 0x0E, 2, b"\x01\x0a", Error.BAD_DATA_VALUE),
+            (0x16, 0x0E, 2, b"\x04\x02", Error.BAD_DATA_VALUE),  # tank is not a controller of RC
             (0x18, 0x39, 1, bytes.fromhex("01000002"), Error.BAD_DATA_VALUE),
             (0x18, 0x3A, 2, b"\0\0", Error.BAD_DATA_VALUE),
             (0x18, 0x35, 1, b"\1\0\0\0", Error.BAD_DATA_VALUE),
@@ -266,6 +267,32 @@ class TestDriving:
         talk.send("drive_stop_custom_decel", deceleration_rate=0.5)
         talk.wait(0.5)
         assert talk.rvr.treads == pytest.approx((0.25, 0.25), abs=0.01)
+
+    @pytest.mark.parametrize(
+        ("kind", "usual", "other", "drive"),
+        [
+            (3, 4, 3, ("drive_with_yaw_si", {"yaw_angle": 0.0, "linear_velocity": 1.0})),
+            (3, 4, 3, ("drive_with_heading", {"speed": 128, "heading": 0, "flags": 0})),
+            (4, 5, 6, ("drive_rc_si_units", {"yaw_angular_velocity": 0.0, "linear_velocity": 1.0, "flags": 0})),
+        ],
+    )
+    def test_the_default_controller_of_a_type_is_the_one_that_drives(self, talk, kind, usual, other, drive):
+        """The other one takes time to reach a speed, at 0.5 m/s2."""
+
+        def driven():
+            name, values = drive
+            talk.send(name, **values)
+            talk.wait(0.2)
+            found = talk.ask("get_active_control_system_id")["controller_id"], talk.rvr.treads[0]
+            talk.send("drive_stop")
+            talk.wait(1.0)
+            return found
+
+        assert driven() == (usual, pytest.approx(1.0, abs=0.01))
+        talk.send("set_default_control_system_for_type", control_system_type=kind, controller_id=other)
+        assert driven() == (other, pytest.approx(0.1, abs=0.01))
+        talk.send("restore_initial_default_control_systems")
+        assert driven() == (usual, pytest.approx(1.0, abs=0.01))
 
     def test_the_speed_of_rc_may_slew(self, talk):
         talk.send("drive_rc_si_units", yaw_angular_velocity=0.0, linear_velocity=1.0, flags=1)

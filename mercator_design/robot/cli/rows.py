@@ -18,7 +18,8 @@ def show(findings: Iterable[Finding]) -> None:
     wrong, unwritten = 0, None
     for finding in findings:
         wrong += not finding.is_fine
-        row = f"{'ok   ' if finding.is_fine else 'WRONG'}  {finding.what:<26} {finding.words}"
+        mark = ("look " if finding.is_unclear else "ok   ") if finding.is_fine else "WRONG"
+        row = f"{mark}  {finding.what:<26} {finding.words}"
         try:
             click.echo(printable(row))
         except OSError as error:

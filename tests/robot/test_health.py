@@ -1,0 +1,163 @@
+"""How much of what a line brings arrives whole, and when that matters; what the RVR says of battery and motors."""
+
+import random
+
+import pytest
+
+from mercator_design.errors import Stopped
+from mercator_design.robot.health import WINDOW, LineHealth, RvrHealth
+from mercator_design.robot.settings import Limits
+
+
+def look(line, since, seconds, lost):
+    """What is said while a share of 1000 bytes a second is lost; and when that is over."""
+    said = []
+    for _ in range(round(20 * seconds)):
+        now, gone, came = since
+        since = now + 0.05, gone + 50.0 * lost, came + 50.0
+        said.append(line.look(*since))
+    return [each for each in said if each is not None], since
+
+
+def test_a_line_that_is_well_says_nothing():
+    line = LineHealth(0.8)
+    assert line.share == 1.0
+    assert look(line, (5.0, 400.0, 1000.0), 10.0, 0.0)[0] == []
+    assert (line.share, line.is_broken) == (1.0, False)
+
+
+def test_damage_is_told_when_it_begins_to_matter_and_when_it_is_over():
+    line = LineHealth(0.8)
+    said, since = look(line, (0.0, 0.0, 0.0), 5.0, 0.15)
+    assert (said, line.is_broken) == ([True], False)
+    assert line.share == pytest.approx(0.85)
+    said, since = look(line, since, 5.0, 0.07)  # better, but not well
+    assert said == []
+    said, since = look(line, since, 5.0, 0.25)
+    assert (said, line.is_broken) == ([], True)
+    said, since = look(line, since, WINDOW + 4.0, 0.0)
+    assert (said, line.is_broken, line.share) == ([], False, 1.0)
+    assert look(line, since, 2.0, 0.0)[0] == [False]
+
+
+def test_a_line_breaks_within_the_window():
+    line = LineHealth(0.8)
+    _, since = look(line, (0.0, 0.0, 0.0), 5.0, 0.0)
+    began = since[0]
+    while not line.is_broken:
+        _, since = look(line, since, 0.05, 0.5)
+    assert 0.2 < since[0] - began < WINDOW
+    assert look(line, since, WINDOW + 0.2, 0.0)[1]
+    assert not line.is_broken
+
+
+def test_after_a_long_time_without_a_look_only_what_comes_then_counts():
+    line = LineHealth(0.8)
+    _, (now, lost, came) = look(line, (0.0, 0.0, 0.0), 5.0, 0.5)
+    line.look(now + 60.0, lost + 1e6, came + 1e6)
+    assert line.share == 1.0
+
+
+def test_notes_of_a_share_that_varies_by_chance_are_few():
+    line, draws = LineHealth(0.8), random.Random(1)
+    now = lost = came = 0.0
+    said = []
+    for _ in range(6000):  # ten minutes at the edge
+        now, lost, came = now + 0.1, lost + (draws.random() < 0.1), came + 1.0
+        said.append(line.look(now, lost, came))
+    assert sum(each is not None for each in said) < 60
+
+
+def heat(left, right, left_state, right_state):
+    return {
+        "left_motor_temperature": left,
+        "left_motor_status": left_state,
+        "right_motor_temperature": right,
+        "right_motor_status": right_state,
+    }
+
+
+class TestRvr:
+    @pytest.fixture
+    def rvr(self):
+        return RvrHealth(Limits(battery_low=20.0, battery_critical=5.0, stall=2.0))
+
+    def test_a_battery_that_gets_low_is_told_once(self, rvr):
+        levels = [87, 21, 20, 19, 18, 21, 19, 22, 19]
+        told = [[*rvr.take("get_battery_percentage", {"percentage": level})] for level in levels]
+        low = ["rvr: the battery is low (19 %); charge it soon"]
+        assert told == [[], [], [], low, [], [], [], [], low]
+
+    def test_so_is_one_of_which_the_rvr_says_so(self, rvr):
+        assert [*rvr.take("battery_voltage_state_change", {"state": 2})] == ["rvr: the battery is low; charge it soon"]
+        assert [*rvr.take("get_battery_voltage_state", {"state": 2})] == []
+        assert [*rvr.take("get_battery_percentage", {"percentage": 33})] == []
+
+    @pytest.mark.parametrize(
+        ("name", "values", "words"),
+        [
+            ("get_battery_percentage", {"percentage": 4}, r"^rvr: the battery is critical \(4 %\); charge it$"),
+            ("get_battery_voltage_state", {"state": 3}, "^rvr: the battery is critical; charge it$"),
+            ("battery_voltage_state_change", {"state": 3}, "^rvr: the battery is critical; charge it$"),
+            (
+                "motor_thermal_protection_status",
+                heat(30.0, 81.6, 0, 2),
+                r"^rvr: the right motor is too hot \(82 degrees\); let it cool, and leave the RVR switched on$",
+            ),
+            ("get_motor_thermal_protection_status", heat(75.0, 30.0, 2, 0), "^rvr: the left motor is too hot"),
+            ("motor_fault", {"is_fault": True}, "^rvr: a motor has a fault$"),
+            ("did_sleep", {}, "^rvr: it fell asleep$"),
+        ],
+    )
+    def test_what_stops_it(self, rvr, name, values, words):
+        with pytest.raises(Stopped, match=words):
+            [*rvr.take(name, values)]
+
+    def test_a_hot_motor_is_told_when_that_changes(self, rvr):
+        told = [
+            [*rvr.take("motor_thermal_protection_status", heat(*each))]
+            for each in [(30, 30, 0, 0), (62, 30, 1, 0), (63, 61, 1, 1), (50, 61, 0, 1)]
+        ]
+        assert told == [
+            [],
+            ["rvr: the left motor is hot (62 degrees)"],
+            ["rvr: the right motor is hot (61 degrees)"],
+            ["rvr: the left motor is no longer hot (50 degrees)"],
+        ]
+
+    def test_a_stuck_tread_stops_it_after_a_while(self, rvr):
+        rvr.look(10.0)
+        told = [*rvr.take("motor_stall", {"motor_index": 1, "is_triggered": True})]
+        assert told == ["rvr: the right tread is stuck"]
+        rvr.look(11.9)
+        with pytest.raises(Stopped, match=r"^rvr: the right tread is stuck for 2.1 s; the limit is 2 s; free it$"):
+            rvr.look(12.1)
+
+    def test_one_that_gets_free_does_not(self, rvr):
+        now = 0.0
+        for _ in range(10):
+            for is_stuck in (True, False):
+                [*rvr.take("motor_stall", {"motor_index": 0, "is_triggered": is_stuck})]
+                for _ in range(15):
+                    now += 0.1
+                    rvr.look(now)
+
+    def test_one_that_the_rvr_tries_again_and_again_does(self, rvr):
+        """Stuck for 1.5 s, and free for half a second in between."""
+        now = 0.0
+
+        def tries():
+            nonlocal now
+            for is_stuck, cycles in ((True, 15), (False, 5)):
+                [*rvr.take("motor_stall", {"motor_index": 0, "is_triggered": is_stuck})]
+                for _ in range(cycles):
+                    now += 0.1
+                    rvr.look(now)
+
+        tries()
+        with pytest.raises(Stopped, match="left tread is stuck"):
+            tries()
+
+    def test_what_has_no_values_says_nothing(self, rvr):
+        for name in ("get_battery_percentage", "get_battery_voltage_state", "get_motor_thermal_protection_status"):
+            assert [*rvr.take(name, {})] == []

@@ -1,0 +1,50 @@
+"""What a robot perceives over damaged lines, in simulated time, by the bytes of a twin."""
+
+import math
+
+import pytest
+
+from benchmarks.damaged_lines import perceived
+from mercator_design.robot.framing import Counts
+from mercator_design.robot.multiflex import Distances
+from mercator_design.robot.senses import Senses
+from mercator_design.robot.settings import Limits, Settings
+
+
+def mean(values):
+    values = [*values]
+    return sum(values) / len(values)
+
+
+@pytest.mark.parametrize("is_moving", [False, True])
+def test_a_line_with_a_few_damaged_bytes_costs_few_neighbours(is_moving):
+    """Of three; without damage exactly so. The bytes that are hit are those of the seed."""
+    assert {cycle.neighbours for cycle in perceived(0.0, 5.0, is_moving=is_moving)} == {3}
+    cycles = [*perceived(0.001, 20.0, is_moving=is_moving)]
+    assert mean(cycle.neighbours for cycle in cycles) > 2.9
+    assert mean(cycle.share for cycle in cycles) == pytest.approx(0.999**90, abs=0.03)
+    assert not any(cycle.is_silent for cycle in cycles)
+
+
+@pytest.mark.parametrize("rate", [0.005, 0.02])
+def test_a_damaged_line_is_silent_before_neighbours_are_missed_for_long(rate):
+    """Once lines have been heard for two seconds it is silent, and stays so."""
+    cycles = [*perceived(rate, 5.0, is_moving=False)]
+    assert mean(cycle.neighbours for cycle in cycles) < 2.8  # as they would be counted
+    assert all(cycle.is_silent for cycle in cycles)
+
+
+def test_what_is_not_needed_and_damaged_is_neutral():
+    senses = Senses(Settings(limits=Limits(proximity_whole=0.5)), (), {})
+    senses.take(Distances((200,) * 8), 0.1)
+    near = senses.readings(0.1)
+    counts = {"rvr": Counts(), "lidar": Counts()}
+    notes = [*senses.look(0.1, counts | {"proximity": Counts(20, 0, 0)})]
+    assert notes == []
+    notes = [*senses.look(0.3, counts | {"proximity": Counts(60, 30, 2)})]
+    assert notes == [
+        "proximity: only 25 % of what it sends arrives whole; below 50 % it counts as silent; is a cable loose?"
+    ]
+    assert math.hypot(*near[:2]) > 0.0 or near != senses.readings(0.3)
+    assert senses.readings(0.3)[:2] == (0.0, 0.0)
+    assert senses.stale(0.3).keys() == {"attitude"}

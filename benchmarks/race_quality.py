@@ -5,8 +5,10 @@ Problems are objects with `name`, `parameters`, `instances`, `evaluate(configura
 `PROBLEMS`, or `NAMES` and `get(name)`. Missions are problems too, by --missions: their true cost is the mean over fresh
 instances, their optimum the best winner of any method. The regret is (true cost - optimum) / (reference - optimum).
 
-Each method is compared with --against, and with the runs that R irace left in a file, by Mann-Whitney's rank-sum test;
-p-values are Holm's over the problems. Methods are those of `mdesign race --method`, `default` (the
+Each method is compared with --against, and with the runs that R irace left in a file, by Mann-Whitney's rank-sum test,
+which also says which of them is better; p-values are Holm's over the problems.
+
+Methods are those of `mdesign race --method`, `default` (the
 library's own, `surrogate`), and `no-NAME`, the default but for the option NAME, which is irace's.
 
 Run: python benchmarks/race_quality.py --problems FILE.py [--budgets 1000 5000] [--seeds 20] [--irace results.json]
@@ -33,6 +35,7 @@ from scipy.stats import mannwhitneyu
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 import mercator_design
+from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
@@ -267,12 +270,13 @@ def print_verdict(method: str, other: str, regrets: Mapping[tuple[str, str], lis
         return
     pairs = [(regrets[name, method], regrets[name, other]) for name in both]
     p_values = holm(np.array([mannwhitneyu(mine, theirs).pvalue for mine, theirs in pairs])).tolist()
-    lower = [bool(np.mean(mine) < np.mean(theirs)) for mine, theirs in pairs]
-    better = [is_lower and p < SIGNIFICANT for is_lower, p in zip(lower, p_values, strict=True)]
-    worse = [not is_lower and p < SIGNIFICANT for is_lower, p in zip(lower, p_values, strict=True)]
+    above = [share_above(np.array(mine), np.array(theirs)) for mine, theirs in pairs]
+    better = [share < 0.5 and p < SIGNIFICANT for share, p in zip(above, p_values, strict=True)]
+    worse = [share > 0.5 and p < SIGNIFICANT for share, p in zip(above, p_values, strict=True)]
+    lower = sum(share < 0.5 for share in above)
     p_texts = ", ".join(f"{name} {p:.2g}" for name, p in zip(both, p_values, strict=True))
     print(
-        f"* {method} beside {other}: lower mean on {sum(lower)} of {len(both)}, better on {sum(better)}, "
+        f"* {method} beside {other}: lower ranks on {lower} of {len(both)}, better on {sum(better)}, "
         f"worse on {sum(worse)} at {SIGNIFICANT:.0%} (Holm; p: {p_texts})"
     )
 

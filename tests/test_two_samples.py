@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu, rankdata
 
-from benchmarks.two_samples import POWER, mann_whitney, rejected, visible_shift
+from benchmarks.two_samples import POWER, mann_whitney, rejected, share_above, visible_shift
 
 
 def enumerated(some, others):
@@ -59,3 +59,10 @@ def test_the_shift_that_is_called_visible_is_found_as_often_as_said(n, m, level)
 def test_nothing_is_visible_to_samples_too_small():
     assert visible_shift(1, 50, 0.01) == math.inf
     assert visible_shift(2, 50, 0.01) < math.inf
+
+
+def test_the_share_above_is_that_of_pairs():
+    some, others = np.array([1.0, 2.0, 2.0, 9.0]), np.array([2.0, 3.0, 0.0])
+    pairs = [1.0 if a > b else 0.5 if a == b else 0.0 for a in some for b in others]
+    assert share_above(some, others) == pytest.approx(np.mean(pairs))
+    assert share_above(some, others) + share_above(others, some) == pytest.approx(1.0)

@@ -62,8 +62,17 @@ def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, cap
     race_quality.main()
     first = capsys.readouterr().out
     assert "| tiny | 0.000 (0.000) [8] | 0.000 (0.000) [8] | 1.000 (0.000) [8] |" in first
-    assert "* default beside R irace: lower mean on 1 of 1, better on 1, worse on 0 at 5%" in first
+    assert "* default beside R irace: lower ranks on 1 of 1, better on 1, worse on 0 at 5%" in first
     assert len(cache.read_text().splitlines()) == 16
     monkeypatch.setattr(race_quality, "run", None)
     race_quality.main()
     assert capsys.readouterr().out == first
+
+
+def test_ranks_say_which_method_is_better(capsys):
+    """One race that failed badly gives a higher mean, though nearly all races are better."""
+    regrets = {("one", "mine"): [0.1 + k / 1000 for k in range(19)] + [50.0], ("one", "theirs"): [0.5] * 20}
+    race_quality.print_verdict("mine", "theirs", regrets, ["one"])
+    assert "* mine beside theirs: lower ranks on 1 of 1, better on 1, worse on 0 at 5%" in capsys.readouterr().out
+    race_quality.print_verdict("theirs", "mine", regrets, ["one"])
+    assert "* theirs beside mine: lower ranks on 0 of 1, better on 0, worse on 1 at 5%" in capsys.readouterr().out

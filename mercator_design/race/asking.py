@@ -79,6 +79,11 @@ class Asking(ABC):
     def foresee(self, n: int) -> list[Experiment]:
         """At most n experiments that `ask` will probably give next, after those it has given."""
 
+    @property
+    def returning(self) -> set[int]:
+        """The configurations of iterations that have ended that may run again."""
+        return {elite.configuration for elite in self.elites}
+
     @abstractmethod
     def _run(self) -> Batches:
         """The whole algorithm, up to the end of the budget; each batch it yields is sent its costs."""

@@ -118,6 +118,14 @@ class IteratedRace(Asking):
             best=best,
         )
 
+    @property
+    def returning(self) -> set[int]:
+        if self._confirms:
+            return set(self._former_elites())
+        if self.options.elitist and self.options.postselection:
+            return set(range(len(self.configurations)))
+        return super().returning
+
     def foresee(self, n: int) -> list[Experiment]:
         return [] if self._race is None else self._race.foresee(n)
 
@@ -419,6 +427,7 @@ class IteratedRace(Asking):
             elites=tuple(self.elites),
             soft_restart=False,
             stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
+            survivors=tuple(order[:n_alive]),
             concordance=concordance(self._table(accepted)[:, new.start :].T),
         )
         self._conclude(summary, newcomers=[])
@@ -450,7 +459,8 @@ class IteratedRace(Asking):
             race.tell(costs)
             self._n_seen = max(self._n_seen, batch[0].instance + 1)
         different: dict[tuple[Value | None, ...], int] = {}
-        for number in race.ranked():
+        survivors = race.ranked()
+        for number in survivors:
             different.setdefault(self.space.key(self.configurations[number]), number)
         self.elites = [self.statistics(number) for number in list(different.values())[: self._survivors]]
         self._race = None
@@ -466,6 +476,7 @@ class IteratedRace(Asking):
             elites=tuple(self.elites),
             soft_restart=soft_restart,
             stop_reason=race.stop_reason or "",
+            survivors=tuple(survivors),
             concordance=race.concordance(),
         )
         self._conclude(summary, newcomers)

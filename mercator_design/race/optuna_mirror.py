@@ -1,9 +1,12 @@
 """A copy of a race in an Optuna storage, as it goes on, for optuna-dashboard and for Optuna's own tools.
 
-A configuration is a trial; its score on an instance is the trial's value at that step. A trial is pruned when its
-configuration is no elite at the end of an iteration. The winner's alone is completed, with its mean, so that it is the
-study's best. Optuna decides nothing here, and cannot stop the race: a thread of its own writes, behind the race if the
-storage is slow, and gives up when something goes wrong.
+A configuration is one trial, with its number; its score on an instance is the trial's intermediate value at that step.
+The trial runs as long as its configuration may run again. Then it is completed with the mean of its scores if the
+configuration survived an iteration, failed if an experiment failed, else pruned. The study's attribute `winner` is the
+number of the winner, whose mean need not be the best: others that ran less may have been lucky.
+
+Optuna decides nothing here, and cannot stop the race: a thread of its own writes, behind the race if the storage is
+slow, and gives up when something goes wrong.
 """
 
 import queue
@@ -14,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import Finished
-from mercator_design.race.parameter import Configuration, Parameter
+from mercator_design.race.parameter import Parameter
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -42,7 +45,6 @@ class OptunaMirror:
     ) -> None:
         self._race = race
         self._complain = complain
-        self._raced: set[int] = set()  # in the iterations that have not ended yet
         self._ended = len(race.iterations)
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
@@ -63,21 +65,23 @@ class OptunaMirror:
         """Take in experiments that have finished, in any order, some of them perhaps for the second time."""
         self._note_iterations()
         for one in finished:
-            self._raced.add(one.configuration)
-            values = self._race.configurations[one.configuration]
-            self._events.put(lambda study, one=one, values=values: study.report(one, values))  # type: ignore[misc]
+            self._events.put(lambda study, one=one: study.report(one))  # type: ignore[misc]
 
     def finish(self, winner: int) -> None:
         """Take in that the race has ended, and who won."""
-        self._note_iterations()
-        self._events.put(lambda study: study.finish(winner))
+        self._events.put(lambda study: study.finish(winner, self._survivors()))
 
     def _note_iterations(self) -> None:
         if len(self._race.iterations) > self._ended:
             self._ended = len(self._race.iterations)
-            elites = {elite.configuration for elite in self._race.elites}
-            losers, self._raced = self._raced - elites, self._raced & elites
-            self._events.put(lambda study: study.prune(losers))
+            survivors, returning = self._survivors(), self._race.returning
+            self._events.put(lambda study: study.close(survivors, returning))
+
+    def _survivors(self) -> set[int]:
+        """Of all iterations, with the elites."""
+        ended = self._race.iterations
+        elites = {elite.configuration for summary in ended for elite in summary.elites}
+        return elites.union(*(summary.survivors for summary in ended))
 
     def _write(self, storage: str, name: str, maximise: bool) -> None:
         try:
@@ -106,60 +110,61 @@ class _Study:
         self._storage: BaseStorage = study._storage  # noqa: SLF001
         self._state = optuna.trial.TrialState
         self._create: Callable[..., Any] = optuna.trial.create_trial
-        self._open: dict[int, int] = {}  # configuration -> its trial that is running
-        self._scores: dict[int, dict[int, float]] = {}  # configuration -> instance -> score
-        self._failed: set[int] = set()  # configurations that have a failed trial
-        self._completed: set[tuple[int, int]] = set()  # winners, each with how many scores it had
+        self._study = study
+        self._open: dict[int, int] = {}  # configuration -> its trial, if that is running
+        self._scores: dict[int, dict[int, float]] = {}  # configuration with a trial -> instance -> score
+        self._failed: set[int] = set()  # configurations with an experiment that failed
         for trial in study.get_trials(deepcopy=False):
             configuration = trial.user_attrs.get("configuration")
             if configuration is None:
                 continue
-            self._scores.setdefault(configuration, {}).update(trial.intermediate_values)
-            if trial.state is self._state.FAIL:
+            self._scores[configuration] = dict(trial.intermediate_values)
+            if "failure" in trial.user_attrs:
                 self._failed.add(configuration)
-            elif trial.state is self._state.COMPLETE:
-                self._completed.add((configuration, len(trial.intermediate_values)))
-            elif not trial.state.is_finished():
+            if not trial.state.is_finished():
                 self._open[configuration] = trial._trial_id  # noqa: SLF001 - as above
 
-    def report(self, one: Finished, values: Configuration) -> None:
-        scores = self._scores.setdefault(one.configuration, {})
-        if one.instance in scores or (one.score is None and one.configuration in self._failed):
+    def report(self, one: Finished) -> None:
+        if one.configuration not in self._scores:
+            for number in range(one.configuration + 1):
+                if number not in self._scores:
+                    self._add(number)
+        trial, scores = self._open.get(one.configuration), self._scores[one.configuration]
+        if trial is None or one.instance in scores:  # known, from before the race was resumed
             return
-        trial = self._trial(one.configuration, values)
-        if one.score is None:
-            self._storage.set_trial_user_attr(trial, "failure", one.failure)
-            self._storage.set_trial_state_values(trial, self._state.FAIL)
-            self._failed.add(one.configuration)
-            del self._open[one.configuration]
-        else:
+        if one.score is not None:
             scores[one.instance] = one.score
             self._storage.set_trial_intermediate_value(trial, one.instance, one.score)
+        elif one.configuration not in self._failed:
+            self._failed.add(one.configuration)
+            self._storage.set_trial_user_attr(trial, "failure", one.failure)
 
-    def prune(self, configurations: set[int]) -> None:
-        for configuration in sorted(configurations & self._open.keys()):
-            self._storage.set_trial_state_values(self._open.pop(configuration), self._state.PRUNED)
+    def close(self, survivors: set[int], returning: set[int]) -> None:
+        """End the trials of configurations that do not run again."""
+        for number in sorted(self._open.keys() - returning):
+            trial, scores = self._open.pop(number), list(self._scores[number].values())
+            if number in self._failed:
+                self._storage.set_trial_state_values(trial, self._state.FAIL)
+            elif number in survivors and scores:
+                self._storage.set_trial_state_values(trial, self._state.COMPLETE, [sum(scores) / len(scores)])
+            else:
+                self._storage.set_trial_state_values(trial, self._state.PRUNED)
 
-    def finish(self, winner: int) -> None:
-        self.prune(self._open.keys() - {winner})
-        scores = list(self._scores[winner].values())
-        if (winner, len(scores)) in self._completed:
-            return
-        trial = self._trial(winner, self._race.configurations[winner])
-        self._storage.set_trial_state_values(trial, self._state.COMPLETE, [sum(scores) / len(scores)])
+    def finish(self, winner: int, survivors: set[int]) -> None:
+        self.close(survivors, set())
+        self._study.set_user_attr("winner", winner)
 
-    def _trial(self, configuration: int, values: Configuration) -> int:
-        """The running trial of a configuration: another one, if it was pruned and races once more."""
-        if configuration not in self._open:
-            template = self._create(
-                state=self._state.RUNNING,
-                params=dict(values),
-                distributions={name: _distribution(self._race.space[name], values) for name in values},
-                user_attrs={"configuration": configuration, "parent": self._race.parents[configuration]},
-                intermediate_values=dict(self._scores[configuration]),
-            )
-            self._open[configuration] = self._storage.create_new_trial(self._id, template_trial=template)
-        return self._open[configuration]
+    def _add(self, number: int) -> None:
+        """A trial for a configuration: in the order of their numbers, so that these are the trials' own."""
+        values = self._race.configurations[number]
+        template = self._create(
+            state=self._state.RUNNING,
+            params=dict(values),
+            distributions={name: _distribution(self._race.space[name], values) for name in values},
+            user_attrs={"configuration": number, "parent": self._race.parents[number]},
+        )
+        self._open[number] = self._storage.create_new_trial(self._id, template_trial=template)
+        self._scores[number] = {}
 
 
 def _distribution(parameter: Parameter, values: Mapping[str, Any]) -> "BaseDistribution":

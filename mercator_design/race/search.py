@@ -265,6 +265,7 @@ class Search(Asking):
             elites=tuple(self.elites),
             soft_restart=False,
             stop_reason="all instances were seen" if alive else "all were pruned or rejected",
+            survivors=tuple(alive),
             concordance=concordance(costs.T.reshape(n_instances, len(alive))),
         )
         self._conclude(summary, newcomers)

@@ -49,6 +49,7 @@ class IterationSummary:
     soft_restart: bool
     stop_reason: str
     concordance: Concordance
+    survivors: tuple[int, ...] = ()  # alive at its end
     newcomers_differ: bool = True  # unless its instances could not tell two or more apart
     stagnant: int = 0  # iterations up to this one without a gain (race/stagnation.py)
     note: str = ""  # what a user should know

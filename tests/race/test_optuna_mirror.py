@@ -20,10 +20,10 @@ def url(tmp_path):
     return f"sqlite:///{tmp_path / 'race.db'}"
 
 
-def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", **options):
+def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", race=None, **options):
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
-    race = METHODS[method](SPACE, budget=budget, seed=seed)
+    race = race or METHODS[method](SPACE, budget=budget, seed=seed)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=complaints.append)
     with ThreadExecutor(2) as executor, mirroring as mirror:
         runner(record, executor, race=race, seed=seed, watch=mirror.note, **options).run()
@@ -36,20 +36,25 @@ def trials_of(url):
 
 
 def check(url, record):
-    """That the study says what the record says."""
+    """That the study says what the record says: a trial for each configuration, with its number."""
     study = optuna.load_study(study_name="study", storage=url)
-    trials = {}
-    for trial in study.trials:  # of several of one configuration the last
-        trials[trial.user_attrs["configuration"]] = trial
-    assert trials.keys() == {one.configuration for one in record.experiments.values()}
-    for number, trial in trials.items():
-        assert trial.params == record.configurations[number]
-        own = {one.instance: one.score for one in record.experiments.values() if one.configuration == number}
+    raced = {one.configuration for one in record.experiments.values()}
+    elites = {number for ended in record.iterations.values() for number in ended.elites}
+    assert [trial.user_attrs["configuration"] for trial in study.trials] == [trial.number for trial in study.trials]
+    assert {trial.number for trial in study.trials} == raced
+    for trial in study.trials:
+        assert trial.params == record.configurations[trial.number]
+        own = {one.instance: one.score for one in record.experiments.values() if one.configuration == trial.number}
         assert trial.intermediate_values == own
-    assert not any(trial.state is optuna.trial.TrialState.RUNNING for trial in study.trials)
-    winner = trials[record.ends[-1].winner]
-    assert study.best_trial == winner
-    assert winner.value == pytest.approx(sum(winner.intermediate_values.values()) / len(winner.intermediate_values))
+        assert trial.state.name in ("COMPLETE" if trial.number in elites else "COMPLETE PRUNED")
+        if trial.state.name == "COMPLETE":
+            assert trial.value == pytest.approx(sum(own.values()) / len(own))
+    assert study.user_attrs["winner"] == record.ends[-1].winner
+    assert study.trials[record.ends[-1].winner].state.name == "COMPLETE"
+
+
+def survivors_of(race):
+    return {number for summary in race.iterations for number in summary.survivors}
 
 
 def test_the_study_says_what_happened(url):
@@ -61,9 +66,29 @@ def test_the_study_says_what_happened(url):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_whatever_the_method(url, method):
-    record, complaints = mirrored(url, method=method)
+    race = METHODS[method](SPACE, budget=150, seed=1)
+    record, complaints = mirrored(url, race=race)
     assert complaints == []
     check(url, record)
+    complete = {trial.number for trial in trials_of(url) if trial.state.name == "COMPLETE"}
+    elites = {elite.configuration for summary in race.iterations for elite in summary.elites}
+    assert complete == survivors_of(race) | elites
+    assert len(complete) > 1
+
+
+def test_optunas_own_tools_show_the_race(url):
+    from matplotlib import pyplot as plt
+    from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
+    from optuna.visualization import matplotlib
+
+    record, _ = mirrored(url, budget=400, method="irace")
+    study = optuna.load_study(study_name="study", storage=url)
+    complete = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    points = matplotlib.plot_optimization_history(study).collections[0]
+    plt.close("all")
+    assert len(points.get_offsets()) == len(complete) > 4
+    assert set(get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())) == {"x", "y", "rule"}
+    assert record.ends[-1].winner == study.user_attrs["winner"]
 
 
 def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):

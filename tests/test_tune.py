@@ -141,7 +141,9 @@ class TestTune:
         assert f"the target runner ran {made} times now" in out
         if options:
             assert made == len(record.experiments) + unasked
-            assert not unasked or f"ran {made} times now, {unasked} of them ahead of the race" in out
+            assert (
+                not unasked or f"ran {made} times now: {made - unasked} experiments, {unasked} ahead of the race" in out
+            )
         else:
             assert made == len(record.experiments) <= 110
             assert record.ahead == {}

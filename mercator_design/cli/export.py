@@ -1,4 +1,4 @@
-"""mdesign export: missions and logs of robots, for other programs."""
+"""mdesign export: missions, races and logs of robots, for other programs."""
 
 import contextlib
 import shlex
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 LOG = click.argument("log", type=FILE)
 
 
-@click.group(short_help="Write a mission, or a robot's log, for other programs.")
+@click.group(short_help="Write a mission, a race or a robot's log for other programs.")
 def export() -> None:
-    """Write a mission, or the log of a robot, as other programs read it."""
+    """Write a mission, a race or the log of a robot as other programs read it."""
 
 
 @export.command(short_help="Write a mission as a scenario of irace's.")
@@ -67,6 +67,23 @@ def irace(
     for note in designer.race.notes:
         tell(f"Warning: R's irace refuses this: {note}")
     click.echo(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
+
+
+@export.command("irace-log", short_help="Write a race as a log of irace's, for R.")
+@click.argument("directory", type=click.Path(path_type=Path, file_okay=False))
+@click.option("-o", "--output", type=FILE, help="File to write.  [default: irace.Rdata in DIRECTORY]")
+def irace_log(directory: Path, output: Path | None) -> None:
+    """Write the race of DIRECTORY as the log that irace would have written, for R: irace's functions, iraceplot.
+
+    The race may be under way, of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
+    """
+    from mercator_design.irace_log import write_irace_log
+    from mercator_design.run_files import read_journal, task_of
+
+    file = output or directory / "irace.Rdata"
+    record = read_journal(directory).record
+    write_irace_log(file, task_of(directory), record)
+    tell(f"{file}: {len(record.configurations)} configurations, {len(record.experiments)} experiments")
 
 
 @export.command(short_help="Write the log of a robot as a table.")

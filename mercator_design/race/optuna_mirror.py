@@ -11,7 +11,7 @@ slow, and gives up when something goes wrong.
 
 import queue
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -46,6 +46,7 @@ class OptunaMirror:
         self._race = race
         self._complain = complain
         self._ended = len(race.iterations)
+        self._raced: set[int] = set()  # so far: a storage may have more, from before the race was resumed
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
 
@@ -65,6 +66,7 @@ class OptunaMirror:
         """Take in experiments that have finished, in any order, some of them perhaps for the second time."""
         self._note_iterations()
         for one in finished:
+            self._raced.add(one.configuration)
             self._events.put(lambda study, one=one: study.report(one))  # type: ignore[misc]
 
     def finish(self, winner: int) -> None:
@@ -74,8 +76,8 @@ class OptunaMirror:
     def _note_iterations(self) -> None:
         if len(self._race.iterations) > self._ended:
             self._ended = len(self._race.iterations)
-            survivors, returning = self._survivors(), self._race.returning
-            self._events.put(lambda study: study.close(survivors, returning))
+            survivors, done = self._survivors(), self._raced - self._race.returning
+            self._events.put(lambda study: study.close(done, survivors))
 
     def _survivors(self) -> set[int]:
         """Of all iterations, with the elites."""
@@ -139,9 +141,9 @@ class _Study:
             self._failed.add(one.configuration)
             self._storage.set_trial_user_attr(trial, "failure", one.failure)
 
-    def close(self, survivors: set[int], returning: set[int]) -> None:
+    def close(self, configurations: Iterable[int], survivors: set[int]) -> None:
         """End the trials of configurations that do not run again."""
-        for number in sorted(self._open.keys() - returning):
+        for number in sorted(self._open.keys() & set(configurations)):
             trial, scores = self._open.pop(number), list(self._scores[number].values())
             if number in self._failed:
                 self._storage.set_trial_state_values(trial, self._state.FAIL)
@@ -151,7 +153,7 @@ class _Study:
                 self._storage.set_trial_state_values(trial, self._state.PRUNED)
 
     def finish(self, winner: int, survivors: set[int]) -> None:
-        self.close(survivors, set())
+        self.close(self._open.keys(), survivors)
         self._study.set_user_attr("winner", winner)
 
     def _add(self, number: int) -> None:

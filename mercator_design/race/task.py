@@ -110,8 +110,8 @@ class Task(ABC, Generic[T]):
         """What the file of a winner says of where it comes from, beside what all say."""
         return {}
 
-    def runs(self, experiments: int) -> list[str]:  # noqa: ARG002
-        """What a summary tells of the runs of this process, of so many experiments and tests; headed as in `about`."""
+    def runs(self, experiments: int, tests: int) -> list[str]:  # noqa: ARG002
+        """What a summary tells of this process's runs, for so many experiments and tests; headed as in `about`."""
         return []
 
     def stop(self) -> None:

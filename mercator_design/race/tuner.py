@@ -108,12 +108,13 @@ class Tuner(Task[Call]):
         files["scenario.txt"] = scenario_text.to_text(settings)
         return {name: text.encode() for name, text in files.items()}
 
-    def runs(self, experiments: int) -> list[str]:
+    def runs(self, experiments: int, tests: int) -> list[str]:
         """As `Task.runs`: how often the target runner ran."""
         made = self.scenario.target.made.count
-        more = made - experiments
-        why = f", {more} of them ahead of the race or tried again" if more else ""
-        return [f"Runs       the target runner ran {made} times now{why}"]
+        parts = [f"{experiments} experiments"] * (experiments > 0) + [f"{tests} tests"] * (tests > 0)
+        if made > experiments + tests:
+            parts.append(f"{made - experiments - tests} ahead of the race or tried again")
+        return [f"Runs       the target runner ran {made} times now: {', '.join(parts)}"]
 
     def stop(self) -> None:
         """As `Task.stop`: all runs that are under way."""
@@ -123,7 +124,7 @@ class Tuner(Task[Call]):
         """As `Task.item`; tests are on test instances in turn, or if there are none on the others with other seeds."""
         scenario, number = self.scenario, experiment.instance
         instances = (scenario.test_instances or scenario.instances) if test else scenario.instances
-        place = number % len(instances) if test else self._place(number)
+        place = number % len(instances) if test else self.place(number)
         return Call(
             configuration=experiment.configuration,
             instance_id=f"{place + 1}t" if instances is scenario.test_instances else f"{place + 1}",
@@ -158,7 +159,7 @@ class Tuner(Task[Call]):
         target = self.scenario.target
         return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.command(call))}"
 
-    def _place(self, instance: int) -> int:
+    def place(self, instance: int) -> int:
         """Which of the scenario's instances an instance of the race is: all of them once, then all once more, ..."""
         n, options = len(self.scenario.instances), self.scenario.options
         if not options.sample_instances:

@@ -52,7 +52,7 @@ def race_summary(
         *_asked(task),
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
         f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; {now}",
-        *(task.runs(new + tested) if new + tested else []),
+        *(task.runs(new, tested) if new + tested else []),
         *(f"Note       {note}" for note in race.notes),
         "",
         *iterations_table(record),

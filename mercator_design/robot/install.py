@@ -81,7 +81,7 @@ Type=notify
 LimitRTPRIO=2
 WorkingDirectory={folder}
 ExecStartPre=/bin/mkdir -p logs
-ExecStart={program} run fsm.txt --log logs
+ExecStart={program} run fsm.txt --log logs{options}
 ExecStopPost={program} stop
 SuccessExitStatus=143
 WatchdogSec=2
@@ -100,11 +100,15 @@ class Setup:
     user: Who runs them.
     folder: With fsm.txt; logs go to `logs` there.
     robot: Its robot.yaml; None: as usual.
+    duration: Of the run that the service starts [s]; None: until it is stopped.
+    seed: Of that run; None: a fresh one each time.
     """
 
     user: str
     folder: Path
     robot: Path | None
+    duration: float | None = None
+    seed: int | None = None
 
 
 def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:
@@ -137,12 +141,14 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[P
     program = " ".join(map(_plain, _program()))
     robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
     after = _AFTER_LIDAR if "lidar" in rules else ""
+    given = {"duration": setup.duration, "seed": setup.seed}
+    options = "".join(f" --{name} {value}" for name, value in given.items() if value is not None)
     service = _SERVICE.format(user=_plain(setup.user), environment=robot)
     return {
         RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
         LIMITS: _OURS + _LIMITS,
         IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
-        RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder)),
+        RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder), options=options),
     }
 
 

@@ -2,6 +2,7 @@
 
 import getpass
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -203,6 +204,19 @@ class TestServices:
             assert f"\n{line}\n" in run
         assert "ReadWritePaths" not in idle
         assert "[Install]" not in run  # nothing that starts it by itself
+
+    def test_how_long_it_runs_and_with_what_seed(self, install, root):
+        line = "\nExecStart=.* run fsm.txt --log logs{}\n"
+        for given, words in (
+            (("--duration", "120.5", "--seed", "7"), " --duration 120.5 --seed 7"),
+            (("--seed", "0"), " --seed 0"),
+            ((), ""),
+        ):
+            assert install(*given)[0] == 0
+            assert re.search(line.format(words), files(root)[RUN])
+        assert " --seed" not in files(root)[IDLE]
+        for wrong in (("--duration", "0"), ("--seed", "-1"), ("--uninstall", "--seed", "1")):
+            assert install(*wrong)[0] == 2
 
     def test_rest_waits_for_a_lidar_that_has_a_name(self, install, connected, root):
         waits = "After=dev-mercator\\x2dlidar.device\n"

@@ -8,7 +8,7 @@ import click
 from mercator_design.command import tell
 from mercator_design.errors import RobotError
 from mercator_design.robot import install as installation
-from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
+from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.ports import user_name
 
@@ -23,18 +23,30 @@ from mercator_design.robot.ports import user_name
     show_default=True,
     help="Write below a folder, and run no command; the files are for this system nevertheless.",
 )
+@click.option(
+    "--duration", type=DURATION, metavar="SECONDS", help="Of the service's run.  [default: until it is stopped]"
+)
+@click.option("--seed", type=SEED, help="Of the service's run.  [default: a fresh one each time]")
 @click.option("--dry-run", is_flag=True, help="Print the files and commands, and do nothing.")
 @click.option("--uninstall", is_flag=True, help="Remove what was installed.")
-def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uninstall: bool) -> None:
+def install(
+    robot: Path | None,
+    user: str | None,
+    root: Path,
+    duration: float | None,
+    seed: int | None,
+    dry_run: bool,
+    uninstall: bool,
+) -> None:
     """Write udev rules for the lidar and the hub, connected as they are now, and systemd's services.
 
     The ports become /dev/mercator-lidar and /dev/mercator-proximity. mercator-idle.service brings the robot to rest
     when the Pi starts. mercator-robot.service, which nothing starts by itself, runs fsm.txt of the folder where
-    ROBOT.yaml is, or else of this folder.
+    ROBOT.yaml is, or else of this folder, for --duration and with --seed; install again to change these.
     """
     if uninstall:
-        if user or dry_run:
-            raise click.UsageError("--uninstall takes neither --user nor --dry-run")
+        if user or dry_run or duration is not None or seed is not None:
+            raise click.UsageError("--uninstall takes neither --user, --duration, --seed nor --dry-run")
         show(installation.uninstall(root))
         return
     ports, findings = installation.connected(settings_of(robot))
@@ -47,6 +59,8 @@ def install(robot: Path | None, user: str | None, root: Path, dry_run: bool, uni
         user=runs_it,
         folder=(robot.parent if robot else Path()).resolve(),
         robot=robot and robot.resolve(),
+        duration=duration,
+        seed=seed,
     )
     files = installation.texts(ports, setup, root)
     if dry_run:

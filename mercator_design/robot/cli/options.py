@@ -9,13 +9,15 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from mercator_design.command import FILE, naming
+from mercator_design.command import FILE, NumberRange, naming
 from mercator_design.errors import SettingsError
 from mercator_design.robot.settings import Settings, read_settings
 
 _VARIABLE = "MERCATOR_ROBOT"
 _SETTINGS, _FILE = "settings", "robot"
 """Parameters of verbs that the option --robot becomes."""
+DURATION, SEED = NumberRange(0.1, 1e6), click.IntRange(0, 2**63 - 1)
+"""Of a run: seconds; of its random draws."""
 FC = TypeVar("FC", bound=Callable[..., Any])
 
 

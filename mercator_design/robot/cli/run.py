@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, OutputFile, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, read_controller, tell
 from mercator_design.errors import FsmError
-from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
+from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
 from mercator_design.robot.settings import Settings
@@ -16,10 +16,10 @@ from mercator_design.robot.settings import Settings
 @click.command(short_help="Run the PFSM of an fsm.txt.")
 @click.argument("fsm", type=FILE)
 @ROBOT
-@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="[default: until it is stopped]")
+@click.option("--duration", type=DURATION, metavar="SECONDS", help="[default: until it is stopped]")
 @click.option(
     "--seed",
-    type=click.IntRange(0, 2**63 - 1),
+    type=SEED,
     help="Of the random draws; robots of a swarm need different ones.  [default: a fresh one; the log has it]",
 )
 @click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")

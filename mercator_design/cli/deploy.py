@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller, tell
 from mercator_design.errors import RobotError, printable
 
 if TYPE_CHECKING:
-    from mercator_design.fleet.deploy import Result
+    from mercator_design.fleet.deploy import Fleet, Result
 
 
 @click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
@@ -59,17 +59,19 @@ def deploy(
         raise click.UsageError("--flavour and --lenient are of FSM")
 
     from mercator_design.fleet import deploy as do
+    from mercator_design.robot.settings import CONTROL_PERIOD, control_period_of
 
     fleet = do.read_fleet(robots)
     results = []
+    cycle = CONTROL_PERIOD
     if fsm is not None:
-        read_controller(fsm, flavour, lenient=lenient)
+        cycle = control_period_of(read_controller(fsm, flavour, lenient=lenient).header)
         results += _shown(do.copy(fleet, fsm, timeout))
     if start and all(each.is_done for each in results):
         given = {"duration": duration, "flavour": flavour}
         options = [f"--{name}={value}" for name, value in given.items() if value is not None]
         options += ["--dry-run"] * dry_run + ["--lenient"] * lenient
-        results += _shown(do.start(fleet, options, timeout))
+        _start(fleet, options, timeout, cycle)
     if stop:
         results += _shown(do.stop(fleet, timeout))
     if collect is not None:
@@ -77,6 +79,18 @@ def deploy(
     failed = {each.robot.name for each in results if not each.is_done}
     if failed:
         raise RobotError(f"{len(failed)} of {len(fleet.robots)} robots failed")
+
+
+def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> None:
+    from mercator_design.fleet.start import start
+
+    started = start(fleet, options, timeout, cycle)
+    _shown(started.results)
+    if started.why:
+        raise RobotError(f"no robot runs: {started.why}")
+    if len(started.results) > 1:
+        spread, uncertainty = 1000.0 * started.spread, 1000.0 * started.uncertainty
+        tell(f"All {len(started.results)} began within {spread:.0f} ms, give or take {uncertainty:.0f} ms")
 
 
 def _shown(results: "list[Result]") -> "list[Result]":

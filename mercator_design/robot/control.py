@@ -1,6 +1,7 @@
 """A robot under control: started up, watched, and stopped on every way out."""
 
 import contextlib
+import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -23,15 +24,14 @@ class Control:
 
     def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
         self.robot, self._watchdog, self._log = robot, watchdog, log
-        self._heard = time.monotonic()
+        self._heard, self._late = time.monotonic(), 0.0
 
-    def arm(self) -> None:
-        """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+    def await_heartbeat(self) -> None:
+        """Wait for the first heartbeat, if the settings want heartbeats.
 
         Raises:
-            RobotError: if no first heartbeat comes, or a sensor that is needed tells nothing new; or as `wait`.
+            RobotError: if none comes; or as `wait`.
         """
-        late = time.monotonic() - self._heard  # somebody was told something, and took his time
         end = time.monotonic() + _FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
             if time.monotonic() > end:
@@ -39,11 +39,28 @@ class Control:
                     "swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?"
                 )
             self.wait(time.monotonic() + 0.1)
-        late = max(late, time.monotonic() - self._heard)
+
+    def refresh(self) -> None:
+        """Look at everything anew if nobody has listened for a while: somebody was told something, and took his time.
+
+        Raises:
+            RobotError: if a sensor that is needed tells nothing new; or as `wait`.
+        """
+        late = max(self._late, time.monotonic() - self._heard)
         if late > STALL:
             self.robot.sense_anew()
-            if self._log is not None:
+            if self._log is not None and math.isfinite(self._log.began):
                 self._log.remark(held_up(late))
+        self._heard, self._late = time.monotonic(), 0.0
+
+    def arm(self) -> None:
+        """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+
+        Raises:
+            RobotError: as `await_heartbeat` and `refresh`.
+        """
+        self.await_heartbeat()
+        self.refresh()
         self._watchdog.arm()
 
     def wait(self, until: float) -> float:
@@ -53,24 +70,28 @@ class Control:
             Stopped: if something has stopped the wheels, a device says that they must not turn, or a port is lost.
             RobotError: if the log cannot be written.
         """
+        begin = time.monotonic()
         self.robot.attend(until)
+        now = time.monotonic()
+        self._late = max(self._late, begin - self._heard, now - max(begin, until))
         if self.robot.brake.why:
             raise Stopped(self.robot.brake.why)
         if self._log is not None and self._log.failure:
             raise RobotError(self._log.failure)
-        self._heard = time.monotonic()
-        return self._heard
+        self._heard = now
+        return now
 
-    def cycles(self, period: float) -> Iterator[float]:
+    def cycles(self, period: float, first: float | None = None) -> Iterator[float]:
         """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
 
         Args:
             period: Of control [s].
+            first: When the first is due [s]; None: at once.
 
         Raises:
             Stopped, RobotError: as `wait`.
         """
-        due = time.monotonic()
+        due = time.monotonic() if first is None else first
         while True:
             yield self.wait(due)
             due = max(due + period, time.monotonic())

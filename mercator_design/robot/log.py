@@ -3,7 +3,9 @@
 An event a line (checked_lines.py), only ever appended, with the number of the line: lines that are missing are noticed.
 Of a recording: recording.py. Of a run:
 
-    start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves
+    start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves; of a
+            run that began together with others, `clock`: how far this computer's clock of the day was `ahead` of the
+            `reference`, the computer that started them, and the `uncertainty` of that [s]
     cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
             wheels (null if no finite number), what the cycle (cpu) and, since the cycle before, the whole program
             (program_cpu) took of processors [s], the neighbours' distances [m] and bearings [rad], and of each sensor

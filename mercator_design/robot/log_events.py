@@ -21,6 +21,7 @@ FORMAT = 2
 _LARGEST = 1e9  # number, of any unit
 _LONGEST = 1e6  # [s], eleven days
 _YEARS = range(1970, 2100)
+_FURTHEST = 1e10  # [s] between two clocks
 
 
 class _Form(NamedTuple):
@@ -69,6 +70,17 @@ def _is_model(value: Any) -> bool:  # noqa: ANN401
         and _is_number(number)
         and all(rule.allows(number) for rule in schema.unwrapped(constants[name][0])[1])
         for name, number in value.items()
+    )
+
+
+def _is_clock(value: Any) -> bool:  # noqa: ANN401
+    """Only robots that were started together know of another clock."""
+    return value is None or (
+        isinstance(value, dict)
+        and _is_text(value.get("reference"))
+        and all(
+            type(value.get(key)) in {int, float} and abs(value[key]) <= _FURTHEST for key in ("ahead", "uncertainty")
+        )
     )
 
 
@@ -129,7 +141,12 @@ _LINES = {name: _list(f"{len(values)} numbers", _is_number, len(values)) for nam
 
 _START = {"robot": _TEXT, "time": _Form(f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
 _STARTS: Mapping[Kind, Mapping[str, _Form]] = {
-    "run": {"fsm": _TEXT, "flavour": _TEXT, "reference_model": _Form("a reference model's constants", _is_model)},
+    "run": {
+        "fsm": _TEXT,
+        "flavour": _TEXT,
+        "reference_model": _Form("a reference model's constants", _is_model),
+        "clock": _Form("how far the clock is ahead of a reference, and how well that is known [s]", _is_clock),
+    },
     "recording": {"lidar_angle": _NUMBER},
 }
 _EVENTS: Mapping[Kind, Mapping[str, Mapping[str, _Form]]] = {

@@ -2,10 +2,11 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
+from typing import Any
 
 from mercator_design.colours import STATE_COLOURS
 from mercator_design.fsm import Controller, to_text
@@ -13,6 +14,7 @@ from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.control import Control, in_control
+from mercator_design.robot.joint import AtOnce
 from mercator_design.robot.log import Log, finite, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.rvr_messages import LIGHTS
@@ -41,7 +43,7 @@ class Run:
         return control_period_of(self.file.header)
 
 
-def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) -> None:
+def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], together: AtOnce | None = None) -> None:
     """Run a PFSM on the robot, until its duration is over.
 
     Args:
@@ -49,6 +51,7 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         what: To run.
         path: Of the log, a new file.
         tell: Called with what people should know.
+        together: When the run begins; None: at once.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
@@ -64,19 +67,30 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None]) 
         tell(
             "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
         )
-    with in_control(settings, pfsm.reads, labels, log) as control, until_stopping():
+    begins = together or AtOnce()
+    with begins, in_control(settings, pfsm.reads, labels, log) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
-        _begin(log, settings, what, control.robot, tell)
-        control.arm()
-        notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-        _cycles(control, Controller(pfsm, settings.reference_model), what, log)
+        with begins.taking_part(control, path):
+            _begin(log, settings, what, control.robot, tell, begins.clock())
+            begins.wait(control)
+            control.arm()
+            notify(READY=1, STATUS=f"{settings.name} runs, {path}")
+            _cycles(control, Controller(pfsm, settings.reference_model), what, log, begins)
 
 
-def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Callable[[str], None]) -> None:
+def _begin(
+    log: Log,
+    settings: Settings,
+    what: Run,
+    robot: Mercator,
+    tell: Callable[[str], None],
+    clock: Mapping[str, Any] | None,
+) -> None:
     pfsm = what.file.pfsm
     log.begin(
         "run",
         settings.name,
+        clock=clock,
         fsm=to_text(pfsm),
         flavour=pfsm.flavour,
         header=dict(what.file.header),
@@ -92,15 +106,17 @@ def _begin(log: Log, settings: Settings, what: Run, robot: Mercator, tell: Calla
     robot.introduce(tell)
 
 
-def _cycles(control: Control, controller: Controller, what: Run, log: Log) -> None:
+def _cycles(control: Control, controller: Controller, what: Run, log: Log, begins: AtOnce) -> None:
     """Control cycles until the duration is over."""
     robot, random = control.robot, Random(what.seed)
-    start = time.monotonic()
+    first = begins.due()
     most = math.inf if what.duration is None else what.duration - 0.5 * what.period
     program = time.process_time()
-    for cycle, begin in enumerate(control.cycles(what.period)):
-        if begin - start >= most:
+    for cycle, begin in enumerate(control.cycles(what.period, first)):
+        if begin - first >= most:
             return
+        if cycle == 0:
+            begins.begin(begin, what.period)
         thread = time.thread_time()
         state, readings = controller.state, robot.readings()
         draws = [random.random() for _ in range(DRAWS)]

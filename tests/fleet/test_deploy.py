@@ -1,89 +1,17 @@
 """Robots are deployed to over an ssh and an scp that act in local folders: a host is a folder, its home."""
 
-import contextlib
-import os
-import signal
-import stat
 import subprocess
 import sys
 import time
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from mercator_design import __version__
-from mercator_design.fleet import deploy as fleet
+from mercator_design.fleet.deploy import read_fleet
+from mercator_design.fleet.start import start
+from tests.fleet.fakes import GO, settings
 from tests.robot.devices import Devices
-
-FAKE = """#!{python}
-import os, shutil, glob, sys, time
-from pathlib import Path
-
-program, words, options = Path(sys.argv[0]).name, sys.argv[1:], []
-while words[0].startswith("-"):
-    options.append(words.pop(0))
-    if options[-1] == "-o":
-        options.append(words.pop(0))
-with open("{log}", "a") as log:
-    print(program, *options, file=log)
-assert "BatchMode=yes" in options and "ConnectTimeout=10" in options
-host = words[0] if program == "ssh" else next(word for word in words if ":" in word).partition("]:")[0][1:]
-home = Path("{root}", host)
-if not home.is_dir():
-    sys.exit(f"ssh: connect to host {{host}} port 22: No route to host")
-if (home / "slow").exists():
-    time.sleep(60)
-if program == "ssh":
-    os.chdir(home)
-    os.execvp("sh", ["sh", "-c", " ".join(words[1:])])
-*sources, target = [word.replace("[" + host + "]:", str(home) + "/") if ":" in word else word for word in words]
-assert all(Path(word).is_absolute() for word in (*sources, target))  # whatever else might be a host, or an option
-for source in sources:
-    for file in glob.glob(source):
-        shutil.copy(file, target)
-"""
-PATIENT = """#!{python}
-import runpy, sys
-sys.path.insert(0, sys.argv[1])
-from mercator_design.robot import safety
-safety.STALL = 60.0
-del sys.argv[0]
-runpy.run_path(sys.argv[0], run_name="__main__")
-"""
-"""Python on a robot; whether this machine gets to a run in time is not what these tests are about."""
-LATE = "limits: {rvr: 5, proximity: 5, lidar: 5}\n"
-GO = "# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n"
-
-
-@pytest.fixture
-def field(tmp_path, monkeypatch):
-    """A folder with the homes of the robots r1 and r2, fsm.txt and robots.yaml."""
-    programs = tmp_path / "bin"
-    programs.mkdir()
-    for name, text in {"ssh": FAKE, "scp": FAKE, "python3": PATIENT}.items():
-        file = programs / name
-        file.write_text(text.format(python=sys.executable, root=tmp_path, log=tmp_path / "calls"))
-        file.chmod(file.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setenv("PATH", str(programs), prepend=":")
-    monkeypatch.delenv("PYTHONPATH", raising=False)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "fsm.txt").write_text(GO)
-    (tmp_path / "robots.yaml").write_text(
-        "robots: [{name: r1, host: r1}, {name: r2, host: r2, user: pi, port: 2222}]\n"
-    )
-    for name in ("r1", "r2"):
-        (tmp_path / name).mkdir()
-    yield tmp_path
-    for file in tmp_path.glob("*/mercator/pid"):  # of a test that failed
-        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-            pid = int(file.read_text())
-            if Path(f"/proc/{pid}/cwd").readlink() == file.parent:
-                os.kill(pid, signal.SIGKILL)
-
-
-@pytest.fixture
-def deploy(mdesign):
-    return lambda *arguments: mdesign("deploy", "--robots", "robots.yaml", *arguments)
 
 
 def test_copies(deploy, field):
@@ -98,9 +26,8 @@ def test_copies(deploy, field):
 
 def test_runs_stops_and_collects(deploy, field):
     with Devices() as devices:
-        ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
         (field / "r1/mercator").mkdir()
-        (field / "r1/mercator/robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n{LATE}")
+        (field / "r1/mercator/robot.yaml").write_text(settings(devices))
         (field / "robots.yaml").write_text("robots: [{name: mercator 1, host: r1}]\n")
         code, out, err = deploy("fsm.txt", "--start", "--duration", 60)
         assert (code, err) == (0, "")
@@ -134,13 +61,14 @@ def test_of_two_starts_at_once_one_is_refused(deploy, field):
     (field / "r1/mercator").mkdir()
     (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
     assert deploy("fsm.txt")[0] == 0
-    (field / "twice.yaml").write_text("robots: [{name: a, host: r1}, {name: b, host: r1, folder: mercator/.}]\n")
     with Devices() as devices:
-        ports = f"rvr: {devices.names.rvr}, lidar: {devices.names.lidar}, proximity: {devices.names.proximity}"
-        (field / "r1/mercator/robot.yaml").write_text(f"ports: {{{ports}}}\nswarm: {{port: null}}\n{LATE}")
-        results = sorted(fleet.start(fleet.read_fleet(field / "twice.yaml"), [], 60.0), key=lambda each: each.is_done)
-        assert [each.is_done for each in results] == [False, True]
-        assert results[0].words == "a run is in progress; end it first: mdesign deploy --robots ... --stop"
+        (field / "r1/mercator/robot.yaml").write_text(settings(devices))
+        fleet = read_fleet(field / "robots.yaml")
+        with ThreadPoolExecutor(2) as pool:
+            starts = [*pool.map(lambda _: start(fleet, [], 60.0, 0.1), range(2))]
+        refused, runs = sorted(starts, key=lambda each: not each.why)
+        assert refused.why == "r1: a run is in progress; end it first: mdesign deploy --robots ... --stop"
+        assert (runs.why, [each.is_done for each in runs.results]) == ("", [True])
         devices.when(devices.drives)
         assert deploy("--stop")[1] == "ok      r1               stopped\n"
         assert devices.rests_since() < time.monotonic()
@@ -151,7 +79,7 @@ def test_a_robot_that_does_not_start(deploy, field):
         (field / name / "mercator").mkdir()
         (field / name / "mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
     code, out, err = deploy("fsm.txt", "--start", "--dry-run")
-    assert (code, err) == (1, "Error: 2 of 2 robots failed\n")
+    assert (code, err.startswith("Error: no robot runs: r")) == (1, True), err
     for row in out.splitlines()[2:]:
         assert "Error: rvr: /dev/no_such_port: no such port" in row
         assert row.startswith("FAILED  r")

@@ -63,7 +63,7 @@ Controller.step = faulty
 class Robot:
     """A run of `mercator-robot` on devices."""
 
-    def __init__(self, folder, devices, fsm, settings, fault, options, lead):
+    def __init__(self, folder, devices, fsm, settings, fault, options, lead, stdin):
         self.folder, self.devices, self.port = folder, devices, free_port()
         names = devices.names
         (folder / "fsm.txt").write_text(fsm)
@@ -77,6 +77,7 @@ class Robot:
             [sys.executable, "-c", script, *arguments],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -103,10 +104,10 @@ class Robot:
 
 
 @contextmanager
-def running(folder, fsm=GO, settings="", fault="", *options, lead=SOON):
+def running(folder, fsm=GO, settings="", fault="", *options, lead=SOON, stdin=None):
     folder.mkdir(exist_ok=True)
     with Devices() as devices:
-        robot = Robot(folder, devices, fsm, settings, fault, options, lead)
+        robot = Robot(folder, devices, fsm, settings, fault, options, lead, stdin)
         try:
             yield robot
         finally:

@@ -8,6 +8,7 @@ import click
 from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, read_controller, tell
 from mercator_design.errors import FsmError
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
+from mercator_design.robot.joint import AtOnce, Joint
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
 from mercator_design.robot.settings import Settings
@@ -26,6 +27,11 @@ from mercator_design.robot.settings import Settings
 @click.option(
     "-o", "--log", type=OutputFile(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
 )
+@click.option(
+    "--await-start",
+    is_flag=True,
+    help="Begin together with other robots, when the standard input says so; it is what `mdesign deploy --start` uses.",
+)
 @FLAVOUR
 @LENIENT
 def run(
@@ -35,6 +41,7 @@ def run(
     seed: int | None,
     dry_run: bool,
     log: str | None,
+    await_start: bool,
     flavour: str | None,
     lenient: bool,
 ) -> None:
@@ -51,7 +58,7 @@ def run(
         tell("Dry run: the wheels do not turn.")
     with naming_in_the_end(path, "log", tell):
         try:
-            drive(settings, what, path, tell)
+            drive(settings, what, path, tell, Joint() if await_start else AtOnce())
         except FsmError as error:  # of its header
             raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None
         tell("The duration is over.")

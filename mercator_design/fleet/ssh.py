@@ -1,0 +1,166 @@
+"""A robot that is reached over the system's ssh and scp: scripts of its shell, and files that are copied."""
+
+import contextlib
+import os
+import shlex
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import IO, Annotated
+
+from mercator_design.errors import RobotError
+from mercator_design.loading import Name, Pattern, Range
+
+_OPTIONS = {
+    "BatchMode": "yes",
+    "ConnectTimeout": "10",
+    "LogLevel": "ERROR",
+    "ServerAliveCountMax": "3",
+    "ServerAliveInterval": "5",
+}
+_ENDS = 0.3  # [s] that ssh may take to end when all has been said
+_MOST = 65_536  # bytes at a time
+_OWN_FAULT = 255  # exit code of ssh if what has failed is not the script
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Where a robot is reached."""
+
+    name: Name
+    host: Annotated[
+        str, Pattern(r"[A-Za-z0-9_:][A-Za-z0-9_.:-]*(%[A-Za-z0-9]+)?", "a name or address, or one of ~/.ssh/config")
+    ]
+    user: Annotated[str, Pattern(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", "a user's name")] | None = None  # null: as ssh has it
+    port: Annotated[int, Range(1, 65535)] | None = None  # of ssh; null: as ssh has it
+    folder: Annotated[str, Pattern(r"/?[A-Za-z0-9_][A-Za-z0-9_./-]*", "a path in plain letters")] = "mercator"
+
+
+class Conversation:
+    """A script of the shell in a robot's folder that one talks with, line by line.
+
+    has_ended: Whether ssh has.
+    words: The last line of what was written to stderr then.
+    """
+
+    def __init__(self, robot: Robot, script: str, arguments: Iterable[str] = ()) -> None:
+        """Begin; Ctrl-C here does not reach it.
+
+        Raises:
+            RobotError: if there is no ssh.
+        """
+        self.has_ended, self.words = False, ""
+        self._begun = b""  # of a line
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - until `close`
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - no shell here; the robot's file allows plain words only
+                _command("ssh", robot, _shell(robot, script, arguments)),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                bufsize=0,
+                start_new_session=True,
+            )
+        except FileNotFoundError:
+            self._errors.close()
+            raise _missing("ssh") from None
+
+    def fileno(self) -> int:
+        """For select: of what it says."""
+        return self._pipe(self._process.stdout).fileno()
+
+    def read(self) -> list[bytes] | None:
+        """The lines that have come, once something has; None if it has ended."""
+        data = os.read(self.fileno(), _MOST)
+        if not data:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_ENDS)
+            self.has_ended = True
+            self.words = _last_line(self._errors) or f"ssh: exit code {self._process.returncode}"
+            return None
+        *lines, self._begun = (self._begun + data).split(b"\n")
+        return lines
+
+    @property
+    def is_known_to_have_ended(self) -> bool:
+        """Whether the script has ended, and not the connection alone."""
+        code = self._process.returncode
+        return self.has_ended and code is not None and 0 <= code < _OWN_FAULT
+
+    def send(self, line: str) -> None:
+        """Say something; whether that is heard, only an answer tells."""
+        with contextlib.suppress(OSError):
+            self._pipe(self._process.stdin).write(line.encode())
+
+    def close(self) -> None:
+        """End the connection; the script may go on."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(OSError):
+                self._pipe(pipe).close()
+        self._process.kill()
+        self._process.wait()
+        self._errors.close()
+
+    @staticmethod
+    def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
+        if pipe is None:
+            raise ValueError("no pipe")
+        return pipe
+
+
+def on(robot: Robot, path: str) -> str:
+    """A path in a robot's folder, for scp; the brackets keep an IPv6 address from ending at its first colon."""
+    return f"[{robot.host}]:{robot.folder}/{path}"
+
+
+def shell(robot: Robot, script: str, timeout: float, arguments: Iterable[str] = (), folder: str | None = None) -> str:
+    """Run a script of the shell in a robot's folder, or in another: the last line that it prints; errors as `run`."""
+    return run("ssh", robot, _shell(robot, script, arguments, folder), timeout)
+
+
+def run(program: str, robot: Robot, arguments: Sequence[str], timeout: float) -> str:
+    """Run ssh or scp: the last line that it prints.
+
+    Raises:
+        RobotError: if it fails, with the last line of what it says.
+    """
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:  # what scp has begun might keep a pipe open
+        try:
+            done = subprocess.run(  # noqa: S603 - no shell here; the robot's file allows plain words only
+                _command(program, robot, arguments),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                timeout=timeout,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise RobotError(f"{program}: not done after {timeout:g} s") from None
+        except FileNotFoundError:
+            raise _missing(program) from None
+        said = _last_line(out)
+        if done.returncode:
+            raise RobotError(_last_line(err) or said or f"{program}: exit code {done.returncode}")
+    return said
+
+
+def _shell(robot: Robot, script: str, arguments: Iterable[str], folder: str | None = None) -> list[str]:
+    """The arguments of ssh for a script of the shell."""
+    script = f"cd {folder or robot.folder} || exit 1\n{script}"
+    return [robot.host, shlex.join(["sh", "-c", script, "sh", *arguments])]
+
+
+def _command(program: str, robot: Robot, arguments: Sequence[str]) -> list[str]:
+    given = {"User": robot.user, "Port": robot.port}
+    settings = _OPTIONS | {name: str(value) for name, value in given.items() if value is not None}
+    return [program, *(word for name, value in settings.items() for word in ("-o", f"{name}={value}")), *arguments]
+
+
+def _missing(program: str) -> RobotError:
+    return RobotError(f"{program}: no such program here; install OpenSSH")
+
+
+def _last_line(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read().decode(errors="replace").strip().rpartition("\n")[2]

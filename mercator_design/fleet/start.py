@@ -1,0 +1,137 @@
+"""All robots begin together, or none does: the leader's end of a joint start (joint_start.py), over ssh."""
+
+import selectors
+import socket
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+
+from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, Result, stop
+from mercator_design.fleet.ssh import Conversation
+from mercator_design.joint_start import SILENCE, Leader
+
+_TICK = 0.01  # [s]
+_RESTS = 30.0  # [s] that robots may take to be at rest; one that starts up does that first
+
+_START = f"""
+{BE_IDLE}
+[ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
+mkdir -p logs || exit 1
+name=logs/run-$(date +%Y%m%d-%H%M%S) number=
+while [ -e "$name$number.jsonl" ] || [ -e "$name$number.txt" ]; do number=$((number - 1)); done
+name=$name$number
+exec 3<&0
+python3 {PROGRAM} run {FSM} --await-start -o "$name.jsonl" "$@" <&3 2>"$name.txt" &
+echo $! >pid
+exec 3<&-
+wait $!
+code=$?
+tail -n 1 "$name.txt" >&2
+exit $code
+"""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What came of a joint start.
+
+    results: On each robot.
+    why: Why none runs; empty if all run.
+    spread: How long after the first robot the last began [s].
+    uncertainty: Of that [s].
+    """
+
+    results: list[Result]
+    why: str
+    spread: float = 0.0
+    uncertainty: float = 0.0
+
+
+def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) -> Start:
+    """Run what was copied on all robots.
+
+    Args:
+        fleet: The robots.
+        options: Of `mercator-robot run`.
+        timeout: For robots to be ready [s], and for each connection that stops one.
+        cycle: Within which all must begin [s].
+
+    Raises:
+        RobotError: if there is no ssh.
+    """
+    options = [*options]
+    names = [robot.name for robot in fleet.robots]
+    with ExitStack() as stack:
+        robots = {
+            robot.name: stack.enter_context(closing(Conversation(robot, _START, options))) for robot in fleet.robots
+        }
+        leader = Leader(names, time.monotonic(), patience=timeout, cycle=cycle, host=socket.gethostname())
+        try:
+            while not leader.is_over:
+                _turn(leader, robots)
+        finally:
+            leader.call_off("interrupted")
+            _say(leader, robots)
+            if leader.why:
+                _until_ended(leader, robots)
+        if not leader.why:
+            spread, uncertainty = leader.spread()
+            return Start([*_running(fleet, leader)], "", spread, uncertainty)
+        return Start([*_resting(fleet, leader, robots, timeout)], leader.reason)
+
+
+def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
+    """Hear what has come, do what is due, and say what is to be said."""
+    with selectors.DefaultSelector() as selector:
+        for name, robot in robots.items():
+            if not robot.has_ended:
+                selector.register(robot, selectors.EVENT_READ, name)
+        for key, _ in selector.select(_TICK):
+            name = key.data
+            lines, now = robots[name].read(), time.monotonic()
+            if lines is None:
+                leader.hang_up(name, robots[name].words)
+            for line in lines or ():
+                leader.hear(name, line, now)
+    leader.advance(time.monotonic())
+    _say(leader, robots)
+
+
+def _say(leader: Leader, robots: Mapping[str, Conversation]) -> None:
+    for name, line in leader.lines():
+        robots[name].send(line)
+
+
+def _until_ended(leader: Leader, robots: Mapping[str, Conversation]) -> None:
+    """Wait until all runs have ended, but not for ever."""
+    end = time.monotonic() + _RESTS
+    while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
+        _turn(leader, robots)
+
+
+def _running(fleet: Fleet, leader: Leader) -> Iterator[Result]:
+    for robot in fleet.robots:
+        clock = leader.difference(robot.name)
+        words = (
+            f"runs, {leader.ready(robot.name).get('log')}; began {1000.0 * leader.began(robot.name):.0f} ms after the "
+            f"first; its clock is {abs(clock.ahead):.3f} s {'ahead' if clock.ahead > 0.0 else 'behind'}, give or take "
+            f"{1000.0 * clock.uncertainty:.0f} ms"
+        )
+        yield Result(robot, is_done=True, words=words)
+
+
+def _resting(fleet: Fleet, leader: Leader, robots: Mapping[str, Conversation], timeout: float) -> Iterator[Result]:
+    """Of each robot why it does not run; one of which it is not known whether it has ended is stopped once more."""
+    unknown = [robot for robot in fleet.robots if not robots[robot.name].is_known_to_have_ended]
+    stopped = (
+        {result.robot: result for result in stop(replace(fleet, robots=tuple(unknown)), timeout)} if unknown else {}
+    )
+    for robot in fleet.robots:
+        words = leader.why if robot.name == leader.culprit else robots[robot.name].words
+        if robot in stopped:
+            again = stopped[robot]
+            words += f"; over another connection: {again.words}"
+            if not again.is_done:
+                words += f"; by itself it stops {SILENCE:g} s after it has last heard of this computer"
+        yield Result(robot, is_done=False, words=words)

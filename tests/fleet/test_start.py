@@ -1,0 +1,189 @@
+"""All robots begin together, or none: over the ssh of `fakes`, on devices that a test has in hand."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design.robot.log import read
+from tests.fleet.fakes import settings
+from tests.robot.devices import Devices
+from tests.robot.ways import ATTEMPTS, LAST
+
+ROOT = Path(__file__).parents[2]
+CYCLE = 0.1
+
+
+@pytest.fixture
+def robots(deploy, field):
+    """The devices of r1 and r2, to which the program has been copied."""
+    with Devices() as first, Devices() as second:
+        for name, devices in (("r1", first), ("r2", second)):
+            (field / name / "mercator").mkdir()
+            (field / name / "mercator/robot.yaml").write_text(settings(devices))
+        assert deploy("fsm.txt")[0] == 0
+        yield first, second
+
+
+def starting(*options):
+    """`mdesign deploy --start` as a process of its own."""
+    lead = "from mercator_design import joint_start; joint_start.SILENCE = 60.0\n"
+    line = [sys.executable, "-c", f"{lead}from mercator_design.cli import main; main()"]
+    return subprocess.Popen(
+        [*line, "deploy", "fsm.txt", "--robots", "robots.yaml", "--start", *options],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def is_started_up(devices):
+    """Whether a run has told its devices all that it tells them before it is ready, or nearly so."""
+    return "scan" in devices.lidar_commands
+
+
+def rests(devices):
+    """It never drove, and was shut down."""
+    assert not devices.drives()
+    devices.when(lambda: devices.commands[-1][1] == LAST and devices.lidar_commands[-2:] == ["force_stop", "stop"])
+
+
+def is_idle(home):
+    """Whether nothing runs there."""
+    line = ["flock", "-n", home / "mercator/lock", "true"]
+    return subprocess.run(line, check=False).returncode == 0
+
+
+def kill(field, name, number=signal.SIGKILL):
+    os.kill(int((field / name / "mercator/pid").read_text()), number)
+
+
+def test_they_begin_within_a_control_cycle_and_their_logs_can_be_put_side_by_side(deploy, robots, field, mdesign):
+    for _ in range(ATTEMPTS):
+        code, out, err = deploy("fsm.txt", "--start", "--duration", "1")
+        if "too busy?" not in err:  # refused, as it should be
+            break
+    assert code == 0, (out, err)
+    spread, unsure = map(int, re.fullmatch(r"All 2 began within (\d+) ms, give or take (\d+) ms\n", err).groups())
+    assert spread + unsure <= 1000 * CYCLE + 2  # as they are rounded
+    assert len(re.findall(r"runs, logs/run-\S+.jsonl; began \d+ ms after the first; its clock is 0.\d+ s", out)) == 2
+    for devices in robots:
+        devices.when(devices.is_let_go)
+    assert deploy("--collect", "all")[0] == 0
+    newest = [max((field / "all" / name).glob("*.jsonl")) for name in ("r1", "r2")]
+    starts = [next(read(log)) for log in newest]
+    assert {start["clock"]["reference"] for start in starts} == {os.uname().nodename}
+    for start in starts:  # of the same clock
+        assert abs(start["clock"]["ahead"]) <= start["clock"]["uncertainty"] + 0.05
+    begins = [min(when for when, left, _ in devices.wheels if left) for devices in robots]
+    assert abs(begins[0] - begins[1]) < 1.0
+
+
+def test_if_one_is_not_ready_none_moves_and_it_is_told_which_and_why(deploy, robots, field):
+    (field / "r2/mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
+    code, out, err = deploy("fsm.txt", "--start")
+    assert (code, err.startswith("Error: no robot runs: r2: Error: rvr: /dev/no_such_port: no such port")) == (1, True)
+    r1, r2 = out.splitlines()[2:]
+    assert r1.startswith("FAILED  r1               Error: the start was called off: r2: Error: rvr: /dev/no_such_port")
+    assert r2.startswith("FAILED  r2               Error: rvr: /dev/no_such_port: no such port")
+    rests(robots[0])
+    assert all(is_idle(field / name) for name in ("r1", "r2"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, number):
+    def act():
+        robots[1].when(lambda: is_started_up(robots[1]))
+        kill(field, "r2", number)
+
+    killing = threading.Thread(target=act)
+    killing.start()
+    code, out, err = deploy("fsm.txt", "--start")
+    killing.join()
+    assert (code, "Error: no robot runs: r2: " in err) == (1, True), (out, err)
+    assert "r1               Error: the start was called off: r2: " in out
+    rests(robots[0])
+    assert not robots[1].drives()
+
+
+def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, field):
+    with starting() as leader:
+        for devices in robots:
+            devices.when(lambda devices=devices: is_started_up(devices))
+        leader.kill()
+        leader.communicate()
+    for devices in robots:
+        rests(devices)
+    until = time.monotonic() + 20.0
+    while not all(is_idle(field / name) for name in ("r1", "r2")):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    for name in ("r1", "r2"):
+        (said,) = (field / name / "mercator/logs").glob("*.txt")
+        assert "the connection to who starts the robots has ended" in said.read_text()
+
+
+def test_a_person_who_interrupts_the_start(robots, field):
+    with starting() as leader:
+        for devices in robots:
+            devices.when(lambda devices=devices: is_started_up(devices))
+        leader.send_signal(signal.SIGINT)
+        _, err = leader.communicate(timeout=60)
+    assert (leader.returncode, err.strip()) == (130, "Interrupted.")
+    for name, devices in zip(("r1", "r2"), robots, strict=True):
+        rests(devices)
+        assert is_idle(field / name)  # it was waited for
+        (said,) = (field / name / "mercator/logs").glob("*.txt")
+        assert "Error: the start was called off: interrupted\n" in said.read_text()
+
+
+def test_one_that_is_late_stops_the_others(deploy, robots, field):
+    """By more than a control cycle: it does not drive, and who has begun is stopped."""
+    python = field / "bin/python3"
+    late = """from mercator_design.robot import joint
+if Path.cwd().parent.name == "r2":
+    joint.Joint.wait = lambda joint, control, due=joint.Joint.due: control.wait(due(joint) + 0.3)
+"""
+    python.write_text(python.read_text().replace("del sys", f"from pathlib import Path\n{late}del sys"))
+    code, out, err = deploy("fsm.txt", "--start", "--duration", "60")
+    assert (code, bool(re.match(r"Error: no robot runs: r2: too late by 0\.[345]\d s for the start", err))) == (1, True)
+    assert not robots[1].drives()
+    first = robots[0]
+    with contextlib.suppress(AssertionError):
+        assert first.rests_since() - min(when for when, left, _ in first.wheels if left) < 2.0
+    assert first.commands[-1][1] == LAST
+    assert "Error: the start was called off: r2: too late by" in out
+
+
+def test_one_that_cannot_be_reached_any_more_is_stopped_over_another_connection(deploy, robots, field):
+    """Its ssh has ended by itself, and the run there goes on waiting."""
+    ssh = field / "bin/ssh"
+    ssh.write_text(
+        ssh.read_text().replace(
+            'os.execvp("sh"',
+            """if host == "r2" and "--await-start" in words[-1]:
+        import subprocess
+        streams = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        child = subprocess.Popen(["sh", "-c", " ".join(words[1:])], start_new_session=True, **streams)
+        while not Path("mercator/pid").exists():
+            time.sleep(0.05)
+        time.sleep(0.5)
+        subprocess.Popen(["sleep", "60"], stdout=child.stdin, stderr=subprocess.DEVNULL)  # nobody hangs up
+        sys.exit(255)
+    os.execvp("sh\"""",
+        )
+    )
+    code, out, err = deploy("fsm.txt", "--start")
+    assert (code, "no robot runs: r2: " in err) == (1, True), (out, err)
+    assert "; over another connection: stopped" in out
+    for devices in robots:
+        assert not devices.drives()
+    assert all(is_idle(field / name) for name in ("r1", "r2"))

@@ -1,0 +1,244 @@
+"""A run that begins together with others: what its robot does, told over the standard input as by `mdesign deploy`."""
+
+import contextlib
+import subprocess
+import time
+
+import pytest
+
+from mercator_design.clocks import Clock, from_line, probe, to_line
+from mercator_design.robot.log import read
+from mercator_design.robot.swarm import HEARTBEAT, Speaker
+from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
+
+PATIENT = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 60.0\n"
+"""Lets a robot wait for its leader as long as a busy machine may take."""
+
+
+class Leader:
+    """Who says when a robot begins, by hand."""
+
+    def __init__(self, robot):
+        self._robot, self._streams = robot, (robot.process.stdin, robot.process.stdout)
+
+    def say(self, line):
+        self._streams[0].write(line)
+        self._streams[0].flush()
+
+    def hear(self, what):
+        """The next line that says something of a kind."""
+        for line in self._streams[1]:
+            if (said := from_line(line.encode()))["say"] == what:
+                return said
+            assert said["say"] != "failed", said
+        raise AssertionError(f"the connection ended: {self._robot.process.stderr.read()}")
+
+    def measure(self):
+        clock = Clock()
+        for _ in range(5):
+            self.say(probe(time.monotonic()))
+            clock.hear(self.hear("clock"), time.monotonic())
+        return clock.difference
+
+    def offer(self, seconds, offset=1000.0):
+        """Say when to begin; that time."""
+        at = time.monotonic() + seconds
+        self.say(to_line("start", at=at, host="desk", offset=offset, uncertainty=0.004))
+        return at
+
+    def hang_up(self):
+        self._streams[0].close()
+        self._robot.process.stdin = None
+
+
+@contextlib.contextmanager
+def awaiting(folder, fsm=GO, settings="", fault="", *options, lead=PATIENT):
+    """A run that has said that it is ready, and its leader."""
+    options = ("--await-start", *options)
+    with running(folder, fsm, settings, fault, *options, lead=lead, stdin=subprocess.PIPE) as robot:
+        leader = Leader(robot)
+        assert leader.hear("ready") == {"say": "ready", "log": "log.jsonl"}
+        yield robot, leader
+
+
+def never_drove(robot, words, code=4):
+    """It has ended for a reason, at rest, and everything was shut down."""
+    returned, error = robot.process.wait(20.0), robot.process.stderr.read()
+    assert (returned, words in error) == (code, True), (returned, error)
+    assert not robot.devices.drives()
+    robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
+    robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
+
+
+@made_in_time
+def test_it_begins_when_it_was_told_to_and_then_needs_nobody(tmp_path):
+    with awaiting(tmp_path, GO, "", "", "--duration", "1") as (robot, leader):
+        found = leader.measure()
+        assert abs(found.offset) <= found.uncertainty  # of the same clock
+        assert not (tmp_path / "log.jsonl").read_text()
+        at = leader.offer(1.0, offset=time.time() - time.monotonic() - 7.0)
+        leader.hear("accepted")
+        leader.say(to_line("go"))
+        leader.hear("going")
+        began = leader.hear("started")["at"]
+        assert 0.0 <= began - at <= 0.1
+        leader.say(to_line("confirm"))
+        leader.hear("confirmed")
+        leader.hang_up()
+        assert robot.process.wait(20.0) == 0, robot.process.stderr.read()
+        first = min(when for when, left, _ in robot.devices.wheels if left)
+        assert first >= at
+        start, cycle, *_ = (event for event in read(tmp_path / "log.jsonl") if event["event"] != "note")
+        assert start["clock"] == {"reference": "desk", "ahead": pytest.approx(7.0, abs=0.05), "uncertainty": 0.004}
+        assert cycle["event"] == "cycle"
+
+
+def test_a_start_in_the_past_is_refused(tmp_path):
+    with awaiting(tmp_path) as (robot, leader):
+        leader.offer(-0.5)
+        never_drove(robot, "the time of the start came too late: it was 0.5")
+        assert not (tmp_path / "log.jsonl").exists()
+
+
+def test_without_go_it_does_not_begin(tmp_path):
+    with awaiting(tmp_path) as (robot, leader):
+        leader.offer(0.5)
+        leader.hear("accepted")
+        never_drove(robot, "the start was not confirmed by all robots in time")
+        *_, end = read(tmp_path / "log.jsonl")
+        assert end["why"] == "the start was not confirmed by all robots in time"
+
+
+@pytest.mark.parametrize("when", ["ready", "accepted", "going"])
+def test_a_connection_that_ends_before_the_start(tmp_path, when):
+    with awaiting(tmp_path) as (robot, leader):
+        if when != "ready":
+            leader.offer(3.0)
+            leader.hear("accepted")
+        if when == "going":
+            leader.say(to_line("go"))
+            leader.hear("going")
+        leader.hang_up()
+        never_drove(robot, "the connection to who starts the robots has ended")
+
+
+def test_a_leader_that_falls_silent(tmp_path):
+    lead = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 0.5\n"
+    with awaiting(tmp_path, lead=lead) as (robot, leader):
+        never_drove(robot, "nothing was heard for 0.5 s of who starts the robots")
+        leader.hang_up()
+
+
+def test_a_start_that_is_called_off(tmp_path):
+    with awaiting(tmp_path) as (robot, leader):
+        leader.offer(3.0)
+        leader.hear("accepted")
+        leader.say(to_line("stop", why="the start was called off: r3: its battery is critical"))
+        never_drove(robot, "Error: the start was called off: r3: its battery is critical\n")
+
+
+def test_a_device_that_fails_while_it_waits(tmp_path):
+    with awaiting(tmp_path) as (robot, leader):
+        robot.devices.silent.add("rvr")
+        assert "nothing for" in next(said["why"] for said in failures(leader))
+        robot.devices.silent.clear()
+        never_drove(robot, "nothing for")
+
+
+def test_a_signal_while_it_waits(tmp_path):
+    with awaiting(tmp_path) as (robot, leader):
+        robot.process.terminate()
+        assert next(failures(leader))["why"] == "Stopped by SIGTERM."
+        never_drove(robot, "Stopped by SIGTERM.", 143)
+
+
+def failures(leader):
+    for line in leader._streams[1]:
+        if (said := from_line(line.encode()))["say"] == "failed":
+            yield said
+
+
+def test_a_robot_that_is_late_does_not_begin(tmp_path):
+    """Its computer was too busy; it tells that, and the others are stopped."""
+    late = """
+import time
+from mercator_design.robot import joint
+due = joint.Joint.due
+joint.Joint.wait = lambda joint, control: control.wait(due(joint) + 0.3)
+"""
+    with awaiting(tmp_path, lead=PATIENT + late) as (robot, leader):
+        leader.offer(0.5)
+        leader.hear("accepted")
+        leader.say(to_line("go"))
+        leader.hear("going")
+        assert next(failures(leader))["why"].startswith("too late by 0.")
+        never_drove(robot, "for the start: is this computer too busy?")
+
+
+def drives_on(robot, leader):
+    leader.offer(0.5)
+    leader.hear("accepted")
+    leader.say(to_line("go"))
+    leader.hear("started")
+    robot.drives()
+
+
+@pytest.mark.parametrize("what", ["stop", "hang up"])
+def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
+    def attempt(number):
+        with awaiting(tmp_path / str(number)) as (robot, leader):
+            drives_on(robot, leader)
+            began = time.monotonic()
+            leader.hang_up() if what == "hang up" else leader.say(to_line("stop", why="r3: it has not answered"))
+            words = "the connection to who starts" if what == "hang up" else "r3: it has not answered"
+            assert robot.process.wait(20.0) == 4
+            assert words in robot.process.stderr.read()
+            return robot.devices.told_to_rest(began)
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
+    lead = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 1.5\n"
+
+    def attempt(number):
+        with awaiting(tmp_path / str(number), lead=lead) as (robot, leader):
+            leader.offer(0.5)
+            leader.say(to_line("go"))
+            leader.hear("started")
+            began = time.monotonic()
+            assert robot.process.wait(20.0) == 4
+            assert "nothing was heard for 1.5 s" in robot.process.stderr.read()
+            return robot.devices.told_to_rest(began) - 1.5
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
+    fault = "from mercator_design.joint_start import Follower; Follower.look = None; time.sleep(0.1)"
+
+    def attempt(number):
+        with awaiting(tmp_path / str(number), fault=fault) as (robot, leader):
+            drives_on(robot, leader)
+            robot.process.stdout.flush()
+            began = time.monotonic()
+            (robot.folder / "fault").touch()
+            assert robot.process.wait(20.0) == 4
+            assert "the thread that hears who starts the robots failed" in robot.process.stderr.read()
+            return robot.devices.told_to_rest(began) - 0.1
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
+    options = ("--await-start",)
+    with (
+        running(tmp_path, GO, ", heartbeat: 5", "", *options, lead=PATIENT, stdin=subprocess.PIPE) as robot,
+        Speaker(["127.0.0.1"], robot.port) as speaker,
+    ):
+        robot.devices.when(lambda: speaker.tell(HEARTBEAT) or "scan" in robot.devices.lidar_commands)
+        speaker.tell(HEARTBEAT)
+        leader = Leader(robot)
+        leader.hear("ready")
+        leader.hang_up()
+        never_drove(robot, "the connection to who starts the robots has ended")

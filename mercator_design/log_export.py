@@ -1,10 +1,8 @@
-"""Logs of robots for other programs, of runs and recordings: a table as CSV, or MCAP, which Foxglove reads.
+"""Logs of robots for other programs, of runs and recordings: rows of tables (log_table.py), and MCAP for Foxglove.
 
 Event by event, so that a log may be longer than memory. What each column and channel is: docs/robot.md.
 """
 
-import codecs
-import csv
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -100,12 +98,13 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 """Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
 
 
-class _Log:
+class ExportedLog:
     """A log event by event, with what follows from its start.
 
     columns: Of its table.
     counted, unit: Events that are counted, and as what.
-    time: Of the latest event [s since 1970].
+    time: Of the latest event [s since 1970], by the reference's clock if the robot's was measured, else by the robot's.
+    reference: Whose clock that is; empty if it is the robot's.
     """
 
     columns: Sequence[str]
@@ -115,7 +114,9 @@ class _Log:
     def __init__(self, start: Event, events: Iterator[Event]) -> None:
         self.start, self._events = start, events
         self.robot: str = start["robot"]
-        self.time = self._began = datetime.fromisoformat(start["time"]).timestamp()
+        clock = start.get("clock") or {"reference": "", "ahead": 0.0}
+        self.reference: str = clock["reference"]
+        self.time = self._began = datetime.fromisoformat(start["time"]).timestamp() - clock["ahead"]
         self._count, self._why = 0, NO_END
 
     def events(self) -> Iterator[Event]:
@@ -146,7 +147,7 @@ class _Log:
         return f"{self._count} {self.unit}; {self._why}"
 
 
-class _Run(_Log):
+class _Run(ExportedLog):
     columns = (
         *("robot", "clock", "time", *_CYCLE),
         *Readings._fields,
@@ -219,7 +220,7 @@ class _Run(_Log):
                 yield from _stands(self.time - position["age"], position["x"], position["y"], yaw)
 
 
-class _Recording(_Log):
+class _Recording(ExportedLog):
     columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
     counted = ("sample", "turn")
     unit = "samples and turns"
@@ -267,22 +268,7 @@ class _Recording(_Log):
                 yield "/treads", {side: event[side] for side in Wheels._fields}
 
 
-_KINDS: Mapping[str, type[_Log]] = {"run": _Run, "recording": _Recording}
-
-
-def write_csv(path: Path, file: BinaryIO) -> str:
-    """Write a log as CSV: a row for each control cycle, or each sample; what there was, in words.
-
-    Raises:
-        RobotError: if it is no log of these kinds, or is damaged before its end.
-    """
-    with understanding(path):
-        log = _open(path)
-        table = csv.DictWriter(codecs.getwriter("utf-8")(file), log.columns, lineterminator="\n")
-        table.writeheader()
-        for event in log.events():
-            table.writerows(log.rows(event))
-    return log.summary()
+_KINDS: Mapping[str, type[ExportedLog]] = {"run": _Run, "recording": _Recording}
 
 
 def write_mcap(path: Path, file: BinaryIO) -> str:
@@ -296,7 +282,7 @@ def write_mcap(path: Path, file: BinaryIO) -> str:
     writer = Writer(file, enable_data_crcs=True)
     channels: dict[str, int] = {}
     with understanding(path):
-        log = _open(path)
+        log = open_log(path)
         writer.start(library=f"mercator-design {__version__}")
         start = {name: value for name, value in log.start.items() if name != "event"}
         writer.add_metadata(
@@ -314,7 +300,8 @@ def write_mcap(path: Path, file: BinaryIO) -> str:
     return log.summary()
 
 
-def _open(path: Path) -> _Log:
+def open_log(path: Path) -> ExportedLog:
+    """A log of any kind; errors are those of `read`."""
     events = read(path, None)
     start = next(events)
     return _KINDS[start["kind"]](start, events)

@@ -4,11 +4,13 @@ import io
 import itertools
 import json
 import math
+import re
 import subprocess
 import sys
 import tracemalloc
-from datetime import datetime
+from datetime import datetime, timedelta
 from importlib.metadata import version
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -17,7 +19,8 @@ from mcap.reader import make_reader
 
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
-from mercator_design.log_export import write_csv, write_mcap
+from mercator_design.log_export import write_mcap
+from mercator_design.log_table import write_csv
 from mercator_design.robot.log import Log, controller_of, read, to_lines
 from tests.twin.recorded import ROBOTS, unpack
 
@@ -46,6 +49,11 @@ def events(log):
 @pytest.fixture(scope="module")
 def cycles(events):
     return [event for event in events if event["event"] == "cycle"]
+
+
+def to_csv(log, file):
+    """A log by itself as a table."""
+    return write_csv([log], file, pytest.fail)[0]
 
 
 def written(text, lines):
@@ -86,7 +94,7 @@ class TestCsv:
         start, first = events[0], next(event for event in events if event["event"] == "cycle")
         first = first | {"sensed": {"proximity": [0.1, None, 0.0, 1, 1, 1, 1, 1, 1]}, "wheels": [None, 0.5]}
         file = io.BytesIO()
-        write_csv(written(tmp_path / "log.jsonl", [start, first]), file)
+        to_csv(written(tmp_path / "log.jsonl", [start, first]), file)
         (row,) = pd.read_csv(io.BytesIO(file.getvalue())).to_dict("records")
         assert (row["sensed_proximity_distance_0"], row["sensed_proximity_distance_1"]) == (math.inf, 0.0)
         assert math.isnan(row["sensed_position_x"])
@@ -100,7 +108,7 @@ class TestCsv:
         seen = set()
         for log in logs:
             file = io.BytesIO()
-            write_csv(log, file)
+            to_csv(log, file)
             pfsm, _ = controller_of(next(read(log)))
             for row in pd.read_csv(io.BytesIO(file.getvalue()), keep_default_na=False).to_dict("records"):
                 state = pfsm.states[row["state"]]
@@ -119,8 +127,97 @@ class TestCsv:
         line = [sys.executable, "-m", "mercator_design", "export", "csv", log, "-o", "-"]
         done = subprocess.run(line, capture_output=True, check=True)
         file = io.BytesIO()
-        write_csv(log, file)
+        to_csv(log, file)
         assert done.stdout == file.getvalue()
+
+
+class TestSideBySide:
+    """Logs of robots whose clocks were off, and were compared with one clock when they were started."""
+
+    AHEAD = (3600.0, -0.25, -1.7e9)
+
+    @pytest.fixture
+    def apart(self, logs, tmp_path):
+        """The same logs as if the robots' clocks had been off, and that had been measured."""
+        return [self.shifted(*each, tmp_path) for each in zip(logs, self.AHEAD, strict=True)]
+
+    @staticmethod
+    def shifted(log, ahead, folder, **given):
+        start, *events = read(log)
+        time = (datetime.fromisoformat(start["time"]) + timedelta(seconds=ahead)).isoformat(timespec="microseconds")
+        clock = {"reference": "desk", "ahead": ahead, "uncertainty": 0.002, **given}
+        return written(folder / log.name, [start | {"time": time, "clock": clock}, *events])
+
+    def test_one_table_in_the_order_of_one_clock(self, mdesign, logs, apart, tmp_path):
+        code, out, err = mdesign("export", "csv", *apart, "-o", tmp_path / "all.csv")
+        assert (code, out) == (0, "")
+        assert err == "".join(f"{tmp_path}/all.csv: {log}: 120 cycles; The duration is over\n" for log in apart)
+        table = pd.read_csv(tmp_path / "all.csv")
+        assert table.clock.is_monotonic_increasing
+        for log in logs:
+            file = io.BytesIO()
+            to_csv(log, file)
+            alone = pd.read_csv(io.BytesIO(file.getvalue()))
+            mine = table[table.robot == alone.robot[0]].reset_index(drop=True)
+            assert mine.clock.to_numpy() == pytest.approx(alone.clock.to_numpy(), rel=0.0, abs=2e-6)
+            pd.testing.assert_frame_equal(mine.drop(columns="clock"), alone.drop(columns="clock"))
+
+    def test_the_program_in_the_documents(self, mdesign, apart, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert mdesign("export", "csv", *apart, "-o", "all.csv")[0] == 0
+        document = (Path(__file__).parents[1] / "docs/robot.md").read_text()
+        (program,) = re.findall(r"```py\n(import pandas.*?)```", document, re.DOTALL)
+        found = {}
+        exec(program, found)  # noqa: S102 - our own
+        assert found["states"].shape[1] == len(apart)
+        assert len(found["states"]) > 100
+
+    def test_messages_have_the_same_clock(self, logs, apart):
+        for log, other in zip(logs, apart, strict=True):
+            times = []
+            for path in (log, other):
+                file = io.BytesIO()
+                write_mcap(path, file)
+                times.append([m.log_time for *_, m in make_reader(io.BytesIO(file.getvalue())).iter_messages()])
+            assert times[0] == pytest.approx(times[1], rel=0.0, abs=2000)  # [ns]
+
+    def test_clocks_that_were_not_compared_are_told(self, mdesign, logs, apart, tmp_path):
+        first, _, third = apart
+        third.unlink()
+        other = self.shifted(logs[2], 1.0, tmp_path, reference="laptop")
+        code, _, err = mdesign("export", "csv", first, logs[1], other, "-o", tmp_path / "all.csv")
+        warnings = [line for line in err.splitlines() if line.startswith("Warning")]
+        assert code == 0
+        assert warnings == [
+            f"Warning: {logs[1]}: its clock is its robot's own, which was not compared with those of the other logs",
+            f"Warning: {other}: its clock is that of laptop, which was not compared with those of the other logs",
+        ]
+
+    def test_logs_of_two_kinds_are_no_table(self, mdesign, log, recording, tmp_path):
+        code, _, err = mdesign("export", "csv", log, recording, "-o", tmp_path / "all.csv")
+        words = f"Error: {recording}: expected the log of a run, as {log} is, found that of a recording\n"
+        assert (code, err) == (1, words)
+        assert not (tmp_path / "all.csv").exists()
+
+    @pytest.mark.parametrize(
+        "clock",
+        [
+            7,
+            {},
+            {"reference": "desk", "ahead": "1", "uncertainty": 0},
+            {"reference": 7, "ahead": 1, "uncertainty": 0},
+            {"reference": "desk", "ahead": 1e11, "uncertainty": 0},
+            {"reference": "desk", "ahead": 1},
+        ],
+    )
+    def test_a_clock_that_is_none(self, mdesign, log, tmp_path, clock):
+        start, *events = read(log)
+        bad = written(tmp_path / "bad.jsonl", [start | {"clock": clock}, *events])
+        code, _, err = mdesign("export", "csv", bad, "-o", tmp_path / "all.csv")
+        assert (code, err.startswith(f"Error: {bad}, line 1: start.clock: expected how far the clock is ahead")) == (
+            1,
+            True,
+        )
 
 
 class TestMcap:
@@ -300,7 +397,7 @@ def closed(schema):
     return schema | {"items": closed(schema["items"])} if schema.get("type") == "array" else schema
 
 
-@pytest.mark.parametrize("write", [write_csv, write_mcap])
+@pytest.mark.parametrize("write", [to_csv, write_mcap])
 def test_a_log_that_was_cut_is_exported_as_far_as_it_goes(write, log, tmp_path):
     cut = tmp_path / "log.jsonl"
     lines = log.read_bytes().splitlines(keepends=True)
@@ -312,7 +409,7 @@ def test_a_log_that_was_cut_is_exported_as_far_as_it_goes(write, log, tmp_path):
     assert part.getvalue() == whole.getvalue()
 
 
-@pytest.mark.parametrize("write", [write_csv, write_mcap])
+@pytest.mark.parametrize("write", [to_csv, write_mcap])
 def test_memory_does_not_grow_with_the_log(write, events, tmp_path):
     peaks = []
     for times in (8, 20):

@@ -10,7 +10,8 @@ import pytest
 
 from mercator_design.calibration.scenes import read_recording
 from mercator_design.errors import RobotError
-from mercator_design.log_export import write_csv, write_mcap
+from mercator_design.log_export import write_mcap
+from mercator_design.log_table import write_csv
 from mercator_design.robot.cli.replay import _show
 from mercator_design.robot.log import read, replay
 from tests.calibration.recordings import CENTRES, measured, write
@@ -69,9 +70,9 @@ def show(path):
 
 READERS = {
     "replay": ("run", show),
-    "table": ("run", lambda path: write_csv(path, io.BytesIO())),
+    "table": ("run", lambda path: write_csv([path], io.BytesIO(), pytest.fail)),
     "messages": ("run", lambda path: write_mcap(path, io.BytesIO())),
-    "recorded table": ("recording", lambda path: write_csv(path, io.BytesIO())),
+    "recorded table": ("recording", lambda path: write_csv([path], io.BytesIO(), pytest.fail)),
     "recorded messages": ("recording", lambda path: write_mcap(path, io.BytesIO())),
     "calibration": ("recording", read_recording),
 }

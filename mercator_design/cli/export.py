@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import FILE, naming, tell
+from mercator_design.command import FILE, naming, tell, warn
 from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-LOG = click.argument("log", type=FILE)
+    from collections.abc import Callable, Iterator, Sequence
 
 
 @click.group(short_help="Write a mission, a race or a robot's log for other programs.")
@@ -86,21 +84,25 @@ def irace_log(directory: Path, output: Path | None) -> None:
     tell(f"{file}: {len(record.configurations)} configurations, {len(record.experiments)} experiments")
 
 
-@export.command(short_help="Write the log of a robot as a table.")
-@LOG
+@export.command(short_help="Write logs of robots as a table.")
+@click.argument("logs", type=FILE, nargs=-1, required=True, metavar="LOG...")
 @click.option("-o", "--output", type=FILE, required=True, help="File to write; - for stdout.")
-def csv(log: Path, output: Path) -> None:
-    """Write LOG, of a run or a recording of mercator-robot, as a table for pandas, R and spreadsheets.
+def csv(logs: tuple[Path, ...], output: Path) -> None:
+    """Write LOGs, of runs or of recordings of mercator-robot, as one table for pandas, R and spreadsheets.
 
-    docs/robot.md tells what each column is. A log that is still being written is exported as far as it goes.
+    docs/robot.md tells what each column is. Rows of several robots are in the order of their clock, which was measured
+    if `mdesign deploy --start` started them. A log that is still being written is exported as far as it goes.
     """
-    from mercator_design.log_export import write_csv
+    from mercator_design.log_table import write_csv
 
-    _write(log, output, write_csv, stdout=sys.stdout.buffer if output == Path("-") else None)
+    def write(file: BinaryIO) -> list[str]:
+        return write_csv(logs, file, lambda doubt: warn([doubt]))
+
+    _write(logs, output, write, stdout=sys.stdout.buffer if output == Path("-") else None)
 
 
 @export.command(short_help="Write the log of a robot for Foxglove.")
-@LOG
+@click.argument("log", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="File to write.")
 def mcap(log: Path, output: Path) -> None:
     """Write LOG, of a run or a recording of mercator-robot, as MCAP, which Foxglove shows and plots.
@@ -111,15 +113,21 @@ def mcap(log: Path, output: Path) -> None:
 
     if output == Path("-"):
         raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")
-    _write(log, output, write_mcap)
+    _write([log], output, lambda file: [write_mcap(log, file)])
 
 
-def _write(log: Path, output: Path, write: "Callable[[Path, BinaryIO], str]", stdout: BinaryIO | None = None) -> None:
-    if output.exists() and log.exists() and output.samefile(log):
+def _write(
+    logs: "Sequence[Path]",
+    output: Path,
+    write: "Callable[[BinaryIO], list[str]]",
+    stdout: BinaryIO | None = None,
+) -> None:
+    if output.exists() and any(log.exists() and output.samefile(log) for log in logs):
         raise click.BadParameter("expected another file than the log", param_hint="-o")
     with contextlib.nullcontext(stdout) if stdout else _new(output) as file:
-        summary = write(log, file)
-    tell(f"{output}: {summary}")
+        summaries = write(file)
+    for log, summary in zip(logs, summaries, strict=True):
+        tell(f"{output}: {f'{log}: ' if len(logs) > 1 else ''}{summary}")
 
 
 @contextlib.contextmanager

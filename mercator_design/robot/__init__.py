@@ -20,6 +20,7 @@
     log_events  what the events of logs and recordings must be
     recording   what sensors measure, as it comes
     control     a robot that somebody has control of
+    joint       when a run begins: at once, or with other robots
     runner      a run
     keyboard    keys and status at a terminal
     teleop      a person drives

@@ -1,5 +1,6 @@
 """mdesign tune and mdesign export irace, as a user runs them."""
 
+import csv
 import io
 import json
 import os
@@ -236,6 +237,61 @@ class TestCheck:
         assert code == 1
         assert "expected exit status 0, found exit status 4; it printed 'no licence'" in out
         assert "some failed" in err
+
+
+class TestOnlyTest:
+    CONFIGURATIONS = "  x rule y\n3 7 fast 0.5\n9 5 slow NA\n"
+
+    @pytest.fixture
+    def table(self, folder):
+        (folder / "c.txt").write_text(self.CONFIGURATIONS)
+        return folder / "c.txt"
+
+    def test_costs_on_test_instances(self, mdesign, folder, table, tmp_path):
+        arguments = ["tune", folder / "scenario.txt", "--only-test", table]
+        code, out, err = mdesign(*arguments, "-o", tmp_path / "t", "-j", 3)
+        assert (code, err) == (0, "")
+        header, *rows = [line.split() for line in out.splitlines()]
+        assert header == ["test", "instance", "seed", "1", "2"]
+        for name, row in zip(["t", "tt"], rows, strict=False):
+            noise = int(row[1]) % 3 + len(name)
+            assert row == [name, row[1], str(noise), str(4 + 10 + noise)]
+        assert rows[2][0] == "mean"
+        written = list(csv.reader((tmp_path / "t" / "tests.csv").read_text().splitlines()))
+        assert written == [["test instance", "seed", "1", "2"], *rows[:2]]
+        assert mdesign(*arguments)[1] == out
+        assert not (folder / "runs").exists()
+
+    def test_the_seeds_are_those_of_a_race_s_tests(self, mdesign, undisturbed, table):
+        folder, run = undisturbed
+        _, out, _ = mdesign("tune", folder / "scenario.txt", "--only-test", run / "best.txt")
+        seeds = [line.split()[1] for line in out.splitlines()[1:3]]
+        tests = read(run / JOURNAL).record.tests
+        assert seeds == [str(tests[where].seed) for where in sorted(tests)[:2]]
+
+    @pytest.mark.parametrize(
+        ("scenario", "configurations", "runner", "message"),
+        [
+            (SCENARIO.replace("testInstances", ".no"), CONFIGURATIONS, RUNNER, "expected test instances for --only"),
+            (SCENARIO, "x rule y\n", RUNNER, "c.txt: expected configurations, found none"),
+            (SCENARIO, "x rule y\n31 slow NA\n", RUNNER, "c.txt:2: parameter 'x': expected integer within (0, 30)"),
+            (SCENARIO, CONFIGURATIONS, "#!/bin/sh\necho oh; exit 3\n", "a test (configuration 1, instance of seed "),
+        ],
+    )  # fmt: skip
+    def test_what_is_wrong_is_named(self, mdesign, folder, table, scenario, configurations, runner, message):
+        (folder / "scenario.txt").write_text(scenario)
+        (folder / "target-runner").write_text(runner)
+        table.write_text(configurations)
+        code, out, err = mdesign("tune", folder / "scenario.txt", "--only-test", table)
+        assert (code, out) == (1, "")
+        assert message in err
+
+    def test_one_that_fails_may_be_passed_over(self, mdesign, folder, table):
+        (folder / "target-runner").write_text(RUNNER.replace("echo", "[ $x = 5 ] && exit 3\necho"))
+        arguments = ["tune", folder / "scenario.txt", "--only-test", table, "--on-failure", "reject"]
+        code, out, _ = mdesign(*arguments)
+        assert code == 0
+        assert [line.split()[-1] for line in out.splitlines()[1:]] == ["inf"] * 3
 
 
 class TestFailures:

@@ -17,7 +17,7 @@ from mercator_design.cli.racing import (
     run,
 )
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, naming, tell
 from mercator_design.errors import MercatorError, printable
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mercator_design.race.tuner import Tuner
     from mercator_design.run_folder import RunFolder
 
-_WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "target_runner", "check")
+_WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "target_runner", "check", "only_test")
 
 
 @click.command(short_help="Find parameters of a program, by irace's scenario.")
@@ -47,6 +47,9 @@ _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "targ
 @method_option("irace")
 @click.option("--speculate", is_flag=True, help="Let idle workers run ahead of the race: more runs than the budget.")
 @click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
+@click.option(
+    "--only-test", type=FILE, help="Run the configurations of this file on the scenario's test instances, and no race."
+)
 @OUTPUT
 @RESUME
 @ON_FAILURE
@@ -63,6 +66,7 @@ def tune(
     method: str,
     speculate: bool,
     check: bool,
+    only_test: Path | None,
     output: Path | None,
     resume: Path | None,
     on_failure: "OnFailure",
@@ -94,6 +98,9 @@ def tune(
             tell(f"Note: {note}")
         if check:
             _check(tuner)
+            return
+        if only_test is not None:
+            _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, on_failure)
             return
         folder = _new_folder(scenario, tuner, output, method)
     assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
@@ -133,6 +140,44 @@ def _check(tuner: "Tuner") -> None:
             click.echo(f"  cost {result.score:g}")
     if failed:
         raise MercatorError("expected all of these to give a cost, found that some failed")
+
+
+def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
+    """Test configurations, and show their costs as a table; with an output, write it there as tests.csv."""
+    import csv
+    import io
+
+    from mercator_design.files import write_text
+    from mercator_design.race.configurations_text import read_configurations
+    from mercator_design.race.executors import Stopped, ThreadExecutor
+    from mercator_design.report.columns import aligned
+
+    instances = tuner.scenario.test_instances
+    if not instances:
+        expected = "testInstances, testInstancesDir or testInstancesFile"
+        raise MercatorError(f"{tuner.scenario.path}: expected test instances for --only-test ({expected}), found none")
+    configurations, notes = read_configurations(file, tuner.scenario.space)
+    for note in notes:
+        tell(f"Note: {note}")
+    if not configurations:
+        raise MercatorError(f"{file}: expected configurations, found none")
+    with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:
+        try:
+            costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
+        except Stopped:
+            interrupt.check("No test is kept")
+            raise
+    rows: list[list[object]] = [["test instance", "seed", *range(1, len(configurations) + 1)]]
+    for number, instance in enumerate(instances):
+        rows.append([instance, tuner.test_seed(number), *(f"{of[number]:.15g}" for of in costs)])
+    means = [f"{sum(of) / len(of):.6g}" for of in costs]
+    click.echo("\n".join(aligned([*rows, ["mean", None, *means]])))
+    if output is not None:
+        table = io.StringIO()
+        csv.writer(table, lineterminator="\n").writerows(rows)
+        with naming(output):
+            output.mkdir(parents=True, exist_ok=True)
+            write_text(output / "tests.csv", table.getvalue())
 
 
 def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str) -> "RunFolder":

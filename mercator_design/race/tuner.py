@@ -3,8 +3,9 @@
 import dataclasses
 import hashlib
 import json
+import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -14,10 +15,12 @@ from mercator_design.errors import RaceError
 from mercator_design.race import configurations_text, scenario_text
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import Finished, Tested
+from mercator_design.race.executors import Executor, Stopped
 from mercator_design.race.iterated import IteratedRace
 from mercator_design.race.methods import METHODS, RACES, Method
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
+from mercator_design.race.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
 from mercator_design.race.scenario import Scenario, read_scenario
 from mercator_design.race.scenario_options import in_names_of_irace, of_races
 from mercator_design.race.target import Call
@@ -136,6 +139,58 @@ class Tuner(Task[Call]):
     def test_seed(self, instance: int) -> int:
         """As `Task.test_seed`."""
         return instance_seed(self.race.seed, "test", instance)
+
+    def test(
+        self,
+        configurations: Sequence[Configuration],
+        executor: Executor,
+        *,
+        on_failure: OnFailure = "stop",
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> list[list[float]]:
+        """The costs of configurations on all test instances, a row each; they are numbered from 1, as irace does.
+
+        Args:
+            configurations: Of any race, or of none.
+            executor: Runs the tests.
+            on_failure: Whether a test that fails ends all, or has an infinite cost, as one by which a configuration is
+                rejected.
+            stopped: Asked before each test whether to stop.
+
+        Raises:
+            ExperimentFailed: see `on_failure`.
+            Stopped: see `stopped`.
+        """
+        n = len(self.scenario.test_instances)
+        tests = [Experiment(number, instance) for number in range(1, len(configurations) + 1) for instance in range(n)]
+        failed: list[ExperimentFailed] = []
+        costs = [[math.inf] * n for _ in configurations]
+
+        def items() -> Iterator[Call]:
+            for test in tests:
+                if failed or stopped():
+                    return
+                yield self.item(test, configurations[test.configuration - 1], test=True)
+
+        for place, result in executor.run(self.function, items()):
+            test = tests[place]
+            score, _, failure = read_result(result)
+            if is_fatal(result, on_failure):
+                one = Tested(
+                    configuration=test.configuration,
+                    instance=test.instance,
+                    seed=self.test_seed(test.instance),
+                    score=None,
+                    failure=failure,
+                )
+                failed.append(ExperimentFailed(one, error_of(result)))
+            elif score is not None:
+                costs[test.configuration - 1][test.instance] = score
+        if stopped():
+            raise Stopped
+        if failed:
+            raise failed[0]
+        return costs
 
     def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
         """As `Task.winner_text`: irace's file of configurations, with all elites, the winner first."""

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 @click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
 @click.argument("fsm", type=FILE, required=False)
 @click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
-@click.option("--start", is_flag=True, help="Run FSM on all robots, if it has been copied to all.")
+@click.option(
+    "--check", is_flag=True, help="Look for what is wrong with the robots: batteries, lines, clocks; before a start."
+)
+@click.option("--start", is_flag=True, help="Run FSM on all robots together, if all that was before went well on all.")
 @click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
 @click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
 @FLAVOUR
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 def deploy(
     fsm: Path | None,
     robots: Path,
+    check: bool,
     start: bool,
     duration: float | None,
     dry_run: bool,
@@ -47,12 +51,14 @@ def deploy(
     collect: Path | None,
     timeout: float,
 ) -> None:
-    """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; start and stop them, collect logs.
+    """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; check, start and stop them, collect logs.
 
-    Prints a row for each robot; exit code 1 if something failed on any.
+    Robots that are started begin within a control cycle of each other, or none does. Prints a row for each robot; exit
+    code 1 if something failed on any.
     """
-    if (fsm is None) != (stop or collect is not None):
-        raise click.UsageError("expected FSM, or --stop or --collect")
+    ends = stop or collect is not None
+    if (fsm is not None or check) == ends:
+        raise click.UsageError("expected FSM or --check, or --stop or --collect")
     if (start and fsm is None) or ((duration is not None or dry_run) and not start):
         raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
     if fsm is None and (flavour is not None or lenient):
@@ -66,7 +72,10 @@ def deploy(
     cycle = CONTROL_PERIOD
     if fsm is not None:
         cycle = control_period_of(read_controller(fsm, flavour, lenient=lenient).header)
+    if not ends:
         results += _shown(do.copy(fleet, fsm, timeout))
+    if check and all(each.is_done for each in results):
+        _check(fleet, timeout)
     if start and all(each.is_done for each in results):
         given = {"duration": duration, "flavour": flavour}
         options = [f"--{name}={value}" for name, value in given.items() if value is not None]
@@ -79,6 +88,19 @@ def deploy(
     failed = {each.robot.name for each in results if not each.is_done}
     if failed:
         raise RobotError(f"{len(failed)} of {len(fleet.robots)} robots failed")
+
+
+def _check(fleet: "Fleet", timeout: float) -> None:
+    from mercator_design.fleet.check import check, table, wrong
+
+    checked = check(fleet, timeout)
+    for row in table(checked):
+        click.echo(printable(row))
+    for row in (found := [*wrong(checked)]):
+        click.echo(f"WRONG  {printable(row)}")
+    if found:
+        names = {each.robot.name for each in checked if [*wrong([each])]}
+        raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
 
 
 def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> None:

@@ -2,10 +2,11 @@
 
 import contextlib
 import os
+import selectors
 import shlex
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Annotated
 
@@ -107,6 +108,22 @@ class Conversation:
         if pipe is None:
             raise ValueError("no pipe")
         return pipe
+
+
+def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[tuple[str, list[bytes] | None]]:
+    """What comes from any of these that have not ended: lines by name; None if one has ended now.
+
+    Args:
+        conversations: By name.
+        seconds: For which to wait for something.
+    """
+    with selectors.DefaultSelector() as selector:
+        for name, each in conversations.items():
+            if not each.has_ended:
+                selector.register(each, selectors.EVENT_READ, name)
+        ready = [key.data for key, _ in selector.select(seconds)]
+    for name in ready:
+        yield name, conversations[name].read()
 
 
 def on(robot: Robot, path: str) -> str:

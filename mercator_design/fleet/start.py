@@ -1,6 +1,5 @@
 """All robots begin together, or none does: the leader's end of a joint start (joint_start.py), over ssh."""
 
-import selectors
 import socket
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -8,7 +7,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
 from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, Result, stop
-from mercator_design.fleet.ssh import Conversation
+from mercator_design.fleet.ssh import Conversation, hear
 from mercator_design.joint_start import SILENCE, Leader
 
 _TICK = 0.01  # [s]
@@ -83,17 +82,12 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
 
 def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
     """Hear what has come, do what is due, and say what is to be said."""
-    with selectors.DefaultSelector() as selector:
-        for name, robot in robots.items():
-            if not robot.has_ended:
-                selector.register(robot, selectors.EVENT_READ, name)
-        for key, _ in selector.select(_TICK):
-            name = key.data
-            lines, now = robots[name].read(), time.monotonic()
-            if lines is None:
-                leader.hang_up(name, robots[name].words)
-            for line in lines or ():
-                leader.hear(name, line, now)
+    for name, lines in hear(robots, _TICK):
+        now = time.monotonic()
+        if lines is None:
+            leader.hang_up(name, robots[name].words)
+        for line in lines or ():
+            leader.hear(name, line, now)
     leader.advance(time.monotonic())
     _say(leader, robots)
 

@@ -21,6 +21,7 @@
     recording   what sensors measure, as it comes
     control     a robot that somebody has control of
     joint       when a run begins: at once, or with other robots
+    channel     lines that another program says over the standard input
     runner      a run
     keyboard    keys and status at a terminal
     teleop      a person drives

@@ -1,25 +1,24 @@
 """When a run begins: at once, or with other robots, as whoever starts them says over the standard input and output."""
 
 import contextlib
-import os
-import select
-import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.errors import Stopped
 from mercator_design.joint_start import Follower
+from mercator_design.robot.channel import Channel
 from mercator_design.robot.control import Control
-from mercator_design.robot.safety import Brake, go_first
+
+if TYPE_CHECKING:
+    from mercator_design.robot.safety import Brake
 
 _LOOK = 0.05
-"""[s] between looks whether the leader is still heard, and of the loop that waits."""
+"""[s] between looks at the devices."""
 _AHEAD = 0.05
 """[s] before the first control cycle at which the robot is armed."""
-_MOST = 4096  # bytes at a time
 
 
 class AtOnce:
@@ -61,17 +60,14 @@ class Joint(AtOnce):
         """Make one; entering its context begins to listen."""
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._in, self._out = sys.stdin.fileno(), sys.stdout.fileno()
+        self._channel = Channel(self._hear, lambda: self._stop("the thread that hears who starts the robots failed"))
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._channel.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
+        self._channel.__exit__()
 
     @contextlib.contextmanager
     def taking_part(self, control: Control, log: Path) -> Iterator[None]:
@@ -138,40 +134,21 @@ class Joint(AtOnce):
         if self._follower.why:
             raise Stopped(self._follower.why)
 
-    def _listen(self) -> None:
-        """Hear the leader, until the end of the context or of the connection."""
-        go_first(2)
-        begun = b""  # of a line
-        is_connected = True
-        try:
-            while is_connected and not self._over.is_set():
-                data = None
-                if select.select([self._in], [], [], _LOOK)[0]:
-                    data = os.read(self._in, _MOST)
-                is_connected = data != b""
-                *lines, begun = (begun + (data or b"")).split(b"\n")
-                with self._lock:
-                    self._hear(lines, time.monotonic(), is_connected=is_connected)
-        finally:
-            if is_connected and not self._over.is_set():
-                self._stop("the thread that hears who starts the robots failed")
-
-    def _hear(self, lines: Iterable[bytes], now: float, *, is_connected: bool) -> None:
-        for line in lines:
-            if (said := self._follower.hear(line, now)) is not None:
-                self._say(said)
-        if not is_connected:
-            self._follower.hang_up()
-        self._follower.look(now)
-        if self._follower.why:
-            self._stop(self._follower.why)
+    def _hear(self, lines: Iterable[bytes] | None, now: float) -> None:
+        with self._lock:
+            for line in lines or ():
+                if (said := self._follower.hear(line, now)) is not None:
+                    self._say(said)
+            if lines is None:
+                self._follower.hang_up()
+            self._follower.look(now)
+            if self._follower.why:
+                self._stop(self._follower.why)
 
     def _stop(self, why: str) -> None:
         if self._brake is not None and not self._brake.why:
             self._brake.stop(why)
 
     def _say(self, line: str) -> None:
-        try:
-            os.write(self._out, line.encode())
-        except OSError:
+        if not self._channel.say(line):
             self._follower.hang_up()

@@ -1,18 +1,51 @@
 """mercator-robot check: what is wrong with the robot, and what to do."""
 
+from collections.abc import Iterable
+
 import click
 
+from mercator_design.clocks import answer, day_of, from_line, to_line
+from mercator_design.errors import RobotError
+from mercator_design.robot.channel import Channel
 from mercator_design.robot.check import check as findings
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
+from mercator_design.robot.findings import Finding
 from mercator_design.robot.settings import Settings
 
 
 @click.command(short_help="Look for what is wrong with this robot.")
 @ROBOT
-def check(settings: Settings) -> None:
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print a line of JSON for each finding, and answer who asks for the clock, as `mdesign deploy --check` does.",
+)
+def check(settings: Settings, as_json: bool) -> None:
     """Look at the clock, the console, and each device by itself, and say what is wrong and what to do.
 
     The wheels are not touched; the lidar turns for some seconds. Exit code 1 if something is wrong.
     """
-    show(findings(settings))
+    if as_json:
+        _tell(findings(settings))
+    else:
+        show(findings(settings))
+
+
+def _tell(found: Iterable[Finding]) -> None:
+    def hear(lines: Iterable[bytes] | None, now: float) -> None:
+        for line in lines or ():
+            said = from_line(line)
+            if said is not None and said["say"] == "probe":
+                channel.say(answer(said, now, day_of(now)))
+
+    channel = Channel(hear)
+    wrong = 0
+    with channel:
+        for finding in found:
+            wrong += not finding.is_fine
+            if not channel.say(to_line("finding", **finding._asdict())):
+                raise RobotError("nobody hears what is found")
+    if wrong:
+        raise RobotError(f"{wrong} wrong")

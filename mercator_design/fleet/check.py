@@ -1,0 +1,128 @@
+"""What is wrong with any of the robots, side by side: batteries, lines and clocks in one table."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
+
+from mercator_design.clocks import PROBE, Clock, from_line, probe
+from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
+from mercator_design.fleet.ssh import Conversation, Robot, hear
+
+COLUMNS = {
+    "battery": "battery",
+    "rvr": "rvr's line",
+    "lidar": "lidar's line",
+    "hub": "proximity's line",
+}
+"""Findings of `mercator-robot check` that have a column, by its name."""
+_DEVICES = {"battery": "rvr", "rvr": "rvr", "lidar": "lidar", "hub": "proximity"}
+"""What is found instead if a device could not be looked at."""
+_CHECK = f"""
+{BE_IDLE}
+[ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
+exec python3 {PROGRAM} check --json
+"""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One finding on a robot."""
+
+    what: str
+    is_fine: bool
+    words: str
+
+
+@dataclass
+class Checked:
+    """What was found on a robot.
+
+    failure: Why it could not be looked at; empty if it could.
+    """
+
+    robot: Robot
+    findings: list[Found] = field(default_factory=list)
+    clock: Clock = field(default_factory=Clock)
+    failure: str = ""
+
+    def cell(self, column: str) -> str:
+        """Of the table, in a column of COLUMNS or `clock`."""
+        if self.failure:
+            return "?"
+        if column == "clock":
+            ahead, uncertainty = self.clock.difference.ahead, self.clock.difference.uncertainty
+            if not len(self.clock):
+                return "?"
+            side = "ahead" if ahead > 0.0 else "behind"
+            return f"{abs(ahead):.3f} s {side}, give or take {1000.0 * uncertainty:.0f} ms"
+        by_name = {found.what: found for found in self.findings}
+        found = by_name.get(COLUMNS[column]) or by_name.get(_DEVICES[column])
+        if found is None:
+            return "?"
+        value = found.words.partition(";")[0] if found.what == COLUMNS[column] else "not found"
+        return value if found.is_fine else f"{value} WRONG"
+
+
+def check(fleet: Fleet, timeout: float) -> list[Checked]:
+    """Run `mercator-robot check` on all robots at the same time, and compare their clocks with this computer's.
+
+    Args:
+        fleet: The robots, to which the program has been copied.
+        timeout: For all of it [s].
+
+    Raises:
+        RobotError: if there is no ssh.
+    """
+    checked = {robot.name: Checked(robot) for robot in fleet.robots}
+    end = time.monotonic() + timeout
+    with ExitStack() as stack:
+        robots = {robot.name: stack.enter_context(closing(Conversation(robot, _CHECK))) for robot in fleet.robots}
+        due = 0.0
+        while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
+            if time.monotonic() >= due:
+                due = time.monotonic() + PROBE
+                for robot in robots.values():
+                    robot.send(probe(time.monotonic()))
+            for name, lines in hear(robots, PROBE):
+                _take(checked[name], lines or ())
+        for name, each in checked.items():
+            if not robots[name].has_ended:
+                each.failure = f"not done after {timeout:g} s"
+            elif not each.findings:
+                each.failure = robots[name].words
+    return [*checked.values()]
+
+
+def _take(checked: Checked, lines: Sequence[bytes]) -> None:
+    now = time.monotonic()
+    for line in lines:
+        said = from_line(line)
+        if said is None:
+            continue
+        match said["say"]:
+            case "finding":
+                is_fine = said.get("is_fine") is True
+                checked.findings.append(Found(str(said.get("what")), is_fine, str(said.get("words"))))
+            case "clock":
+                with suppress(ValueError):  # of which there will be others
+                    checked.clock.hear(said, now)
+
+
+def table(checked: Sequence[Checked]) -> Iterator[str]:
+    """A row for each robot, below a head."""
+    columns = [*COLUMNS, "clock"]
+    rows = [["robot", *columns], *([each.robot.name, *map(each.cell, columns)] for each in checked)]
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def wrong(checked: Sequence[Checked]) -> Iterator[str]:
+    """What is wrong, and what to do, a row each."""
+    for each in checked:
+        if each.failure:
+            yield f"{each.robot.name}: {each.failure}"
+        for found in each.findings:
+            if not found.is_fine:
+                yield f"{each.robot.name}: {found.what}: {found.words}"

@@ -14,6 +14,7 @@ from mercator_design.robot.safety import STALL, Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
 
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
+_REFUSED = 10.0  # [s] between notes of refused heartbeats
 
 
 class Control:
@@ -25,6 +26,7 @@ class Control:
     def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
         self.robot, self._watchdog, self._log = robot, watchdog, log
         self._heard, self._late = time.monotonic(), 0.0
+        self._refused, self._told_of_refused = 0, -math.inf
 
     def await_heartbeat(self) -> None:
         """Wait for the first heartbeat, if the settings want heartbeats.
@@ -35,8 +37,11 @@ class Control:
         end = time.monotonic() + _FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
             if time.monotonic() > end:
+                beats = self._watchdog.heartbeats
+                refused = f" ({beats.refused} were refused: {beats.why})" if beats.refused else ""
                 raise RobotError(
-                    "swarm: no heartbeat; is `mercator-robot heartbeat` running, and can it reach this robot?"
+                    f"swarm: no heartbeat{refused}; is `mercator-robot heartbeat` running, and can it reach this "
+                    "robot? If this robot has a key, it needs the same"
                 )
             self.wait(time.monotonic() + 0.1)
 
@@ -79,7 +84,17 @@ class Control:
         if self._log is not None and self._log.failure:
             raise RobotError(self._log.failure)
         self._heard = now
+        if now - self._told_of_refused > _REFUSED:
+            self.note_refused()
         return now
+
+    def note_refused(self) -> None:
+        """Note how many heartbeats were refused, if more than were noted before."""
+        beats = self._watchdog.heartbeats
+        if beats.refused > self._refused:
+            self._refused, self._told_of_refused = beats.refused, time.monotonic()
+            found = f"{beats.refused} heartbeats refused, the last from {self._watchdog.refused_from}: {beats.why}"
+            self.robot.note(f"swarm: {found}", matters=True)
 
     def cycles(self, period: float, first: float | None = None) -> Iterator[float]:
         """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
@@ -129,9 +144,14 @@ def in_control(
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
         try:
-            with watchdog, contextlib.closing(robot), signals.until_stopped():  # nothing interrupts the closing
+            with contextlib.ExitStack() as ways_out:
+                ways_out.enter_context(watchdog)
+                ways_out.enter_context(contextlib.closing(robot))
+                control = Control(robot, watchdog, log)
+                ways_out.callback(control.note_refused)
+                ways_out.enter_context(signals.until_stopped())  # nothing interrupts what is done after that
                 robot.start()
-                yield Control(robot, watchdog, log)
+                yield control
         except BaseException as error:
             if robot.unrest:
                 error.add_note(robot.unrest)

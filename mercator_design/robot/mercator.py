@@ -88,14 +88,21 @@ class Mercator:
         tell(f"{self._settings.name}: {facts}")
         if not self._do_commands_end:
             tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
+        swarm = self._settings.swarm
+        if swarm.heartbeat is not None and swarm.key is None:
+            unsigned = "heartbeats are not signed: anybody in the network can keep this robot running"
+            tell(f"Warning: {unsigned}; swarm.key in robot.yaml")
+            self.note(unsigned)
 
     def report(self, note: Callable[[str], None], tell: Callable[[str], None] = lambda _: None) -> None:
         """Have the notes written down, as they come from now on, and people told of those that matter to them."""
         self._tell_of = note, tell
         while self.notes:
-            self._note(*self.notes.popleft())
+            text, matters = self.notes.popleft()
+            self.note(text, matters=matters)
 
-    def _note(self, text: str, matters: bool = False) -> None:
+    def note(self, text: str, *, matters: bool = False) -> None:
+        """Have something written down, and people told of it if it matters to them."""
         if self._tell_of is None:
             self.notes.append((text, matters))
             return
@@ -116,7 +123,7 @@ class Mercator:
     def _look(self, now: float) -> None:
         """Look at a time [s] how much of what the devices send arrives whole, and whether a tread is stuck."""
         for text in self.senses.look(now, self._counts()):
-            self._note(text, matters=True)
+            self.note(text, matters=True)
         self._health.look(now)
 
     def _counts(self) -> dict[DeviceName, Counts]:
@@ -203,7 +210,7 @@ class Mercator:
         with contextlib.suppress(RobotError):
             stop_lidar(talk, self._lidar)
         if self.unrest:
-            self._note(self.unrest)
+            self.note(self.unrest)
 
     def start(self) -> None:
         """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
@@ -297,26 +304,26 @@ class Mercator:
             case Response():
                 self._unanswered = 0
                 if event.error:
-                    self._note(f"{event.name} was refused: {words(event.error)}")
+                    self.note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == "drive_tank_si_units" and event.error:
                     raise Stopped(f"rvr: it does not drive: {words(event.error)}")
             case Notification():
                 told = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
-                self._note(f"rvr: {' '.join(told).replace('_', ' ')}")
+                self.note(f"rvr: {' '.join(told).replace('_', ' ')}")
                 self._heed(event.name, event.values)
 
     def _note_sight(self) -> None:
         """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
         was_blind, self._is_blind = self._is_blind, self.senses.sight < LEAST_READINGS
         if was_blind != self._is_blind:
-            self._note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
+            self.note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
         """Tell what the RVR says of itself; stop if it says that it must not drive."""
         if name == "get_battery_percentage" and values:
             before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
             if before != self.facts["battery"]:
-                self._note(f"battery {self.facts['battery']}")
+                self.note(f"battery {self.facts['battery']}")
         for text in self._health.take(name, values):
-            self._note(text, matters=True)
+            self.note(text, matters=True)

@@ -20,7 +20,7 @@ from typing import Self
 
 from mercator_design.errors import RobotError, Signalled, Stopped
 from mercator_design.robot.settings import Swarm
-from mercator_design.robot.swarm import HEARTBEAT, STOP, STOPPED, hear, listener
+from mercator_design.robot.swarm import STOP, STOPPED, Heartbeats, hear, listener
 
 STALL = 0.18
 """[s] between commands to the wheels after which the control loop is taken for stalled."""
@@ -116,7 +116,8 @@ class Watchdog(threading.Thread):
 
     A context manager; it looks at stops from the beginning, at stalls and silence from `arm` on.
 
-    heard: When the last heartbeat came [s]; None if none has.
+    heartbeats: Those that came.
+    refused_from: Address from which the latest came that was refused.
     """
 
     def __init__(self, brake: Brake, swarm: Swarm, name: str) -> None:
@@ -135,12 +136,13 @@ class Watchdog(threading.Thread):
         self._listening = None if swarm.port is None else listener(swarm.port)
         self._armed, self._over = threading.Event(), threading.Event()
         self._obeyed = -math.inf  # when it was told to
-        self.heard: float | None = None
+        self.heartbeats = Heartbeats(swarm.key, swarm.heartbeat or 0.0)
+        self.refused_from = ""
 
     @property
     def awaits_heartbeat(self) -> bool:
         """Whether heartbeats are wanted, and none has come yet."""
-        return self._heartbeat is not None and self.heard is None
+        return self._heartbeat is not None and self.heartbeats.heard is None
 
     def __enter__(self) -> Self:
         self.start()
@@ -174,7 +176,8 @@ class Watchdog(threading.Thread):
 
     def _look(self, now: float) -> None:
         self._brake.look()
-        if self._heartbeat is not None and (self.heard is None or now - self.heard > self._heartbeat):
+        heard = self.heartbeats.heard
+        if self._heartbeat is not None and (heard is None or now - heard > self._heartbeat):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
     def _obey_stop(self, why: str) -> None:
@@ -186,12 +189,17 @@ class Watchdog(threading.Thread):
 
     def _hear(self, listening: socket.socket) -> None:
         for message, sender in hear(listening):
-            if message == HEARTBEAT:
-                self.heard = time.monotonic()
-            elif message == STOP:
+            if message == STOP:
                 self._obey_stop(f"swarm: told to stop by {sender[0]}")
+                answer: bytes | None = self._answer
+            else:
+                refused = self.heartbeats.refused
+                answer = self.heartbeats.take(message, time.monotonic())
+                if self.heartbeats.refused != refused:
+                    self.refused_from = sender[0]
+            if answer is not None:
                 with contextlib.suppress(OSError):
-                    listening.sendto(self._answer, sender)
+                    listening.sendto(answer, sender)
 
 
 class Signals:

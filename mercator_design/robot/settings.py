@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -28,6 +28,7 @@ CONTROL_PERIOD = 0.1
 _PERIOD = Annotated[float, Range(0.05, 0.12)]
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
 """As the robot model mercator has its proximity sensors."""
+_KEY = 16  # characters of a key, at least
 _NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 """Constants of reference models that remember, as the e-puck's does."""
 
@@ -49,6 +50,16 @@ class Limits:
     unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
 
 
+def check_key(key: str, place: str) -> None:
+    """Make sure that nobody guesses a key of heartbeats.
+
+    Raises:
+        FieldError: naming the place, and not what was found there, if it is too short.
+    """
+    if len(key) < _KEY:
+        raise FieldError(place, f"expected at least {_KEY} characters, found {len(key)}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Swarm:
     """What is told to all robots over the network."""
@@ -56,9 +67,13 @@ class Swarm:
     port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, on which `mercator-robot stop` is heard; null: none
     heartbeat: Age | None = None  # [s] of silence of `mercator-robot heartbeat` that stop the robot; null: none needed
 
+    key: str | None = field(default=None, repr=False)  # that heartbeats must be signed with; null: they need not be
+
     def __post_init__(self) -> None:
         if self.heartbeat is not None and self.port is None:
             raise FieldError("heartbeat", "there is no port to hear it on")
+        if self.key is not None:
+            check_key(self.key, "key")
 
 
 @dataclass(frozen=True, kw_only=True)

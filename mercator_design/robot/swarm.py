@@ -1,6 +1,22 @@
-"""What is told to all robots of a swarm over UDP: stop; and heartbeats, the silence of which stops them too."""
+"""What is told to all robots of a swarm over UDP: stop; and heartbeats, the silence of which stops them too.
+
+Anybody may say stop. Heartbeats may be signed with a key that robots and the sender share:
+
+    sender  mercator-robot heartbeat?
+    robot   mercator-robot sign COUNTER TIME SEAL
+    sender  mercator-robot signed COUNTER TIME SEAL SIGNATURE
+
+The counter and the time are the robot's own, so no two clocks need to agree. The seal, with a key that only this run of
+the robot knows, shows that they are: nobody can have them signed before their time, or use those of another run. A
+signed heartbeat says that who has the key was there after that time; so one that is recorded, delayed or sent again
+does not let a robot run for longer.
+"""
 
 import contextlib
+import hashlib
+import hmac
+import re
+import secrets
 import select
 import socket
 import threading
@@ -11,6 +27,9 @@ from typing import NamedTuple, Self
 from mercator_design.errors import RobotError
 
 STOP, HEARTBEAT, STOPPED = b"mercator-robot stop", b"mercator-robot heartbeat", b"mercator-robot stopped "
+ASK, SIGN, SIGNED = b"mercator-robot heartbeat?", b"mercator-robot sign ", b"mercator-robot signed "
+_SEALED = re.compile(rb"\d{1,15} \d{1,12}\.\d{6} [0-9a-f]{32}")
+_SIGNATURE = re.compile(rb"(%b) ([0-9a-f]{64})" % _SEALED.pattern)
 _LONGEST = 200  # bytes of a message
 _MOST = 100  # messages heard at once
 _LOOK_UP = 5.0  # [s] for which to wait for the names of hosts
@@ -40,6 +59,75 @@ def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
         while len(told) < _MOST:
             told.append(listening.recvfrom(_LONGEST))
     return told
+
+
+class Heartbeats:
+    """What a robot makes of heartbeats.
+
+    heard: When the sender of the latest that counts was there for certain [s, of the clock of `take`]; None: not yet.
+    refused: How many did not count.
+    why: Of the latest of these.
+    """
+
+    def __init__(self, key: str | None, lasts: float) -> None:
+        """Begin without one.
+
+        Args:
+            key: With which they must be signed; None: they need not be.
+            lasts: How long a heartbeat counts [s].
+        """
+        self._key, self._lasts = key, lasts
+        self._seal_key = secrets.token_bytes(32)
+        self._counter = 0
+        self._used: dict[int, float] = {}  # counters that were signed, and their times
+        self.heard: float | None = None
+        self.refused, self.why = 0, ""
+
+    def take(self, message: bytes, now: float) -> bytes | None:
+        """Take a message that came at a time [s]; the answer, if there is one."""
+        if self._key is None:
+            if message in {HEARTBEAT, ASK}:
+                self.heard = now
+        elif message == ASK:
+            self._counter += 1
+            sealed = b"%d %.6f" % (self._counter, now)
+            return SIGN + sealed + b" " + _digest(self._seal_key, sealed)[:32]
+        elif message == HEARTBEAT:
+            self._refuse("it is not signed")
+        elif message.startswith(SIGNED):
+            self._take_signed(self._key, message.removeprefix(SIGNED), now)
+        return None
+
+    def _take_signed(self, key: str, message: bytes, now: float) -> None:
+        found = _SIGNATURE.fullmatch(message)
+        if found is None or not hmac.compare_digest(signature(key, found[1]), found[2]):
+            self._refuse("its signature is wrong")
+            return
+        sealed, _, seal = found[1].rpartition(b" ")
+        counter, then = (convert(part) for convert, part in zip((int, float), sealed.split(), strict=True))
+        self._used = {used: time for used, time in self._used.items() if now - time <= self._lasts}
+        if not hmac.compare_digest(_digest(self._seal_key, sealed)[:32], seal):
+            self._refuse("it is of another run")
+        elif now - then > self._lasts:
+            self._refuse("it is too old")
+        elif counter in self._used:
+            self._refuse("it came before")
+        else:
+            self._used[int(counter)] = then
+            self.heard = max(self.heard or then, then)
+
+    def _refuse(self, why: str) -> None:
+        self.refused += 1
+        self.why = why
+
+
+def signature(key: str, sealed: bytes) -> bytes:
+    """What shows that the holder of a key has seen what a robot has sealed."""
+    return _digest(key.encode(), SIGNED + sealed)
+
+
+def _digest(key: bytes, message: bytes) -> bytes:
+    return hmac.new(key, message, hashlib.sha256).hexdigest().encode()
 
 
 class Answers(NamedTuple):
@@ -81,6 +169,22 @@ class Speaker:
             if address:
                 with contextlib.suppress(OSError):  # no way to this one now; the others are told nevertheless
                     self._sockets[host].sendto(message, (address, self._port))
+
+    def beat(self, key: str | None, seconds: float) -> None:
+        """Let robots run for a while, and sign what they want signed in the next seconds."""
+        self.tell(HEARTBEAT if key is None else ASK)
+        waiting = select.poll()
+        for each in self._sockets.values():
+            waiting.register(each, select.POLLIN)
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            waiting.poll(1000.0 * left)
+            for each in self._sockets.values():
+                with contextlib.suppress(OSError):  # nobody listens there, or no way there now
+                    for message, robot in hear(each):
+                        sealed = message.removeprefix(SIGN)
+                        if key is not None and sealed != message and _SEALED.fullmatch(sealed):
+                            each.sendto(SIGNED + sealed + b" " + signature(key, sealed), robot)
 
     def look_up(self) -> list[str]:
         """Wait until all have been looked up, but not for long; of those without an address, what is known."""

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, Signalled
 from mercator_design.robot import swarm
 from mercator_design.robot.cli import cli
 from mercator_design.robot.cli.options import new_file
-from mercator_design.robot.swarm import HEARTBEAT, STOP, STOPPED, listener
+from mercator_design.robot.swarm import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 0 --rwm0 20"
@@ -208,6 +208,62 @@ def test_no_robot_runs_before_all_hosts_are_known(robot_command, robot):
     listening.setblocking(False)
     with pytest.raises(BlockingIOError):
         listening.recvfrom(100)
+
+
+class TestKeys:
+    """Who lets robots run that have a key."""
+
+    @pytest.fixture
+    def beats(self, robot, tmp_path, robot_command, monkeypatch):
+        """Run it until a robot has heard it for a while; gives what was said, and what came."""
+        listening, port = robot
+        heartbeats, tell = Heartbeats("the key of this swarm", 1.0), Speaker.beat
+
+        def run(*options):
+            came = []
+
+            def beat(speaker, key, _seconds):
+                tell(speaker, key, 0.05)
+                listening.setblocking(False)
+                for message, sender in hear(listening):
+                    came.append(message)
+                    if answer := heartbeats.take(message, 5.0):
+                        listening.sendto(answer, sender)
+                if len(came) > 5:
+                    raise Signalled("", 130)
+
+            monkeypatch.setattr(Speaker, "beat", beat)
+            code, out, err = robot_command("heartbeat", "127.0.0.1", "--port", port, *options)
+            return code, out + err, came, heartbeats.heard
+
+        return run
+
+    def test_of_a_robot_yaml_or_a_file(self, beats, tmp_path):
+        file, settings = tmp_path / "key", tmp_path / "robot.yaml"
+        file.write_text("the key of this swarm\nand a remark\n")
+        settings.write_text("swarm: {key: the key of this swarm}\n")
+        for options in (("--key-file", file), ("--robot", settings)):
+            code, said, came, heard = beats(*options)
+            assert (code, said, heard) == (0, "Robots may run. Ctrl-C stops them.\n", 5.0)
+            assert ASK in came
+            assert HEARTBEAT not in came
+            assert not any(b"the key" in message for message in came)
+
+    def test_without_one_it_says_so(self, beats):
+        code, said, came, heard = beats()
+        assert (code, set(came) - {STOP}, heard) == (0, {HEARTBEAT}, None)
+        assert said.startswith(
+            "Warning: heartbeats are not signed, as there is no key; robots that have one do not run."
+        )
+
+    @pytest.mark.parametrize("option", ["--key-file", "--robot"])
+    def test_one_that_is_short_is_refused_and_not_shown(self, robot_command, tmp_path, option):
+        file = tmp_path / "file"
+        file.write_text("qwertz123\n" if option == "--key-file" else "swarm: {key: qwertz123}\n")
+        code, out, err = robot_command("heartbeat", "127.0.0.1", option, file)
+        assert (code, out) == (3, "")
+        assert "expected at least 16 characters, found 9" in err
+        assert "qwertz" not in err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -8,7 +8,7 @@ import signal
 import socket
 import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -18,7 +18,7 @@ from mercator_design.robot.health import WINDOW
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END, POLL
 from mercator_design.robot.settings import Limits
-from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
+from mercator_design.robot.swarm import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
 from tests.robot.ways import (
     ALL,
     ATTEMPTS,
@@ -37,6 +37,45 @@ from tests.robot.ways import (
 
 CYCLE = 0.1
 """[s]"""
+KEY = "a key that nobody guesses"
+
+
+class Forger(socket.socket):
+    """Somebody in the network of a robot, without its key."""
+
+    def __init__(self, port):
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+        self.connect(("127.0.0.1", port))
+        self.settimeout(5.0)
+
+    def has_signed(self, key):
+        """What was recorded of somebody who has the key: signed, and not yet told; and told already."""
+        signed = []
+        for _ in range(2):
+            self.send(ASK)
+            sealed = self.recv(200).removeprefix(SIGN)
+            signed.append(SIGNED + sealed + b" " + signature(key, sealed))
+        self.send(signed[0])
+        return signed
+
+    @contextmanager
+    def saying(self, messages):
+        """Say these again and again."""
+        over = threading.Event()
+
+        def say():
+            while not over.wait(0.02):
+                for message in messages:
+                    with suppress(ConnectionError):
+                        self.send(message)
+
+        thread = threading.Thread(target=say)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
 
 def check(robot, code, words, *, zeros=True):
@@ -555,6 +594,65 @@ class TestSwarm:
                 return robot.devices.told_to_rest(began) - 0.4
 
         assert soonest(attempt) <= LATEST
+
+    def test_silence_of_who_has_the_key(self, tmp_path):
+        """All that others say meanwhile keeps it running no longer: what is not signed, and what was, again."""
+
+        def attempt(number):
+            over = threading.Event()
+            with (
+                running(tmp_path / str(number), GO, f", heartbeat: 0.4, key: {KEY}") as robot,
+                Speaker(["127.0.0.1"], robot.port) as speaker,
+                Forger(robot.port) as forger,
+            ):
+
+                def beat():
+                    while not over.is_set():
+                        speaker.beat(KEY, 0.05)
+
+                beating = threading.Thread(target=beat)
+                beating.start()
+                robot.drives()
+                time.sleep(0.5)
+                assert robot.process.poll() is None
+                signed = forger.has_signed(KEY)
+                over.set()
+                beating.join()
+                began = time.monotonic()
+                with forger.saying([HEARTBEAT, *signed]):
+                    error = check(robot, 4, "swarm: no heartbeat for 0.4 s")
+                assert "not signed: anybody" not in error
+                text = (robot.folder / "log.jsonl").read_text()
+                assert (KEY in text + error, "heartbeats refused, the last from 127.0.0.1: " in text) == (False, True)
+                return robot.devices.told_to_rest(began) - 0.4
+
+        assert soonest(attempt) <= LATEST
+
+    def test_who_has_another_key_lets_no_robot_begin(self, tmp_path):
+        lead = SOON + IMPATIENT
+        with (
+            running(tmp_path, GO, f", heartbeat: 0.4, key: {KEY}", lead=lead) as robot,
+            Speaker(["127.0.0.1"], robot.port) as speaker,
+        ):
+            while robot.process.poll() is None:
+                speaker.beat("another key of the same length", 0.05)
+            error = check(robot, 1, " were refused: its signature is wrong); is `mercator-robot heartbeat` running")
+            assert KEY not in error
+            assert not robot.devices.drives()
+
+    @made_in_time
+    def test_without_a_key_it_says_so(self, tmp_path):
+        with (
+            running(tmp_path, GO, ", heartbeat: 2", "", "--duration", "1") as robot,
+            Speaker(["127.0.0.1"], robot.port) as speaker,
+        ):
+            robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.process.poll() is not None)
+            error = check(
+                robot, 0, "Warning: heartbeats are not signed: anybody in the network can keep this robot runn"
+            )
+            assert error.count("not signed") == 1
+            notes = [event["text"] for event in read(tmp_path / "log.jsonl") if event["event"] == "note"]
+            assert "heartbeats are not signed: anybody in the network can keep this robot running" in notes
 
     def test_without_a_heartbeat_it_does_not_begin(self, tmp_path):
         with running(tmp_path, GO, ", heartbeat: 0.4", lead=SOON + IMPATIENT) as robot:

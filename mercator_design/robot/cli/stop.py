@@ -1,19 +1,20 @@
 """mercator-robot stop, heartbeat: this robot at rest; what is told to all robots of a swarm."""
 
 import signal
-import time
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
-from mercator_design.command import tell
-from mercator_design.errors import RobotError, Signalled, printable
+from mercator_design.command import FILE, tell
+from mercator_design.errors import RobotError, SettingsError, Signalled, printable
+from mercator_design.loading import FieldError, text_of
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.rest import rest
 from mercator_design.robot.safety import Signals
-from mercator_design.robot.settings import Settings, Swarm
-from mercator_design.robot.swarm import HEARTBEAT, Speaker
+from mercator_design.robot.settings import Settings, Swarm, check_key
+from mercator_design.robot.swarm import Speaker
 
 _BEATS = 0.1
 """[s] between heartbeats."""
@@ -54,19 +55,48 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
 
 @click.command(short_help="Let robots run as long as this command does.")
 @click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
-@click.option("--port", type=click.IntRange(1, 65535), default=Swarm().port, show_default=True, help="Of UDP.")
-def heartbeat(hosts: tuple[str, ...], port: int) -> None:
-    """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them."""
+@ROBOT
+@_PORT
+@click.option(
+    "--key-file",
+    type=FILE,
+    metavar="FILE",
+    help="Whose first line is the key that robots have as swarm.key.  [default: swarm.key of ROBOT.yaml]",
+)
+def heartbeat(hosts: tuple[str, ...], settings: Settings, port: int | None, key_file: Path | None) -> None:
+    """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them.
+
+    Robots that have a key run only if this command has the same.
+    """
+    key = settings.swarm.key if key_file is None else _key_in(key_file)
+    port = settings.swarm.port if port is None else port
+    if port is None:
+        raise click.UsageError("expected --port, as ROBOT.yaml has none")
     with Signals().caught(), Speaker(hosts, port) as speaker:
         if missing := speaker.look_up():  # before any robot runs
             raise RobotError("; ".join(missing))
+        if key is None:
+            tell("Warning: heartbeats are not signed, as there is no key; robots that have one do not run.")
         tell("Robots may run. Ctrl-C stops them.")
         try:
             while True:
-                speaker.tell(HEARTBEAT)
-                time.sleep(_BEATS)
+                speaker.beat(key, _BEATS)
         except Signalled as signalled:
             if signalled.exit_code != 128 + signal.SIGINT:
                 raise
         finally:
             speaker.stop()
+
+
+def _key_in(path: Path) -> str:
+    """The key in a file, which no error shows.
+
+    Raises:
+        SettingsError: if there is none.
+    """
+    key = text_of(path, error=SettingsError).partition("\n")[0].strip()
+    try:
+        check_key(key, "first line")
+    except FieldError as wrong:
+        raise SettingsError(f"{path}: {wrong.field}: {wrong.message}") from None
+    return key

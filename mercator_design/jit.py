@@ -22,7 +22,7 @@ import sys
 import tempfile
 import threading
 import types
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -86,7 +86,11 @@ def jit_wanted() -> bool:
 
 
 class CompilationError(Exception):
-    """A kernel is not of the subset of Python that can be compiled."""
+    """A kernel is not of the subset of Python that can be compiled; `places` are files and lines, the last one its."""
+
+    def __init__(self, reason: str, places: Sequence[tuple[str, int]] = ()) -> None:
+        super().__init__(reason)
+        self.places = places
 
 
 def compiled(function: F) -> F:
@@ -125,7 +129,8 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         except (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError) as error:
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
-            raise CompilationError(reason[:500]) from error
+            places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
+            raise CompilationError(reason[:500], places) from error
 
     return call
 

@@ -145,6 +145,11 @@ class FilePath:
 
 
 @dataclass(frozen=True, slots=True)
+class Radians:
+    """Marks an angle [rad]: one beyond a whole turn is allowed, and may be meant in degrees."""
+
+
+@dataclass(frozen=True, slots=True)
 class KeywordsOf:
     """On a field of type Mapping: it holds the keyword-only arguments of the function that field `key` names.
 
@@ -184,10 +189,11 @@ def is_record(kind: Kind) -> bool:
 
 @functools.cache
 def fields_of(kind: Kind) -> Specification:
-    """The fields of a dataclass, but those it fills in itself, or of a NamedTuple."""
+    """The fields of a dataclass, but those it fills in itself or does not show, or of a NamedTuple."""
     hints = typing.get_type_hints(kind, include_extras=True)
     if dataclasses.is_dataclass(kind):
-        return {field.name: (hints[field.name], field.default) for field in dataclasses.fields(kind) if field.init}
+        fields = [field for field in dataclasses.fields(kind) if field.init and field.repr]
+        return {field.name: (hints[field.name], field.default) for field in fields}
     defaults = kind._field_defaults
     return {name: (hints[name], defaults.get(name, dataclasses.MISSING)) for name in kind._fields}
 

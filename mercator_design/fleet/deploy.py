@@ -6,7 +6,7 @@ is held while something runs or is about to, and in `pid` the number of the proc
 
 import secrets
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from mercator_design.errors import RobotError, SettingsError
 from mercator_design.fleet.bundle import bundle
 from mercator_design.fleet.ssh import Robot, on, run, shell
-from mercator_design.loading import FieldError, Length, read
+from mercator_design.loading import FieldError, Length, checked, read
 
 PROGRAM, FSM = "mercator-robot.pyz", "fsm.txt"
 _MOST = 100  # robots at a time
@@ -51,14 +51,17 @@ class Fleet:
     robots: Annotated[tuple[Robot, ...], Length(1)]
 
     def __post_init__(self) -> None:
+        checked(self._mistakes())
+
+    def _mistakes(self) -> Iterator[FieldError]:
         names: set[str] = set()
         places: set[Robot] = set()
         for number, robot in enumerate(self.robots):
             place = replace(robot, name="")
             if robot.name in names:
-                raise FieldError(f"robots[{number}].name", f"there are two robots {robot.name}")
+                yield FieldError(f"robots[{number}].name", f"there are two robots {robot.name}")
             if place in places:
-                raise FieldError(f"robots[{number}].host", "another robot is at the same place")
+                yield FieldError(f"robots[{number}].host", "another robot is at the same place")
             names.add(robot.name)
             places.add(place)
 

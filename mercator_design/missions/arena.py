@@ -12,14 +12,15 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import FieldError, Length, NonNegative, Range
+from mercator_design.loading import FieldError, Length, NonNegative, Radians, Range
 
 WALL_THICKNESS = 0.01
 """Of the outer walls [m], which stand outside the polygon; as the boxes of the ARGoS missions' dodecagon."""
 
 Coordinate: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
 Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
-Angle: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
+Angle: TypeAlias = Annotated[float, Range(-1000.0, 1000.0), Radians()]
+Heading: TypeAlias = Annotated[float, Radians()]
 Height: TypeAlias = Annotated[float, Range(0.001, 100.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
 Array: TypeAlias = NDArray[np.float64]

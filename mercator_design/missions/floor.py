@@ -12,7 +12,7 @@ import math
 import os.path
 import typing
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.colours import RGB, Colour, ColourName, rgb
-from mercator_design.errors import INTERRUPTIONS, MissionError, described, excerpt
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range
+from mercator_design.errors import INTERRUPTIONS, described, excerpt
+from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
-from mercator_design.missions.plugins import DYNAMICS, Site, change_of, is_ours, zone_references
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
 from mercator_design.schema import parameters_of, values_in
 
 _COLOURS = (Colour, *typing.get_args(Colour))
@@ -229,30 +229,33 @@ class Floor:
     dynamics: Annotated[tuple[Dynamics, ...], Length(high=100)] = ()  # what changes zones during an experiment
 
     def __post_init__(self) -> None:
+        checked(self._mistakes())
+
+    def _mistakes(self) -> Iterator[FieldError]:
         names = [zone.name for zone in self.zones]
         for index, name in enumerate(names):
             if name is not None and name in names[:index]:
-                raise FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
+                yield FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
         zones, _ = self._painted(np.random.default_rng(0))
         for index, dynamics in enumerate(self.dynamics):
-            self.check_references(f"dynamics[{index}]", DYNAMICS[dynamics.name], dynamics.parameters)
+            unknown = [*self.unknown_zones(f"dynamics[{index}]", DYNAMICS[dynamics.name], dynamics.parameters)]
+            yield from unknown
             try:
-                self._numbers(dynamics, zones, np.random.default_rng(0))
+                if not unknown:
+                    self._numbers(dynamics, zones, np.random.default_rng(0))
             except FieldError as wrong:
-                raise FieldError(f"dynamics[{index}].{wrong.field}", wrong.message) from None
+                yield FieldError(f"dynamics[{index}].{wrong.field}", wrong.message)
 
-    def check_references(self, field: str, function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:
-        """Make sure that the zones that a function is given are there.
-
-        Raises:
-            FieldError: with the place, which begins with `field`.
-        """
+    def unknown_zones(
+        self, field: str, function: Callable[..., Any], parameters: Mapping[str, Any]
+    ) -> Iterator[FieldError]:
+        """The zones that a function is given and that are not there, with their places, which begin with `field`."""
         known = list(self.zone_rows())
         for place, zone in zone_references(function, parameters):
             if zone not in known:
                 near = get_close_matches(zone[:100], known, n=1)
                 hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
-                raise FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
+                yield FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:
         """The floor of one instance, when it starts.
@@ -260,13 +263,15 @@ class Floor:
         The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
 
         Raises:
-            MissionError: if what changes the floor fails in this instance.
+            FieldError: if what changes the floor fails in this instance.
         """
         zones, vertices = self._painted(rng)
-        try:
-            kept = [self._numbers(dynamics, zones, rng) for dynamics in self.dynamics]
-        except FieldError as wrong:
-            raise MissionError(f"floor.dynamics: {wrong.message}") from None
+        kept = []
+        for index, dynamics in enumerate(self.dynamics):
+            try:
+                kept.append(self._numbers(dynamics, zones, rng))
+            except FieldError as wrong:
+                raise FieldError(f"dynamics[{index}].{wrong.field}", wrong.message) from None
         ends = np.cumsum([0, *map(len, kept)])
         numbers = np.zeros((ends[-1], max((len(row) for table in kept for row in table), default=0)))
         for first, table in zip(ends, kept, strict=False):
@@ -291,18 +296,22 @@ class Floor:
             try:
                 numbers = [tuple(map(float, row)) for row in rows]
             except (TypeError, ValueError) as error:
-                raise FieldError("name", f"{dynamics.name} must give rows of numbers: {error}") from None
+                place = first_line(function)
+                raise FieldError("name", f"{place}{dynamics.name} must give rows of numbers: {error}") from None
         except (FieldError, *INTERRUPTIONS):
             raise
         except BaseException as error:  # also sys.exit()
-            if is_ours(function):  # whose mistakes shall be seen whole
+            place = line_of(error) or first_line(function)
+            if not place:  # it is our mistake, which shall be seen whole
                 raise
-            raise FieldError("name", f"{dynamics.name}: {described(error)}") from error
+            raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
         if len({len(row) for row in numbers}) > 1:
-            raise FieldError("name", f"{dynamics.name} must give rows of one length")
+            raise FieldError("name", f"{first_line(function)}{dynamics.name} must give rows of one length")
         if len(numbers) > _MOST_ROWS:
             raise FieldError(
-                "name", f"{dynamics.name} keeps {len(numbers)} rows of numbers; expected at most {_MOST_ROWS}"
+                "name",
+                f"{first_line(function)}{dynamics.name} keeps {len(numbers)} rows of numbers; expected at most "
+                f"{_MOST_ROWS}",
             )
         return numbers
 

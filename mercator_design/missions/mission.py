@@ -5,22 +5,37 @@ The files in `scenarios/` are found by being there.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from mercator_design import shipped
 from mercator_design.errors import INTERRUPTIONS, MercatorError, MissionError, described
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, digest_of, parse, plain, read
+from mercator_design.loading import (
+    FieldError,
+    FilePath,
+    KeywordsOf,
+    Length,
+    Name,
+    Origin,
+    Range,
+    check,
+    checked,
+    digest_of,
+    parse,
+    plain,
+    read,
+)
 from mercator_design.missions.arena import Arena, Light, walls_meet
-from mercator_design.missions.floor import Floor, check_call
+from mercator_design.missions.floor import Floor, FloorTable, check_call
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import is_ours
+from mercator_design.missions.plugins import first_line, line_of
 from mercator_design.missions.trace import Trace
+from mercator_design.schema import parameters_of, problems
 from mercator_design.scores import EXPECTED, is_score
 
 _LONGEST = 10_000_000
@@ -38,6 +53,9 @@ class Objective:
 
     def __post_init__(self) -> None:
         check_call(OBJECTIVES, self.name, self.parameters)
+        function = OBJECTIVES[self.name]
+        defaults = {name: default for name, (_, default) in parameters_of(function).items()}
+        checked(problems(function, defaults | {**self.parameters}))
 
     def __call__(self, trace: Trace) -> float:
         """The score of an experiment.
@@ -51,17 +69,82 @@ class Objective:
         except (MercatorError, *INTERRUPTIONS):
             raise
         except BaseException as error:  # also sys.exit()
-            if is_ours(function):  # whose mistakes shall be seen whole
+            place = line_of(error) or first_line(function)
+            if not place:  # it is our mistake, which shall be seen whole
                 raise
-            raise MissionError(f"objective {self.name}: {described(error)}") from error
+            raise MissionError(f"{place}objective {self.name}: {described(error)}") from error
         if not is_score(score):
-            raise MissionError(f"objective {self.name}: {EXPECTED}, found {score}")
+            raise MissionError(f"{first_line(function)}objective {self.name}: {EXPECTED}, found {score}")
         return score
+
+
+def _whole_cycles(duration: float, control_period: float) -> Iterator[FieldError]:
+    cycles = duration / control_period
+    if round(cycles) < 1 or abs(cycles - round(cycles)) > 1e-6:
+        period = f"a whole number of control periods ({control_period:g} s)"
+        yield FieldError("duration", f"expected {period}, found {duration:g} s")
+
+
+def _cycles_that_fit(robots: int, duration: float, control_period: float) -> Iterator[FieldError]:
+    cycles = round(duration / control_period)
+    if cycles * robots > _LONGEST:
+        found = f"{robots} robots x {cycles} cycles"
+        yield FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
+
+
+def _obstacles_inside(arena: Arena) -> Iterator[FieldError]:
+    centers = np.array([box.center for box in arena.obstacles], dtype=float).reshape(-1, 2)
+    for index in np.flatnonzero(~arena.contains(centers)):
+        yield FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
+
+
+def _room_around(arena: Arena) -> Iterator[FieldError]:
+    if arena.room is not None:
+        room, corners = Arena(walls=arena.room), arena.corners()
+        if not room.contains(corners).all() or walls_meet(room.corners(), corners):
+            yield FieldError("arena.room", "does not contain the arena's walls")
+
+
+def _lights_seen(robots: int, lights: tuple[Light, ...]) -> Iterator[FieldError]:
+    for i, light in enumerate(lights):
+        for j, robot in enumerate(light.seen_by or ()):
+            if robot >= robots:
+                expected = f"expected a robot's number, 0 to {robots - 1}, found {robot}"
+                yield FieldError(f"lights[{i}].seen_by[{j}]", expected)
+
+
+def _zones_known(floor: Floor, objective: Objective) -> Iterator[FieldError]:
+    yield from floor.unknown_zones("objective", OBJECTIVES[objective.name], objective.parameters)
+
+
+def _poses_for_all(robots: int, placement: Placement) -> Iterator[FieldError]:
+    for name in ("poses", "waiting"):
+        poses = getattr(placement, name, ())
+        if poses and len(poses) < robots:
+            expected = f"expected a pose for each of {robots} robots, found {len(poses)}"
+            yield FieldError(f"placement.{name}", expected)
+
+
+def _placement_inside(arena: Arena, placement: Placement) -> Iterator[FieldError]:
+    place = outside(placement, arena)
+    if place is not None:
+        yield FieldError(f"placement.{place}", "lies outside the walls")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
     """What a mission file says."""
+
+    CHECKS: ClassVar = (
+        _whole_cycles,
+        _cycles_that_fit,
+        _obstacles_inside,
+        _room_around,
+        _lights_seen,
+        _zones_known,
+        _poses_for_all,
+        _placement_inside,
+    )
 
     schema: Literal[1]  # version of this format
     name: Name  # by default the file's
@@ -76,44 +159,25 @@ class Mission:
     lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
     placement: Placement  # where the robots start
     objective: Objective  # what is scored
+    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        cycles = self.duration / self.control_period
-        if self.cycles < 1 or abs(cycles - self.cycles) > 1e-6:
-            period = f"a whole number of control periods ({self.control_period:g} s)"
-            raise FieldError("duration", f"expected {period}, found {self.duration:g} s")
-        if self.cycles * self.robots > _LONGEST:
-            found = f"{self.robots} robots x {self.cycles} cycles"
-            raise FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
-        self._check_obstacles()
-        self._check_lights()
-        self.floor.check_references("objective", OBJECTIVES[self.objective.name], self.objective.parameters)
-        self._check_placement()
+        check(self)
 
-    def _check_obstacles(self) -> None:
-        centers = np.array([box.center for box in self.arena.obstacles], dtype=float).reshape(-1, 2)
-        for index in np.flatnonzero(~self.arena.contains(centers))[:1]:
-            raise FieldError(f"arena.obstacles[{index}].center", "lies outside the walls")
-        if self.arena.room is not None:
-            room, corners = Arena(walls=self.arena.room), self.arena.corners()
-            if not room.contains(corners).all() or walls_meet(room.corners(), corners):
-                raise FieldError("arena.room", "does not contain the arena's walls")
+    def where(self, path: str) -> str:
+        """File, line and path of a key, for errors; the mission's name and the path if it was not read from a file."""
+        return self.origin.of(path, self.name)
 
-    def _check_lights(self) -> None:
-        for i, light in enumerate(self.lights):
-            for j, robot in enumerate(light.seen_by or ()):
-                if robot >= self.robots:
-                    last = f"expected a robot's number, 0 to {self.robots - 1}, found {robot}"
-                    raise FieldError(f"lights[{i}].seen_by[{j}]", last)
+    def realise_floor(self, rng: np.random.Generator) -> FloorTable:
+        """As `Floor.realise`.
 
-    def _check_placement(self) -> None:
-        for field in ("poses", "waiting"):
-            poses = getattr(self.placement, field, ())
-            if poses and len(poses) < self.robots:
-                raise FieldError(f"placement.{field}", f"expected a pose for each of {self.robots} robots")
-        place = outside(self.placement, self.arena)
-        if place is not None:
-            raise FieldError(f"placement.{place}", "lies outside the walls")
+        Raises:
+            MissionError: if what changes the floor fails in this instance.
+        """
+        try:
+            return self.floor.realise(rng)
+        except FieldError as wrong:
+            raise MissionError(f"{self.where(f'floor.{wrong.field}')}: {wrong.message}") from None
 
     @property
     def cycles(self) -> int:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.loading import FieldError, Length, Range
-from mercator_design.missions.arena import Arena, Array, Coordinate, Point, Size
+from mercator_design.missions.arena import Arena, Array, Coordinate, Heading, Point, Size
 
-Heading: TypeAlias = float | Literal["uniform"]
-Pose: TypeAlias = tuple[Coordinate, Coordinate, float]  # x, y [m], heading [rad]
+Headings: TypeAlias = Heading | Literal["uniform"]
+Pose: TypeAlias = tuple[Coordinate, Coordinate, Heading]  # x, y [m], heading [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class DiscPlacement:
     radius: Size  # [m] from the center to the outer border
     inner_radius: Annotated[float, Range(0.0, 1000.0)] = 0.0  # [m] from the center to the inner border
     uniform_in: Literal["area", "radius"] = "area"  # radius: the denser, the nearer to the centre
-    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
+    heading: Headings = "uniform"  # [rad] of all robots; uniform: drawn for each
     half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
@@ -81,7 +81,7 @@ class RectanglePlacement:
     shape: Literal["rectangle"] = "rectangle"
     center: Point = (0.0, 0.0)  # [m] x, y
     size: tuple[Size, Size]  # [m] along x and y
-    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
+    heading: Headings = "uniform"  # [rad] of all robots; uniform: drawn for each
     half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
@@ -107,7 +107,7 @@ class DrawnPlacement:
 
     shape: Literal["one_of"] = "one_of"
     regions: Annotated[tuple[DiscPlacement | RectanglePlacement, ...], Length(1, 100)]  # one is drawn for each robot
-    heading: Heading = "uniform"  # [rad] of all robots; uniform: drawn for each
+    heading: Headings = "uniform"  # [rad] of all robots; uniform: drawn for each
     half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 

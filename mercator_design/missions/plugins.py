@@ -15,22 +15,24 @@ import inspect
 import sys
 import traceback
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 
 from mercator_design import jit
 from mercator_design.errors import INTERRUPTIONS, MissionError, described
 from mercator_design.files import Unreadable, read_small
-from mercator_design.loading import Length, check_parameter
+from mercator_design.loading import FieldError, Length, check_parameter
 from mercator_design.missions.arena import Array
 from mercator_design.schema import parameters_of, values_in
 
 OBJECTIVES: dict[str, Callable[..., float]] = {}
 DYNAMICS: dict[str, Callable[..., "list[tuple[float, ...]]"]] = {}
 
+Score: TypeAlias = Callable[..., float]
+Check: TypeAlias = Callable[..., Iterator[FieldError]]
 Change: TypeAlias = Callable[[Any, Array, Array, float], None]
 
 CHANGES: list[Change] = []
@@ -62,14 +64,32 @@ class Site(NamedTuple):
         return [row for zone in zones for row in self.rows[zone]]
 
 
-def objective(function: Callable[..., float]) -> Callable[..., float]:
-    """Enter a function in OBJECTIVES under its name.
+@overload
+def objective(function: Score) -> Score: ...
+
+
+@overload
+def objective(*, checks: tuple[Check, ...] = ()) -> Callable[[Score], Score]: ...
+
+
+def objective(function: Score | None = None, *, checks: tuple[Check, ...] = ()) -> Score | Callable[[Score], Score]:
+    """Enter a function in OBJECTIVES under its name: `@objective`, or `@objective(...)`.
+
+    Args:
+        function: The function.
+        checks: What is wrong with its parameters, found when a mission is read: functions from parameters of the same
+            names to errors (see schema.check).
 
     Raises:
         ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
     """
-    _enter(OBJECTIVES, function, "an objective")
-    return function
+
+    def enter(function: Score) -> Score:
+        _enter(OBJECTIVES, function, "an objective")
+        function.CHECKS = checks  # type: ignore[attr-defined]  # where schema.problems looks
+        return function
+
+    return enter if function is None else enter(function)
 
 
 def dynamic(
@@ -107,6 +127,26 @@ def is_ours(function: Callable[..., Any]) -> bool:
 def _module_of(function: Callable[..., Any]) -> str:
     """The name of a function's module; nothing for one from a text without a name."""
     return function.__module__ or ""
+
+
+def first_line(function: Callable[..., Any]) -> str:
+    """Where a function of a plugin begins, as "my.py:7: "; empty for one of ours."""
+    code = function.__code__
+    return "" if is_ours(function) else f"{code.co_filename}:{code.co_firstlineno}: "
+
+
+def line_of(error: BaseException) -> str:
+    """The line of a plugin in which an error arose, as "my.py:7: "; empty if that was in none."""
+    frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
+    return last_line(frames)
+
+
+def last_line(places: Iterable[tuple[str, int]]) -> str:
+    """The last of some places, file and line, that is in a plugin, as "my.py:7: "; empty if none is."""
+    functions = {*OBJECTIVES.values(), *DYNAMICS.values(), *CHANGES}
+    files = {Path(each.__code__.co_filename).resolve() for each in functions if not is_ours(each)}
+    found = [(file, line) for file, line in places if Path(file).resolve() in files]
+    return f"{Path(found[-1][0]).resolve()}:{found[-1][1]}: " if found else ""
 
 
 def change_of(name: str) -> int:

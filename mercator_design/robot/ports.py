@@ -21,7 +21,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.loading import FieldError, Pattern
+from mercator_design.loading import FieldError, Pattern, checked
 
 PortName = Annotated[
     str, Pattern(r"/[^\0\n]+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")
@@ -45,11 +45,14 @@ class PortNames:
     proximity: PortName = "/dev/ttyACM0"  # the Teraranger Hub Multiflex
 
     def __post_init__(self) -> None:
+        checked(self._mistakes())
+
+    def _mistakes(self) -> Iterator[FieldError]:
         devices: dict[str, DeviceName] = {}
         for device in DEVICES:
             name = getattr(self, device)
             if (other := devices.setdefault(name, device)) != device:
-                raise FieldError(device, f"{name} is the port of {other} already")
+                yield FieldError(device, f"{name} is the port of {other} already")
 
 
 class Ports(NamedTuple):

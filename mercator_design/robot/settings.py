@@ -11,7 +11,7 @@ from mercator_design.colours import COLOURS, LABELS, RGB, ColourName, Levels
 from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Length, Name, Range, parse, text_of
+from mercator_design.loading import FieldError, Length, Name, Origin, Range, checked, parse, text_of
 from mercator_design.robot.ports import PortNames
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
@@ -93,11 +93,18 @@ class Settings:
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
     swarm: Swarm = Swarm()
     reference_model: ReferenceModel = ReferenceModel()
+    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in _NOT_HERE:
-            if getattr(self.reference_model, name) != 0.0:
-                raise FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
+        checked(
+            FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
+            for name in _NOT_HERE
+            if getattr(self.reference_model, name) != 0.0
+        )
+
+    def where(self, path: str) -> str:
+        """File, line and path of a key, for errors; the path if the settings were not read from a file."""
+        return self.origin.of(path, "the robot's settings")
 
     def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
         """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
@@ -117,7 +124,8 @@ class Settings:
             return {name: COLOURS[name] for name in names}
         if lacking := [name for name in names if name not in measured]:
             raise SettingsError(
-                f"labels: expected all colours of the floor ({', '.join(names)}), found none of {', '.join(lacking)}; "
+                f"{self.where('labels')}: expected all colours of the floor ({', '.join(names)}), "
+                f"found none of {', '.join(lacking)}; "
                 f"measure with `mercator-robot calibrate color {' '.join(lacking)}`"
             )
         return {name: _floats(measured[name]) for name in names}

@@ -5,20 +5,31 @@ and its assessment may differ in either (pseudo-reality) without a line of code.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from mercator_design import shipped
 from mercator_design.colours import STATE_COLOURS, ColourName, Levels
-from mercator_design.errors import MissionError
+from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range, is_name, read
-from mercator_design.missions.arena import Array, Height
+from mercator_design.loading import (
+    Ascending,
+    FieldError,
+    Length,
+    NonNegative,
+    Origin,
+    Range,
+    checked,
+    is_name,
+    read,
+)
+from mercator_design.missions.arena import Angle, Array, Height
+from mercator_design.sim.fields import as_spelt, mistakes_in, replaced
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
 Extent = Annotated[float, Range(0.01, 10.0)]
@@ -26,7 +37,6 @@ Distance = Annotated[float, Range(0.0, 1000.0)]
 Distances = Annotated[tuple[Distance, Distance], Ascending()]
 Bounds = Annotated[tuple[float, float], Ascending()]
 Offset = Annotated[float, Range(-10.0, 10.0)]
-Angle = Annotated[float, Range(-1000.0, 1000.0)]
 Bound = Annotated[float, Range(-1e9, 1e9)]
 Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
@@ -319,20 +329,26 @@ class RobotModel:
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
     vary: Mapping[str, tuple[Bound, Bound]] | None = None  # bounds of the value of each key, drawn for each instance
+    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for key, (low, high) in (self.vary or {}).items():
-            if low > high:
-                raise FieldError("vary", f"{key}: expected the lower bound first, found [{low:g}, {high:g}]")
-            if not isinstance(_value_at(self, key), float):
-                raise FieldError("vary", f"{key}: the robot model has no real number there that could vary")
+        checked(self._mistakes())
+        if self.vary:
+            object.__setattr__(self, "vary", {as_spelt(self, way): bounds for way, bounds in self.vary.items()})
+
+    def _mistakes(self) -> Iterator[FieldError]:
+        yield from (FieldError("vary", what) for what in mistakes_in(self.vary or {}, self))
         if self.ground is not None and self.ground.labels is not None and not self.sees_colours:
-            raise FieldError("ground.labels", "expected null, as its ground sensors see no colours")
+            yield FieldError("ground.labels", "expected null, as its ground sensors see no colours")
         if isinstance(self.neighbours, LidarNeighbours):
             if self.lidar is None:
-                raise FieldError("neighbours.device", "there is no lidar")
-            if self.lidar.head_radius == 0.0 and self.lidar.height >= self.body.height:
-                raise FieldError("neighbours.device", "the lidar sees no robots: lidar.head_radius is 0")
+                yield FieldError("neighbours.device", "there is no lidar")
+            elif self.lidar.head_radius == 0.0 and self.lidar.height >= self.body.height:
+                yield FieldError("neighbours.device", "the lidar sees no robots: lidar.head_radius is 0")
+
+    def where(self, path: str) -> str:
+        """File, line and path of a key, for errors; the model's name and the path if it was not read from a file."""
+        return self.origin.of(path, f"robot model {self.name}")
 
     @property
     def fastest(self) -> float:
@@ -344,7 +360,7 @@ class RobotModel:
         """The robot model of one instance: what varies has values drawn uniformly between its bounds."""
         model: RobotModel = self
         for key, (low, high) in (self.vary or {}).items():
-            model = _replaced(model, key.split("."), float(random.uniform(low, high)))
+            model = replaced(model, key.split("."), float(random.uniform(low, high)))
         return model
 
     @property
@@ -368,11 +384,12 @@ def load_robot_model(name_or_path: str) -> RobotModel:
     model = _read(path)
     for key, bounds in (model.vary or {}).items():
         for value in bounds:  # whether each may be
+            override = f"{key}={value!r}"
             try:
-                _read(path, overrides=(f"{key}={value!r}",))
+                _read(path, overrides=(override,))
             except MissionError as error:
-                _, _, what = str(error).partition(": ")  # the place is that of the override
-                raise MissionError(f"{path}: vary: {what}") from None
+                told = [message.removeprefix(f"--set {excerpt(override)}: ") for message in error.messages]
+                raise MissionError(*(f"{model.where('vary')}: {what}" for what in told)) from None
     return model
 
 
@@ -384,17 +401,3 @@ def _read(path: Path, overrides: Sequence[str] = ()) -> RobotModel:
 def _find_base(name: str, folder: Path) -> Path:
     path = name if is_name(name) else str(folder / name)
     return shipped.find(path, shipped.robot_models(), "robot model")
-
-
-def _value_at(record: object, key: str) -> object:
-    """What a record has at the end of a way of fields, or None."""
-    for field in key.split("."):
-        record = getattr(record, field, None)
-    return record
-
-
-def _replaced(record: Any, way: Sequence[str], value: float) -> Any:  # noqa: ANN401 - dataclasses and NamedTuples
-    """A record with another value at the end of a way of fields."""
-    field, *rest = way
-    new = _replaced(getattr(record, field), rest, value) if rest else value
-    return record._replace(**{field: new}) if hasattr(record, "_replace") else replace(record, **{field: new})

@@ -13,7 +13,7 @@ from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import CompilationError, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.plugins import loaded_plugins
+from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
 from mercator_design.sim import kernel
@@ -45,7 +45,7 @@ class Simulator:
 
     def __init__(self, mission: Mission, robot_model: RobotModel | None = None) -> None:
         self.mission = mission
-        self.robot_model = robot_model or load_robot_model(mission.robot_model)
+        self.robot_model = robot_model or _robot_model_of(mission)
         self._world = World(mission, self.robot_model)
 
     def instance(self, seed: int) -> Instance:
@@ -97,7 +97,8 @@ class Simulator:
             plugins = ", ".join(loaded_plugins())
             if not plugins:  # then it is our mistake
                 raise
-            raise MissionError(f"plugin {plugins}: a kernel cannot be compiled: {error}") from None
+            place = last_line(error.places) or f"plugin {plugins}: "
+            raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
         self.mission.objective(trace)
         return recording
 
@@ -116,7 +117,13 @@ class Simulator:
         history = new_history(cycles, self.mission.robots, everything=everything)
         floor = instance.scene.floor.copy()
         run = _referee if referee or not jit_wanted() else _compiled
-        run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+        try:
+            run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+        except Exception as error:
+            place = line_of(error)
+            if not place:  # of no plugin's kernel
+                raise
+            raise MissionError(f"{place}what changes the floor: {type(error).__name__}: {error!s:.300}") from error
         start = instance.scene._replace(floor=floor)
         recording = Recording(
             instance.robot_model, start, history, instance.swarm.noise_keys, self.mission.control_period
@@ -152,6 +159,15 @@ class Simulator:
             raise FsmError(
                 f"{place}: {module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
             )
+
+
+def _robot_model_of(mission: Mission) -> RobotModel:
+    """The robot model that a mission names; errors tell where it does."""
+    try:
+        return load_robot_model(mission.robot_model)
+    except MissionError as error:
+        place = mission.where("robot_model")
+        raise MissionError(*(f"{place}: {message}" for message in error.messages)) from None
 
 
 def program_arrays(pfsm: Pfsm) -> Program:

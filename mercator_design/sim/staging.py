@@ -36,7 +36,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         walls=walls,
         wall_height=mission.arena.wall_height,
         boxes=np.array([_box_row(box) for box in mission.arena.obstacles]).reshape(-1, 7),
-        floor=mission.floor.realise(generator(0, "floor")),
+        floor=mission.realise_floor(generator(0, "floor")),
         round=isinstance(model.body, DiscBody),
         half_length=half_length,
         half_width=half_width,

@@ -68,7 +68,7 @@ class World:
         needed = mission.robots * body.area
         if needed > mission.arena.area:
             raise MissionError(
-                f"{mission.name}: the robots do not fit: {mission.robots} of them need {needed:.2f} m2; "
+                f"{mission.where('robots')}: the robots do not fit: {mission.robots} of them need {needed:.2f} m2; "
                 f"the arena has {mission.arena.area:.2f} m2"
             )
 
@@ -78,7 +78,7 @@ class World:
         travel = model.fastest * self.mission.control_period / self._sub_steps
         if travel > 0.5 * min(model.body.half_size):
             raise MissionError(
-                f"robot model {model.name}: physics.time_step: a corner travels {travel:.3f} m in a step, too far to "
+                f"{model.where('physics.time_step')}: a corner travels {travel:.3f} m in a step, too far to "
                 "meet walls and robots reliably; expected a smaller step"
             )
 
@@ -89,13 +89,13 @@ class World:
         outer = just_within[:, 2:].reshape(-1, 2)
         for x, y in outer[self.mission.arena.contains(outer)][:1]:
             raise MissionError(
-                f"{self.mission.name}: arena.walls: the wall is less than {WALL_THICKNESS:g} m thick, or too sharp, "
+                f"{self.mission.where('arena.walls')}: the wall is less than {WALL_THICKNESS:g} m thick, or too sharp, "
                 f"near [{x:.3g}, {y:.3g}]; use arena.obstacles for walls inside the arena"
             )
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed."""
-        floor = self.mission.floor.realise(generator(seed, "floor"))  # its own, which may change
+        floor = self.mission.realise_floor(generator(seed, "floor"))  # its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
         swarm = new_swarm(
@@ -148,11 +148,11 @@ class World:
             most = max(most, i)
             if isinstance(mission.placement, FixedPlacement):
                 raise MissionError(
-                    f"{mission.name}: placement.poses[{i}]: a robot there touches a wall, a box or another robot"
+                    f"{mission.where(f'placement.poses[{i}]')}: a robot there touches a wall, a box or another robot"
                 )
         raise MissionError(
-            f"{mission.name}: the robots do not fit: at seed {seed}, {most} of {mission.robots} found a free place of "
-            f"{body.measures} within the placement; use fewer robots, or a larger arena or placement"
+            f"{mission.where('placement')}: the robots do not fit: at seed {seed}, {most} of {mission.robots} found "
+            f"a free place of {body.measures} within the placement; use fewer robots, or a larger arena or placement"
         )
 
     def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:

@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, tell
-from mercator_design.errors import RobotError, SettingsError
+from mercator_design.errors import RobotError
 from mercator_design.robot.safety import go_first
 
 _PRIORITY = 3
@@ -65,10 +65,7 @@ def twin(
     with announced(lambda: tell("Compiling the twin; later runs find it in the cache ...")):
         arena = Arena(loaded, model, seed)
         with open_log(place) as log:
-            try:
-                terminals = Terminals(Twin(arena, script, log), place)
-            except SettingsError as error:
-                raise SettingsError(f"{faults}: {error}") from None
+            terminals = Terminals(Twin(arena, script, log), place)
             terminals.check()
             Arena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
             with Interrupt() as interrupt, terminals:

@@ -9,12 +9,12 @@ faults:
 
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from mercator_design.errors import SettingsError
-from mercator_design.loading import Length, Range, read
+from mercator_design.loading import Length, Origin, Range, read
 from mercator_design.robot.ports import DeviceName
 
 Direction: TypeAlias = Literal["from_robot", "to_robot"]
@@ -147,6 +147,11 @@ class Script:
     schema: Literal[1] = 1  # version of this format
     seed: Annotated[int, Range(0, 2**63 - 1)] = 1  # of which bytes are hit, and how
     faults: Annotated[tuple[Fault, ...], Length(0, 10_000)] = ()  # in any order
+    origin: Origin = field(default=Origin(), repr=False, compare=False)
+
+    def where(self, path: str) -> str:
+        """File, line and path of a key, for errors; the path if the script was not read from a file."""
+        return self.origin.of(path, "the script of faults")
 
 
 def read_script(path: str | Path) -> Script:

@@ -133,7 +133,8 @@ class Twin:
         for number, fault in enumerate(script.faults):
             if fault.robot >= arena.robots:
                 expected = f"expected a robot's number, 0 to {arena.robots - 1}"
-                raise SettingsError(f"faults[{number}].robot: {expected}, found {fault.robot}")
+                place = script.where(f"faults[{number}].robot")
+                raise SettingsError(f"{place}: {expected}, found {fault.robot}")
         self.arena, self._log = arena, log
         self.robots = [Robot(arena, number, script, log) for number in range(arena.robots)]
         self._note_poses()

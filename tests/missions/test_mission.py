@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 from mercator_design import seeds, shipped
 from mercator_design.colours import COLOURS
 from mercator_design.errors import MissionError, excerpt
-from mercator_design.loading import FieldError, dump
+from mercator_design.loading import FieldError, Origin, dump
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
     Disc,
@@ -39,6 +39,7 @@ from mercator_design.missions.placement import (
     RectanglePlacement,
 )
 from mercator_design.missions.trace import Trace, every_nth
+from mercator_design.sim.simulate import Simulator
 
 SHIPPED = shipped.missions()
 TEXT = SHIPPED["aggregation"].read_text()
@@ -400,12 +401,106 @@ _missions = st.builds(
         direction=st.sampled_from(["maximise", "minimise"]),
         parameters=st.fixed_dictionaries(
             {
-                "values": st.dictionaries(st.sampled_from(sorted(COLOURS)), st.floats(-9, 9), min_size=1),
+                "values": st.dictionaries(st.sampled_from(sorted(COLOURS)), st.floats(-9, 9), min_size=1).filter(
+                    lambda values: any(values.values())
+                ),
                 "when": st.sampled_from(["end", "always"]),
             }
         ),
     ),
 )
+
+
+class TestPlaces:
+    """What is found wrong after a file was read still has file, line and key."""
+
+    TEXT = """schema: 1
+robots: 2
+duration: 1
+robot_model: mercator
+arena:
+  walls: {shape: polygon, vertices: [[-1, -1], [1, -1], [1, 1], [-1, 1]]}
+placement:
+  shape: poses
+  poses:
+    - [0, 0, 0]
+    - [0.5, 0.5, 0]
+objective:
+  {name: pair_distance, direction: minimise}
+"""
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("robots: 2", "robots: 600", "m.yaml:2: robots: the robots do not fit: 600 of them need"),
+            ("[0.5, 0.5, 0]", "[0.1, 0.1, 0]", r"m.yaml:11: placement.poses\[1\]: a robot there touches"),
+            ("mercator", "mercatr", "m.yaml:4: robot_model: mercatr: no such robot model; did you mean 'mercator'"),
+            ("mercator", "./r.yaml", r"m.yaml:4: robot_model: \S+r.yaml:1: body.mass: expected a number"),
+            ("mercator", "./none.yaml", r"m.yaml:4: robot_model: \S+none.yaml: no such file"),
+            (
+                "[1, 1], [-1, 1]",
+                "[1, 1], [-0.699, 1], [-0.7, -0.9], [-0.701, 1], [-1, 1]",
+                "m.yaml:6: arena.walls: the wall",
+            ),
+            ("mercator", "./s.yaml", r"s.yaml:2: physics.time_step: a corner travels"),
+            ("mercator", "./v.yaml", r"v.yaml:2: vary: body.mass: expected a number >= 0.001 and <= 1000 \[kg\]"),
+        ],
+    )
+    def test_in_a_mission_or_its_robot(self, tmp_path, old, new, message):
+        (tmp_path / "r.yaml").write_text("{base: mercator, body: {mass: x}}\n")
+        (tmp_path / "s.yaml").write_text("base: mercator\nphysics: {time_step: 0.1}\ndrive: {maximum_speed: 9}\n")
+        (tmp_path / "v.yaml").write_text("base: mercator\nvary: {body.mass: [0, 1]}\n")
+        text = self.TEXT.replace("  poses:\n", "  poses:\n" + "    - [0, 0, 0]\n" * 598 * ("600" in new))
+        (tmp_path / "m.yaml").write_text(text.replace(old, new))
+        with pytest.raises(MissionError, match=message):
+            Simulator(load_mission(tmp_path / "m.yaml")).instance(1)
+
+    def test_of_an_override(self, tmp_path):
+        (tmp_path / "m.yaml").write_text(self.TEXT)
+        with pytest.raises(MissionError, match=r"^--set robot_model=x: robot_model: x: no such robot model"):
+            Simulator(load_mission(tmp_path / "m.yaml", ["robot_model=x"]))
+
+    def test_of_a_mission_made_in_python(self):
+        mission = dataclasses.replace(parse_mission(self.TEXT), origin=Origin(), robot_model="x")
+        with pytest.raises(MissionError, match=r"^mission: robot_model: x: no such robot model"):
+            Simulator(mission)
+
+    def test_a_copy_keeps_its_place(self):
+        changed = dataclasses.replace(parse_mission(self.TEXT), duration=2.0)
+        mission = pickle.loads(pickle.dumps(changed))  # noqa: S301 - our own
+        assert mission.where("placement.poses[1]") == "mission:11: placement.poses[1]"
+        assert mission.where("placement.radius") == "mission:7: placement.radius"
+
+    def test_all_that_does_not_fit_together_is_told_at_once(self):
+        text = self.TEXT.replace("duration: 1", "duration: 1.05").replace("[0.5, 0.5, 0]", "[5, 5, 0]")
+        text = text.replace("{name: pair_distance", "{name: robots_in_zone, zones: [a, b]")
+        text += "lights: [{position: [0, 0, 1], seen_by: [0, 7]}]\n"
+        with pytest.raises(MissionError) as caught:
+            parse_mission(text)
+        assert [message.partition(": ")[2].partition(": ")[0] for message in caught.value.messages] == [
+            "duration",
+            "placement.poses[1]",
+            "objective.zones[0]",
+            "objective.zones[1]",
+            "lights[0].seen_by[1]",
+        ]
+
+
+@pytest.mark.parametrize(
+    ("objective", "message"),
+    [
+        (
+            "name: seen_area, side: 1, cells: 2000",
+            r"m:\d+: objective.cells: expected cells of at least 0.001 m",
+        ),
+        ("name: trips, sources: [spot], nests: [spot]", r"m:\d+: objective.nests\[0\]: 'spot' is a source too"),
+        ("name: colour_value, values: {black: 0, red: 0}", r"m:\d+: objective.values: expected one that is not 0"),
+    ],
+)
+def test_parameters_of_an_objective_are_checked_when_it_is_read(objective, message):
+    text = TEXT.partition("objective:")[0] + f"objective: {{{objective}, direction: maximise}}\n"
+    with pytest.raises(MissionError, match=message):
+        parse_mission(text, name="m")
 
 
 @settings(max_examples=60, deadline=None)

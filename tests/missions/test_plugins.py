@@ -93,7 +93,7 @@ class TestLoading:
         load_plugin(write(NORTHERN.replace(".sum())", f".sum() * 0) + float('{number}')")))
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
         expected = f"objective northernmost: expected a score from -1e+100 to 1e+100, found {float(number)}"
-        with pytest.raises(MissionError, match=re.escape(expected)):
+        with pytest.raises(MissionError, match=rf"/my.py:\d+: {re.escape(expected)}"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
     @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ class TestLoading:
         )
         load_plugin(write(text))
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
-        with pytest.raises(MissionError, match=f"objective northernmost: {message}$"):
+        with pytest.raises(MissionError, match=rf"/my.py:\d+: objective northernmost: {message}$"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
     def test_an_interruption_is_no_mistake_of_an_objective(self, write):
@@ -127,32 +127,49 @@ class TestLoading:
     def test_an_objective_that_fails_is_named(self, write):
         load_plugin(write(NORTHERN.replace("trace.counted(when)", "trace.nothing")))
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
-        with pytest.raises(MissionError, match="objective northernmost: AttributeError: 'Trace' object has no"):
+        with pytest.raises(MissionError, match=r"/my.py:\d+: objective northernmost: AttributeError: 'Trace' object"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    def test_a_kernel_that_fails_is_named(self, write, monkeypatch):
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+        load_plugin(write(SHRINK.replace("    floor.zones", "    1 / 0\n    floor.zones", 1)))
+        mission = load_mission(
+            "aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]", "duration=1"]
+        )
+        with pytest.raises(MissionError, match=r"^/\S+/my.py:\d+: what changes the floor: ZeroDivisionError: div"):
+            Simulator(mission).run(parse("--nstates 1 --s0 1"), 1)
+
+    def test_a_mistake_in_what_an_objective_calls_is_named(self, write):
+        load_plugin(write(NORTHERN.replace("trace.counted(when)", "trace.counted(1, 2)")))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match=r"^/\S+/my.py:\d+: objective northernmost: TypeError"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
     @pytest.mark.parametrize(
         ("body", "message"),
         [
-            ("1 / 0", "floor.dynamics[0].name: shrinking: ZeroDivisionError: division by zero"),
-            ("return 3", "floor.dynamics[0].name: shrinking must give rows of numbers: 'int' object is not iterable"),
-            ("return [(1.0, 2.0), (1.0,)]", "floor.dynamics[0].name: shrinking must give rows of one length"),
+            ("1 / 0", "my.py:21: shrinking: ZeroDivisionError: division by zero"),
+            ("return 3", "my.py:19: shrinking must give rows of numbers: 'int' object is not iterable"),
+            ("return [(1.0, 2.0), (1.0,)]", "my.py:19: shrinking must give rows of one length"),
             ("raise ValueError('\\033')", r"ValueError: \x1b"),
-            ("raise SystemExit", "floor.dynamics[0].name: shrinking: SystemExit"),
-            ("return (1 / 0 for _ in range(2))", "floor.dynamics[0].name: shrinking: ZeroDivisionError"),
+            ("raise SystemExit", "my.py:21: shrinking: SystemExit"),
+            ("return (1 / 0 for _ in range(2))", "my.py:21: shrinking: ZeroDivisionError"),
         ],
     )
     def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
         monkeypatch.setattr(jit, "compiling_began", lambda: False)
         load_plugin(write(SHRINK.replace("    return [", f"    {body}\n    return [")))
-        with pytest.raises(MissionError, match=re.escape(message)):
-            load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
+        override = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"
+        with pytest.raises(MissionError, match=re.escape(message)) as caught:
+            load_mission("aggregation", [override])
+        assert str(caught.value).startswith(f"--set {override}: floor.dynamics[0].name: ")
 
     def test_a_dynamic_that_fails_in_some_instances_is_named(self, write, monkeypatch):
         monkeypatch.setattr(jit, "compiling_began", lambda: False)
         load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
         mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
-        with pytest.raises(MissionError, match=r"floor.dynamics: shrinking: ZeroDivisionError"):
-            _ = [mission.floor.realise(generator(seed, "floor")) for seed in range(50)]
+        with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:21: shrinking: ZeroDivisionError"):
+            _ = [mission.realise_floor(generator(seed, "floor")) for seed in range(50)]
 
     def test_its_parameters_are_checked(self, write):
         load_plugin(write(NORTHERN))
@@ -365,7 +382,7 @@ class TestOnTheCommandLine:
         arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
         code, out, error = mdesign(tmp_path, *arguments)
         assert (code, out) == (3, "")
-        assert "Error: plugin my.py: a kernel cannot be compiled: Unknown attribute 'nothing' of type" in error
+        assert re.search(r"Error: /\S+/my.py:16: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
         assert "Traceback" not in error
 
     def test_validate(self, write, tmp_path):

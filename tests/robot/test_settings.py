@@ -31,7 +31,7 @@ def test_the_example_in_the_documents_has_every_key():
     read = settings(example)
     assert (read.name, read.missions) == ("mercator-3", {"aggregation": ("black", "gray")})
     keys = {line.partition(":")[0].strip() for line in example.splitlines()}
-    assert keys >= {*Settings.__dataclass_fields__, *Limits.__dataclass_fields__} - {"schema"}
+    assert keys >= {*Settings.__dataclass_fields__, *Limits.__dataclass_fields__} - {"schema", "origin"}
 
 
 def test_ports_that_are_left_out_are_the_usual_ones():

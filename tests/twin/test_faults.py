@@ -126,8 +126,16 @@ faults:
             read_script(file)
 
     def test_a_robot_that_is_not_there(self):
-        with pytest.raises(SettingsError, match=r"^faults\[0\].robot: expected a robot's number, 0 to 0, found 3$"):
+        with pytest.raises(
+            SettingsError, match=r"^the script of faults: faults\[0\].robot: expected a robot's number, 0 to"
+        ):
             Talk(script=Script(faults=(Battery(at=1, robot=3, level=3),)))
+
+    def test_a_robot_that_is_not_there_has_its_line(self, tmp_path):
+        file = tmp_path / "faults.yaml"
+        file.write_text("schema: 1\nfaults:\n  - {kind: battery, at: 1, robot: 3, level: 3}\n")
+        with pytest.raises(SettingsError, match=r"faults.yaml:3: faults\[0\].robot: expected a robot's number, 0 to 0"):
+            Talk(script=read_script(file))
 
 
 class TestInATwin:

@@ -1,13 +1,13 @@
 """Robots in zones and on colours."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.colours import Colour, ColourName, rgb
-from mercator_design.loading import Length, Range
+from mercator_design.loading import FieldError, Length, Range
 from mercator_design.missions.plugins import When, Zones, objective
 from mercator_design.missions.trace import Trace
 
@@ -59,7 +59,12 @@ def _counts(trace: Trace, zones: Zones, when: When) -> NDArray[np.int64]:
     return np.array([trace.inside((zone,), when).sum(axis=1) for zone in zones])
 
 
-@objective
+def _some_value(values: Mapping[ColourName, float]) -> Iterator[FieldError]:
+    if not any(values.values()):
+        yield FieldError("values", "expected one that is not 0; else every score is 0")
+
+
+@objective(checks=(_some_value,))
 def color_value(
     trace: Trace,
     *,

@@ -1,15 +1,23 @@
 """Robots that come from one place to another."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
-from mercator_design.missions.arena import Point, Size
+from mercator_design.loading import FieldError
+from mercator_design.missions.arena import Angle, Point, Size
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
 
 
-@objective
+def _two_places(sources: Zones, nests: Zones) -> Iterator[FieldError]:
+    for index, zone in enumerate(nests):
+        if zone in sources:
+            yield FieldError(f"nests[{index}]", f"'{zone}' is a source too; a nest must be another zone")
+
+
+@objective(checks=(_two_places,))
 def trips(
     trace: Trace,
     *,
@@ -34,7 +42,7 @@ def gate_crossings(
     *,
     width: Size,  # [m] of the gate
     center: Point = (0.0, 0.0),  # [m] x, y of the gate's middle
-    angle: float = -math.pi / 2.0,  # [rad] of the direction in which a crossing counts
+    angle: Angle = -math.pi / 2.0,  # [rad] of the direction in which a crossing counts
 ) -> float:
     """How often robots cross a gate's line in a direction, less how often against it, but not less than 0.
 

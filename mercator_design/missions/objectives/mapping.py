@@ -1,14 +1,14 @@
 """How much of an arena the swarm's lidars have seen: a map, drawn as the robots drive."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
-from mercator_design.loading import Range
+from mercator_design.loading import FieldError, Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace, every_nth
@@ -20,7 +20,12 @@ _STEP = 0.5
 """Of a walk along a beam, in cells: none of those it crosses the middle of is left out."""
 
 
-@objective
+def _cells_not_too_fine(side: float, cells: int) -> Iterator[FieldError]:
+    if side / cells < _FINEST:
+        yield FieldError("cells", f"expected cells of at least {_FINEST:g} m, found {side / cells:g} m")
+
+
+@objective(checks=(_cells_not_too_fine,))
 def seen_area(
     trace: Trace,
     *,
@@ -34,8 +39,6 @@ def seen_area(
     It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, in every so many-th
     cycle and the last. A beam that meets nothing says nothing of what lies before it, as for the real device.
     """
-    if side / cells < _FINEST:
-        raise MissionError(f"objective seen_area: expected cells of at least {_FINEST:g} m, found {side / cells:g} m")
     seen = np.zeros((cells, cells), dtype=np.bool_)
     positions = trace.positions[every_nth(trace.cycles, every)]
     points = trace.measure("lidar_points", every)

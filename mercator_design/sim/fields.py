@@ -1,0 +1,47 @@
+"""Values at the end of a way of fields, as `drive.maximum_speed`, in frozen records (dataclasses and NamedTuples)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from mercator_design import spelling
+from mercator_design.schema import Kind, fields_of, is_record
+
+
+def as_spelt(record: object, way: str) -> str:
+    """A way in the spelling of its fields."""
+    names: list[str] = []
+    for word in way.split("."):
+        kind: Kind = type(record)
+        known = fields_of(kind) if is_record(record) else ()
+        names.append(spelling.find(word, known) or word)
+        record = getattr(record, names[-1], None)
+    return ".".join(names)
+
+
+def mistakes_in(bounds: Mapping[str, tuple[float, float]], record: object) -> Iterator[str]:
+    """What is wrong with bounds of values, by the way to each of them."""
+    ways: set[str] = set()
+    for key, (low, high) in bounds.items():
+        way = as_spelt(record, key)
+        if low > high:
+            yield f"{key}: expected the lower bound first, found [{low:g}, {high:g}]"
+        if not isinstance(_value_at(record, way), float):
+            yield f"{key}: the robot model has no real number there that could vary"
+        if way in ways:
+            yield f"{key}: is there in another spelling; give one of the two"
+        ways.add(way)
+
+
+def _value_at(record: object, way: str) -> object:
+    """What a record has at the end of a way, or None."""
+    for name in way.split("."):
+        record = getattr(record, name, None)
+    return record
+
+
+def replaced(record: Any, way: Sequence[str], value: float) -> Any:  # noqa: ANN401 - any record
+    """A record with another value at the end of a way, which must be there."""
+    name, *rest = way
+    new = replaced(getattr(record, name), rest, value) if rest else value
+    return record._replace(**{name: new}) if hasattr(record, "_replace") else replace(record, **{name: new})

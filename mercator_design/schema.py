@@ -189,10 +189,10 @@ def is_record(kind: Kind) -> bool:
 
 @functools.cache
 def fields_of(kind: Kind) -> Specification:
-    """The fields of a dataclass, but those it fills in itself or does not show, or of a NamedTuple."""
+    """The fields of a dataclass, but those it fills in itself, or neither shows nor compares, or of a NamedTuple."""
     hints = typing.get_type_hints(kind, include_extras=True)
     if dataclasses.is_dataclass(kind):
-        fields = [field for field in dataclasses.fields(kind) if field.init and field.repr]
+        fields = [field for field in dataclasses.fields(kind) if field.init and (field.repr or field.compare)]
         return {field.name: (hints[field.name], field.default) for field in fields}
     defaults = kind._field_defaults
     return {name: (hints[name], defaults.get(name, dataclasses.MISSING)) for name in kind._fields}

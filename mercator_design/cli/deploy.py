@@ -112,7 +112,7 @@ def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> 
         raise RobotError(f"no robot runs: {started.why}")
     if len(started.results) > 1:
         spread, uncertainty = 1000.0 * started.spread, 1000.0 * started.uncertainty
-        tell(f"All {len(started.results)} began within {spread:.0f} ms, give or take {uncertainty:.0f} ms")
+        tell(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
 
 
 def _shown(results: "list[Result]") -> "list[Result]":

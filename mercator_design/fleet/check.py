@@ -55,7 +55,7 @@ class Checked:
             if not len(self.clock):
                 return "?"
             side = "ahead" if ahead > 0.0 else "behind"
-            return f"{abs(ahead):.3f} s {side}, give or take {1000.0 * uncertainty:.0f} ms"
+            return f"{abs(ahead):.3f} s {side}, give or take {1000.0 * uncertainty:.1f} ms"
         by_name = {found.what: found for found in self.findings}
         found = by_name.get(COLUMNS[column]) or by_name.get(_DEVICES[column])
         if found is None:

@@ -108,9 +108,9 @@ def _running(fleet: Fleet, leader: Leader) -> Iterator[Result]:
     for robot in fleet.robots:
         clock = leader.difference(robot.name)
         words = (
-            f"runs, {leader.ready(robot.name).get('log')}; began {1000.0 * leader.began(robot.name):.0f} ms after the "
+            f"runs, {leader.ready(robot.name).get('log')}; began {1000.0 * leader.began(robot.name):.1f} ms after the "
             f"first; its clock is {abs(clock.ahead):.3f} s {'ahead' if clock.ahead > 0.0 else 'behind'}, give or take "
-            f"{1000.0 * clock.uncertainty:.0f} ms"
+            f"{1000.0 * clock.uncertainty:.1f} ms"
         )
         yield Result(robot, is_done=True, words=words)
 

@@ -8,6 +8,7 @@ the experiments.
 import dataclasses
 import hashlib
 import json
+import pickle
 import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
@@ -29,8 +30,9 @@ from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.loading import digest_of, dump
-from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin_files
+from mercator_design.missions.mission import load_mission
+from mercator_design.missions.plugin_files import Plugin
+from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.race import Configuration, Experiment, Space
 from mercator_design.race.events import Finished, Measured, Tested
 from mercator_design.race.executors import ThreadExecutor, in_order
@@ -39,7 +41,6 @@ from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.labels import robot_labels
-from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
 TEST_SEED = 1
@@ -51,6 +52,7 @@ class Experimenter:
 
     def __init__(self, simulator: Simulator) -> None:
         self.simulator = simulator
+        self._kernels = kernels_digest()  # now: files may be edited later
 
     def __call__(self, item: tuple[Pfsm, int]) -> Measured:
         """Score, and digest of where all robots are and in what state at the end."""
@@ -63,16 +65,23 @@ class Experimenter:
         return Measured(outcome.score, digest.hexdigest())
 
     def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
-        files = tuple(map(str, plugin_files()))
-        return _elsewhere, (files, kernels_digest(), self.simulator.mission, self.simulator.robot_model)
+        # Classes of plugins may be in the mission: it is unpacked when they are there.
+        packed = pickle.dumps((self.simulator.mission, self.simulator.robot_model))
+        return _elsewhere, (plugins(), self._kernels, packed)
 
 
-def _elsewhere(plugins: tuple[str, ...], kernels: str, mission: Mission, robot_model: RobotModel) -> Experimenter:
-    """An experimenter that came to this process."""
-    for file in plugins:
-        load_plugin(file)
+def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Experimenter:
+    """An experimenter that came to this process, with the plugins of the race as they were when it began.
+
+    Raises:
+        MissionError: A plugin cannot be run here, as when another version of it is loaded.
+        SimulationError: The simulator here is another one.
+    """
+    for plugin in plugins:
+        run_plugin(plugin)
     if kernels_digest() != kernels:
         raise SimulationError(f"worker on {socket.gethostname()}: its simulator is not that of the race")
+    mission, robot_model = pickle.loads(packed)  # noqa: S301 - of our own main process
     return Experimenter(Simulator(mission, robot_model))
 
 
@@ -118,7 +127,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             if Path(name).name != name:
                 raise RaceError(f"{folder}: expected plugins by the names of files, found {excerpt(repr(name))}")
             if loaded.get(name) != digest:
-                load_plugin(folder / "plugins" / name)
+                load_plugin(folder / "plugins" / name, digest)
         simulator = Simulator(load_mission(folder / "mission.yaml"))
         given = {name: start[name] for name in ("budget", "seed", "flavour", "method")}
         return cls(simulator, **given)
@@ -150,7 +159,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "robot_model.yaml": dump(self.simulator.robot_model).encode(),
             **({} if image is None else {"floor.png": image.png()}),
             "mission.yaml": dump(mission.with_files(robot_model="robot_model.yaml", image="floor.png")).encode(),
-            **{f"plugins/{file.name}": file.read_bytes() for file in plugin_files()},
+            **{f"plugins/{path}": source for plugin in plugins() for path, source in plugin.files.items()},
         }
 
     def header(self) -> dict[str, str]:

@@ -15,6 +15,7 @@ from mercator_design.design import Designer
 from mercator_design.errors import RaceError
 from mercator_design.files import write_bytes
 from mercator_design.fsm.grammar import parameters_text
+from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.race import scenario_text
 
 _RUNNER = """\
@@ -36,7 +37,7 @@ def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
         jobs: Experiments to run at once.
     """
     files = designer.files()
-    plugins = "".join(f" --plugin {shlex.quote(name)}" for name in files if name.startswith("plugins/"))
+    plugins = "".join(f" --plugin {shlex.quote(f'plugins/{name}')}" for name in loaded_plugins())
     settings: dict[str, scenario_text.Setting] = {
         "parameterFile": "./parameters.txt",
         "trainInstancesDir": "",  # target-runner finds the missions; irace splits an instance's path at blanks
@@ -67,7 +68,7 @@ def write_irace_scenario(folder: Path, files: dict[str, bytes]) -> None:
         if any(folder.iterdir()):
             raise RaceError(f"{folder}: expected a new or empty folder for the scenario, found files in it")
         for name, data in files.items():
-            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_bytes(folder / name, data)
         (folder / "target-runner").chmod(0o755)
     except OSError as error:

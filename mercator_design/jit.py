@@ -220,15 +220,16 @@ def kernel_files() -> list[Path]:
     """The source files that compiled code is made from: ours, and those of marked functions elsewhere."""
     folders = ("fsm", "missions", "sim")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
-    others = {Path(function.__code__.co_filename) for function in _foreign()}
-    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *sorted(file for file in others if file.is_file())]
+    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *_foreign_sources()]
 
 
 def kernels_digest() -> str:
     """A digest of all that compiled code is made from, as hexadecimal text."""
     digest = hashlib.sha256()
+    foreign = _foreign_sources()
     for file in kernel_files():
-        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+        source = foreign[file] if file in foreign else file.read_bytes()
+        digest.update(file.name.encode() + b"\0" + source + b"\0")
     for text in sorted(map(_frozen, _foreign())):
         digest.update(text.encode() + b"\0")
     return digest.hexdigest()
@@ -237,6 +238,17 @@ def kernels_digest() -> str:
 def _foreign() -> list[Callable[..., Any]]:
     """The marked functions that are not of this package."""
     return [function for function in _marked if not Path(function.__code__.co_filename).is_relative_to(_PACKAGE)]
+
+
+def _foreign_sources() -> dict[Path, bytes]:
+    """The source files of `_foreign` in order of their paths, as they were when they were loaded if that is known."""
+    found: dict[Path, bytes] = {}
+    for function in _foreign():
+        name = function.__code__.co_filename
+        with contextlib.suppress(OSError):
+            get_data = getattr(function.__globals__.get("__loader__"), "get_data", None)
+            found[Path(name)] = get_data(name) if get_data else Path(name).read_bytes()
+    return dict(sorted(found.items()))
 
 
 def _frozen(function: Callable[..., Any]) -> str:

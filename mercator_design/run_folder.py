@@ -84,7 +84,7 @@ class RunFolder:
         try:
             with _naming(path):
                 for name, data in task.files().items():
-                    (path / name).parent.mkdir(exist_ok=True)
+                    (path / name).parent.mkdir(parents=True, exist_ok=True)
                     write_bytes(path / name, data)
                 folder._write_provenance()
             journal.begin(start)

@@ -5,16 +5,15 @@ An objective is a function `f(trace, *, parameters...) -> float` marked `@object
 mission file may say beside `name`; their annotations are checked when the file is read.
 
 The functions in the packages objectives/ and dynamics/ are found by being there. `load_plugin` adds those of a user's
-own file, which need not be near this package.
+own file, which need not be near this package; plugin_files.py says what belongs to it.
 """
 
 import contextlib
-import hashlib
 import importlib
 import inspect
 import sys
+import threading
 import traceback
-import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
@@ -23,9 +22,9 @@ import numpy as np
 
 from mercator_design import jit
 from mercator_design.errors import INTERRUPTIONS, MissionError, described
-from mercator_design.files import Unreadable, read_small
 from mercator_design.loading import FieldError, Length, check_parameter
 from mercator_design.missions.arena import Array
+from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
 from mercator_design.schema import parameters_of, values_in
 
 OBJECTIVES: dict[str, Callable[..., float]] = {}
@@ -39,8 +38,8 @@ CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
-_loaded: dict[Path, str] = {}  # file -> digest
-_LARGEST = 1024 * 1024  # bytes of a file
+_loaded: dict[str, Plugin] = {}  # by name
+_loading = threading.RLock()
 
 
 class _ZoneReference:
@@ -184,62 +183,76 @@ def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any])
 
 
 def loaded_plugins() -> dict[str, str]:
-    """The names of the files loaded so far, and digests of what is in them."""
-    return {path.name: digest for path, digest in _loaded.items()}
+    """The names of the plugins loaded so far, and digests of what is in them."""
+    return {plugin.name: plugin.digest for plugin in _loaded.values()}
 
 
-def plugin_files() -> list[Path]:
-    """The files loaded so far, in their order."""
-    return list(_loaded)
+def plugins() -> tuple[Plugin, ...]:
+    """The plugins loaded so far, in their order."""
+    return tuple(_loaded.values())
 
 
-def load_plugin(path: str | Path) -> None:
+def load_plugin(path: str | Path, digest: str | None = None) -> None:
     """Run a Python file that defines objectives or floor dynamics; a second time, or a copy of it, does nothing.
 
+    Args:
+        path: The file. What it imports from its folder belongs to it.
+        digest: What its digest must be; if it is another one, nothing of it is run.
+
     Raises:
-        MissionError: if it cannot be read or run, defines nothing or a name that is taken, or brings kernels after
-            the simulator was compiled.
+        MissionError: if it cannot be read or run, is not what it must be, defines nothing or a name that is taken, or
+            brings kernels after the simulator was compiled.
     """
-    try:
-        source = read_small(Path(path), _LARGEST)
-    except Unreadable as error:
-        raise MissionError(f"{path}: {error}") from None
-    file = Path(path).resolve()
-    if file in _loaded:
-        return
-    digest = hashlib.sha256(source).hexdigest()[:16]
-    for shipped in ("objectives", "dynamics"):  # whose names are taken
-        importlib.import_module(f"mercator_design.missions.{shipped}")
-    namesakes = [loaded for other, loaded in _loaded.items() if other.name == file.name]
-    if digest in namesakes:
-        return
-    if namesakes:
-        raise MissionError(f"{path}: a plugin of that name is loaded already; give it another")
-    before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
-    name = f"mercator_design_plugin_{file.stem}_{digest}"
-    with contextlib.ExitStack() as undo:
-        undo.callback(sys.modules.pop, name, None)
-        undo.callback(snapshot())
-        _run(source, file, path, name)
-        if before == {**OBJECTIVES, **DYNAMICS}:
-            raise MissionError(f"{path}: a plugin that defines neither an @objective nor a @dynamic")
-        if (jit.marked() > marked or len(CHANGES) > changes) and jit.compiling_began():
-            raise MissionError(
-                f"{path}: a plugin with compiled code; load it before the first experiment of this process"
-            )
-        undo.pop_all()
-    _loaded[file] = digest
+    plugin = read_plugin(Path(path))
+    if digest not in {None, plugin.digest}:
+        raise MissionError(
+            f"{path}: expected a plugin of digest {digest}, found {plugin.digest}; nothing of it was run"
+        )
+    run_plugin(plugin, str(path))
+
+
+def run_plugin(plugin: Plugin, label: str = "") -> None:
+    """As `load_plugin`, from sources that were read, here or in another process.
+
+    Args:
+        plugin: The sources.
+        label: What to call the plugin in errors; by default its file.
+    """
+    label = label or str(plugin.file)
+    with _loading:
+        for shipped in ("objectives", "dynamics"):  # whose names are taken
+            importlib.import_module(f"mercator_design.missions.{shipped}")
+        namesake = _loaded.get(plugin.name)
+        if namesake is not None and namesake.digest == plugin.digest:
+            return
+        if namesake is not None:
+            another = f"another plugin of that name (digest {namesake.digest}, not {plugin.digest}) is loaded already"
+            raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")
+        before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
+        with contextlib.ExitStack() as undo:
+            undo.callback(snapshot())
+            offer(plugin)
+            _run(plugin, label)
+            if before == {**OBJECTIVES, **DYNAMICS}:
+                raise MissionError(f"{label}: a plugin that defines neither an @objective nor a @dynamic")
+            if (jit.marked() > marked or len(CHANGES) > changes) and jit.compiling_began():
+                raise MissionError(
+                    f"{label}: a plugin with compiled code; load it before the first experiment of this process"
+                )
+            undo.pop_all()
+        _loaded[plugin.name] = plugin
 
 
 def snapshot() -> Callable[[], None]:
     """What puts all that plugins define back to what it is now."""
-    registries: list[dict[Any, Any]] = [OBJECTIVES, DYNAMICS, _change_of, _loaded]
+    registries: list[dict[Any, Any]] = [OBJECTIVES, DYNAMICS, _change_of, _loaded, IMPORTER.paths, IMPORTER.sources]
     entries, changes, marked, modules = [{**each} for each in registries], [*CHANGES], jit.marked(), {*sys.modules}
 
     def restore() -> None:
         defined = {*OBJECTIVES.values(), *DYNAMICS.values()} - {*entries[0].values(), *entries[1].values()}
         foreign = [each for each in {*(jit.marked() - marked), *defined} if not is_ours(each)]
         jit.forget(foreign)
+        own = imported()
         for registry, entry in zip(registries, entries, strict=True):
             registry.clear()
             registry.update(entry)
@@ -247,23 +260,21 @@ def snapshot() -> Callable[[], None]:
         # What a plugin imported would not define its part again if it stayed imported.
         packages = {_module_of(each).partition(".")[0] for each in foreign}
         for name in {*sys.modules} - modules:
-            if name.partition(".")[0] in packages:
+            if name.partition(".")[0] in packages or name in own:
                 del sys.modules[name]
 
     return restore
 
 
-def _run(source: bytes, file: Path, path: str | Path, name: str) -> None:
-    """Run a file as a module of a name; a MissionError says what went wrong, if something did."""
-    module = types.ModuleType(name)
-    module.__file__ = str(file)
-    sys.modules[name] = module  # where typing and pickle look for what is in it
+def _run(plugin: Plugin, label: str) -> None:
+    """Run a plugin's file as a module; a MissionError says what went wrong, if something did."""
+    file = str(plugin.file)
     try:
-        exec(compile(source, str(file), "exec"), module.__dict__)  # noqa: S102 - the user's own file
+        importlib.import_module(plugin.module_name)
     except INTERRUPTIONS:
         raise
     except BaseException as error:  # noqa: BLE001 - whatever it raises, also by sys.exit()
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         line = lines[-1] if lines else getattr(error, "lineno", None)
-        place = f"{path}:{line}" if line else str(path)
+        place = f"{label}:{line}" if line else label
         raise MissionError(f"{place}: a plugin that cannot be run: {described(error)}") from None

@@ -11,7 +11,7 @@ from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.missions.plugins import plugin_files
+from mercator_design.missions.plugins import plugins
 from mercator_design.race.record import Record
 from mercator_design.race.summary import CONFIDENCE, Scores
 from mercator_design.race.task import Result, Task
@@ -86,8 +86,8 @@ def _design(result: Result, designer: Designer, record: Record, folder: Path) ->
     pfsm, scores = designer.pfsm(result.configuration), result.scores
     dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
     spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
-    plugins = [word for file in plugin_files() for word in ("--plugin", str(file))]
-    evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *plugins]
+    loaded = [word for plugin in plugins() for word in ("--plugin", str(plugin.file))]
+    evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *loaded]
     again = [*evaluate, "-n", str(max((len(scores.values) for scores in result.tests.values()), default=0))]
     return [
         f"Winner     configuration {result.configuration}, score {scores.mean:.4g} "

@@ -1,4 +1,7 @@
-"""All robots begin together, or none: over the ssh of `fakes`, on devices that a test has in hand."""
+"""All robots begin together, or none: over the ssh of `fakes`, on devices that a test has in hand.
+
+What else may fail when is in tests/test_joint_start.py, without a machine, and in tests/robot/test_joint.py, of one robot.
+"""
 
 import contextlib
 import os
@@ -98,6 +101,7 @@ def test_if_one_is_not_ready_none_moves_and_it_is_told_which_and_why(deploy, rob
     assert all(is_idle(field / name) for name in ("r1", "r2"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, number):
     def act():
@@ -114,6 +118,7 @@ def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, num
     assert not robots[1].drives()
 
 
+@pytest.mark.slow
 def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, field):
     with starting() as leader:
         for devices in robots:
@@ -131,6 +136,7 @@ def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, fi
         assert "the connection to who starts the robots has ended" in said.read_text()
 
 
+@pytest.mark.slow
 def test_a_person_who_interrupts_the_start(robots, field):
     with starting() as leader:
         for devices in robots:
@@ -145,6 +151,7 @@ def test_a_person_who_interrupts_the_start(robots, field):
         assert "Error: the start was called off: interrupted\n" in said.read_text()
 
 
+@pytest.mark.slow
 def test_one_that_is_late_stops_the_others(deploy, robots, field):
     """By more than a control cycle: it does not drive, and who has begun is stopped."""
     python = field / "bin/python3"
@@ -163,6 +170,7 @@ if Path.cwd().parent.name == "r2":
     assert "Error: the start was called off: r2: too late by" in out
 
 
+@pytest.mark.slow
 def test_one_that_cannot_be_reached_any_more_is_stopped_over_another_connection(deploy, robots, field):
     """Its ssh has ended by itself, and the run there goes on waiting."""
     ssh = field / "bin/ssh"

@@ -1,6 +1,6 @@
 """All robots begin together, or none: over the ssh of `fakes`, on devices that a test has in hand.
 
-Other failures, at other times: tests/test_joint_start.py, without a machine, and tests/robot/test_joint.py, of one robot.
+Other failures: tests/test_joint_start.py, without a machine, and tests/robot/test_joint.py, of one robot.
 """
 
 import contextlib

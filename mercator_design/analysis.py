@@ -162,6 +162,9 @@ class _Measuring:
     def __init__(
         self, task: Task[Any], executor: Executor, watch: Callable[[int, int], None], stopped: Callable[[], bool]
     ) -> None:
+        if task.evaluate is not None:
+            expected = "a targetRunner that gives the costs, as a targetEvaluator compares configurations of a race"
+            raise RaceError(f"{task.name}: expected {expected}, found a targetEvaluator: it cannot be ablated")
         self._task = task
         self._executor = executor
         self._watch = watch

@@ -98,7 +98,7 @@ def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
     space = task.race.space
     iterations = [record.iterations[number] for number in sorted(record.iterations)]
     elites = [np.array([number + 1 for number in one.elites], dtype=np.int32) for one in iterations]
-    experiments = [record.experiments[number] for number in sorted(record.experiments)]
+    experiments = record.results()
     costs = [np.inf if one.score is None else task.cost(one.score) for one in experiments]
     log = {
         "iteration": _integers([one.iteration for one in experiments]),

@@ -49,8 +49,9 @@ def configurations_table(path: Path) -> "pd.DataFrame":
 
 
 def _experiments(record: Record) -> "pd.DataFrame":
-    finished = [record.experiments[number] for number in sorted(record.experiments)]
-    return _table(finished, ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure"))
+    return _table(
+        record.results(), ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure")
+    )
 
 
 def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":

@@ -53,7 +53,7 @@ def verify(
     ran: list[Finished | Tested] = [record.experiments[number] for number in sorted(record.experiments)]
     ran += [record.tests[where] for where in sorted(record.tests)]
     finished = [one for one in ran if one.score is not None]
-    n = min(number, len(finished))
+    n = min(number, len(finished)) if task.evaluate is None else 0  # an evaluator compares with others
     sample = [finished[k * len(finished) // n] for k in range(n)]
     task.prepare(announce)
     items = [
@@ -74,4 +74,6 @@ def verify(
             )
     tests = sum(isinstance(one, Tested) for one in finished)
     among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
+    if task.evaluate is not None:
+        return [*checked, f"{among} were not run again, as their targetEvaluator compares them with others"]
     return [*checked, f"{n} of {among} were run again: all as they were"]

@@ -1,5 +1,6 @@
 """mdesign tune: the parameters of any program, as irace finds them."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,9 @@ from mercator_design.command import FILE, naming, tell
 from mercator_design.errors import MercatorError, printable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mercator_design.race.events import Measured
     from mercator_design.race.runner import OnFailure
     from mercator_design.race.scenario_text import Assignment
     from mercator_design.race.tuner import Tuner
@@ -129,15 +133,29 @@ def _check(tuner: "Tuner") -> None:
     from mercator_design.race.executors import Failed, Rejected, attempt
 
     failed = False
-    for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
-        call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
-        click.echo(tuner.command_line(call))
-        result = attempt(tuner.function, call)
+
+    def show(command: str, run: "Callable[[], Measured]", *, is_cost: bool) -> bool:
+        """Show a command and what came of it; gives whether it ran."""
+        nonlocal failed
+        click.echo(command)
+        result = attempt(lambda _: run(), None)
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
             click.echo(printable(f"  {result.reason}"))
-        else:
+        elif is_cost:
             click.echo(f"  cost {result.score:g}")
+        return not isinstance(result, Failed)
+
+    evaluate = tuner.evaluate
+    ran = []
+    for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
+        call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
+        if show(tuner.command_line(call), partial(tuner.function, call), is_cost=evaluate is None):
+            ran.append(call)
+    if evaluate is not None:
+        alive = [call.configuration for call in ran]
+        for call in ran:
+            show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
     if failed:
         raise MercatorError("expected all of these to give a cost, found that some failed")
 

@@ -84,6 +84,23 @@ class Asking(ABC):
         """The configurations of iterations that have ended that may run again."""
         return {elite.configuration for elite in self.elites}
 
+    def beside(self, instance: int) -> list[int]:
+        """The configurations that compete with those that are asked for, and that have been on an instance before."""
+        return [elite.configuration for elite in self.elites if instance in self._costs[elite.configuration]]
+
+    def revise(self, costs: Mapping[Experiment, float]) -> None:
+        """Replace costs that were told; one that is infinite rejects its configuration.
+
+        Raises:
+            RaceError: All configurations of the race have been rejected.
+        """
+        for experiment, cost in costs.items():
+            self._costs[experiment.configuration][experiment.instance] = float(cost)
+            if math.isinf(cost):
+                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
+        accepted = [elite.configuration for elite in self.elites if not self._is_rejected(elite.configuration)]
+        self.elites = [self.statistics(number) for number in accepted] or self.elites
+
     @abstractmethod
     def _run(self) -> Batches:
         """The whole algorithm, up to the end of the budget; each batch it yields is sent its costs."""

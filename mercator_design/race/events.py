@@ -26,6 +26,17 @@ class Finished:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Revised:
+    """A score that has replaced another one, as an evaluator has compared configurations anew."""
+
+    experiment: int  # the first of those that the race had asked for then
+    configuration: int
+    instance: int
+    score: float | None  # None if the configuration is rejected
+    failure: str = ""  # why it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tested:
     """A test that has run."""
 

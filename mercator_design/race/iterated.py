@@ -126,6 +126,16 @@ class IteratedRace(Asking):
             return set(range(len(self.configurations)))
         return super().returning
 
+    def beside(self, instance: int) -> list[int]:
+        if self._race is None:
+            return super().beside(instance)
+        return [number for number in self._race.alive if instance in self._costs[number]]
+
+    def revise(self, costs: Mapping[Experiment, float]) -> None:
+        super().revise(costs)
+        if self._race is not None:
+            self._race.revise(costs)
+
     def foresee(self, n: int) -> list[Experiment]:
         return [] if self._race is None else self._race.foresee(n)
 

@@ -7,6 +7,7 @@ A file has an event a line, as JSON with a checksum of the line in it, and is on
     configuration  one that is raced from now on: its number, its parent's, its values
     experiment     one that has finished, in the order in which they do
     ahead          an experiment that has finished before the race asked for it, and perhaps will not
+    revised        a score that has replaced another one, as an evaluator has compared configurations anew
     iteration      one that has ended, for people who look at the journal
     test           an experiment on a test instance, which the race never sees
     extend         a larger budget, which counts from where the one before has ended

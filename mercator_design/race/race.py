@@ -172,6 +172,20 @@ class Race:
         self._advance()
         self._test()
 
+    def revise(self, costs: Mapping[Experiment, float]) -> None:
+        """Replace costs of alive configurations; an infinite one rejects its configuration.
+
+        Raises:
+            RaceError: All configurations have been rejected.
+        """
+        rejected = []
+        for (configuration, instance), cost in costs.items():
+            column = self.configurations.index(configuration)
+            self._costs[self._row_of(instance), column] = cost
+            if math.isinf(cost):
+                rejected.append(column)
+        self._reject(np.array(rejected, dtype=np.intp))
+
     def foresee(self, n: int) -> list[Experiment]:
         """At most n experiments that follow on those asked for, if nothing is eliminated and the race goes on."""
         found: list[Experiment] = []
@@ -208,6 +222,11 @@ class Race:
 
     def _instance(self, row: int) -> int:
         return self._known[row] if row < len(self._known) else self._next_instance + row - len(self._known)
+
+    def _row_of(self, instance: int) -> int:
+        if instance in self._known:
+            return self._known.index(instance)
+        return len(self._known) + instance - self._next_instance
 
     def _advance(self) -> None:
         self._row += 1

@@ -9,12 +9,12 @@ import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from mercator_design.checked_lines import Event
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.events import End, Finished, Iteration, Measured, Tested
+from mercator_design.race.events import End, Finished, Iteration, Measured, Revised, Tested
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
 
@@ -30,6 +30,7 @@ class Record:
     parents: dict[int, int | None] = field(default_factory=dict)
     experiments: dict[int, Finished] = field(default_factory=dict)
     ahead: dict[Experiment, Measured] = field(default_factory=dict)
+    revised: dict[int, dict[Experiment, Revised]] = field(default_factory=dict)  # by number of an experiment
     tests: dict[Experiment, Tested] = field(default_factory=dict)
     iterations: dict[int, Iteration] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
@@ -45,6 +46,18 @@ class Record:
     def is_complete(self) -> bool:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
+
+    def results(self) -> list[Finished]:
+        """The experiments in order of their numbers, with the scores that they have by now."""
+        latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
+        finished = [self.experiments[number] for number in sorted(self.experiments)]
+        if not latest:
+            return finished
+        newer = [latest.get(Experiment(one.configuration, one.instance)) for one in finished]
+        return [
+            one if new is None else replace(one, score=new.score, failure=new.failure)
+            for one, new in zip(finished, newer, strict=True)
+        ]
 
     def test_scores(self) -> dict[int, tuple[float, ...]]:
         """The scores of each configuration on the test instances, in order of these; without tests that failed."""
@@ -67,6 +80,9 @@ class Record:
             e = self.experiments[number]
             words = f"\n{number} {e.iteration} {e.configuration} {e.instance} {e.seed} {e.score!r} {e.outcome}"
             digest.update(words.encode())
+        for number in sorted(number for number in self.revised if number < most):
+            for where, new in sorted(self.revised[number].items()):
+                digest.update(f"\nrevised {number} {where.configuration} {where.instance} {new.score!r}".encode())
         for end in ends:
             digest.update(f"\nend {end.budget} {end.experiments} {end.winner}".encode())
         return digest.hexdigest()
@@ -100,6 +116,10 @@ class Record:
         """Take in an experiment that the race has not asked for yet."""
         self.note([{"event": "ahead", **experiment._asdict(), **measured._asdict()}])
 
+    def note_revised(self, revised: Revised) -> None:
+        """Take in a score that has replaced another one."""
+        self.note([{"event": "revised", **asdict(revised)}])
+
     def note_end(self, end: End) -> None:
         """Take in that the race has ended, with the digest of all up to there."""
         self.ends.append(end)
@@ -131,6 +151,9 @@ class Record:
                 case "ahead":
                     where = Experiment(event["configuration"], event["instance"])
                     self.ahead[where] = Measured(event["score"], event["outcome"])
+                case "revised":
+                    new = Revised(**event)
+                    self.revised.setdefault(new.experiment, {})[Experiment(new.configuration, new.instance)] = new
                 case "iteration":
                     ended = Iteration(**event | {"elites": tuple(event["elites"])})
                     self.iterations[ended.iteration] = ended

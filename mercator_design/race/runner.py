@@ -5,6 +5,9 @@ last of them may run what it will ask for next if nothing is eliminated: an expe
 configuration and seed, so it may run before anyone asks. What the race then does not ask for is lost time and nothing
 else; it does not count as part of the budget, and the race never sees it.
 
+An evaluator may give the costs: it compares the configurations that are alive when all those of a batch have run, and
+so may replace the costs of others that have run on the instance before.
+
 So a race that was stopped is resumed by running it again with its record: it takes the same way, as it depends on the
 costs alone, and only what had not finished is run.
 """
@@ -12,13 +15,14 @@ costs alone, and only what had not finished is run.
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
-from mercator_design.race.events import End, Finished, Iteration, Measured, Tested
-from mercator_design.race.executors import Executor, Failed, Rejected, Stopped
+from mercator_design.race.events import End, Finished, Iteration, Measured, Revised, Tested
+from mercator_design.race.executors import Executor, Failed, Rejected, Stopped, attempt
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.scores import EXPECTED, is_score
@@ -53,6 +57,8 @@ class Runner(Generic[T]):
     watch: called with experiments that have just been run or looked up.
     watch_iterations: called with an iteration that has ended, unless that was known.
     stopped: whether to stop; asked before each experiment.
+    evaluate: if there is one, `function` only runs experiments, and this gives what came of one that has run among
+        configurations, in the order of a batch.
     speculate: whether an idle worker runs what the race has not asked for.
     """
 
@@ -67,6 +73,7 @@ class Runner(Generic[T]):
     watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
     watch_iterations: Callable[[Iteration], None] = lambda iteration: None  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False
+    evaluate: Callable[[Experiment, Sequence[int]], Measured] | None = None
     speculate: bool = True
 
     def __post_init__(self) -> None:
@@ -92,7 +99,8 @@ class Runner(Generic[T]):
         self._advance()
         for place, result in self.executor.run(self.function, self._items()):
             experiment = self._under_way.pop(place)
-            if experiment in self._missing:
+            is_run = self.evaluate is not None and not read_result(result)[2]
+            if experiment in self._missing and not is_run:
                 self._finish(experiment, result)
             else:
                 self._keep(experiment, result)
@@ -124,9 +132,13 @@ class Runner(Generic[T]):
 
     def _advance(self) -> None:
         """Tell what has finished and ask on, until something has to be run or the race has ended."""
-        while not (self._missing or self._failures or self._ended or self.stopped()):
+        while not (self._failures or self._ended or self.stopped()):
+            self._evaluate()
+            if self._missing or self._failures:
+                return
             if self._batch:
                 finished = [self.record.experiments[self._told + k] for k in range(len(self._batch))]
+                self._revise()
                 self._told += len(self._batch)
                 self.race.tell([float("inf") if one.score is None else self.cost(one.score) for one in finished])
                 self._note_iterations()
@@ -178,15 +190,66 @@ class Runner(Generic[T]):
         under_way = set(self._under_way.values())
         for experiment in list(self._missing):
             if experiment in self.record.ahead:
-                self._finish(experiment, self.record.ahead[experiment])
+                if self.evaluate is None:
+                    self._finish(experiment, self.record.ahead[experiment])
             elif experiment not in under_way:
                 self._todo.append(experiment)
 
+    def _evaluate(self) -> None:
+        """Evaluate a batch when all of it has run: what is alive on an instance, those that ran there before first."""
+        if self.evaluate is None or not self._missing or not self.record.ahead.keys() >= self._missing.keys():
+            return
+        for instance in dict.fromkeys(experiment.instance for experiment in self._batch):
+            asked = [e for e in self._batch if e.instance == instance and e in self.record.ahead]
+            before = [Experiment(configuration, instance) for configuration in self.race.beside(instance)]
+            alive = [experiment.configuration for experiment in (*before, *asked)]
+            known = self.record.revised.get(self._told, {})
+            for experiment in (*before, *asked):
+                if self._failures or self.stopped():
+                    return
+                if experiment in self._missing:
+                    self._finish(experiment, attempt(partial(self.evaluate, experiment), alive))
+                elif experiment in before and experiment not in known:
+                    self._note_revised(experiment, attempt(partial(self.evaluate, experiment), alive))
+
+    def _note_revised(self, experiment: Experiment, result: Measured | Failed) -> None:
+        score, _, failure = read_result(result)
+        if is_fatal(result, self.on_failure):
+            one = self._finished(self._told, experiment, result)
+            self._failures[self._told] = ExperimentFailed(one, error_of(result))
+        elif not (failure and self.stopped()):
+            self.record.note_revised(
+                Revised(
+                    experiment=self._told,
+                    configuration=experiment.configuration,
+                    instance=experiment.instance,
+                    score=score,
+                    failure=failure,
+                )
+            )
+
+    def _revise(self) -> None:
+        """Tell the race which costs the evaluation of a batch has replaced."""
+        revised = self.record.revised.get(self._told, {})
+        if revised:
+            costs = {e: float("inf") if one.score is None else self.cost(one.score) for e, one in revised.items()}
+            self.race.revise(costs)
+
     def _finish(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race has asked for."""
+        one = self._finished(self._missing.pop(experiment), experiment, result)
+        if one.failure and self.stopped():  # perhaps because of that; when the race is resumed it is tried again
+            return
+        if is_fatal(result, self.on_failure):  # not noted, as above
+            self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
+            return
+        self.record.note_experiments([one])
+        self.watch([one])
+
+    def _finished(self, number: int, experiment: Experiment, result: Measured | Failed) -> Finished:
         score, outcome, failure = read_result(result)
-        one = Finished(
-            experiment=self._missing.pop(experiment),
+        return Finished(
+            experiment=number,
             iteration=self.race.iteration,
             configuration=experiment.configuration,
             instance=experiment.instance,
@@ -195,13 +258,6 @@ class Runner(Generic[T]):
             outcome=outcome,
             failure=failure,
         )
-        if failure and self.stopped():  # perhaps because of that; when the race is resumed it is tried again
-            return
-        if is_fatal(result, self.on_failure):  # not noted, as above
-            self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
-            return
-        self.record.note_experiments([one])
-        self.watch([one])
 
     def _keep(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race may yet ask for; if it failed, it may fail then."""

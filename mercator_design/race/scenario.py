@@ -126,9 +126,6 @@ class _Reader:
         if self.value("configurationsFile"):
             initial, notes = read_configurations(self.file("configurationsFile"), space)
             self.notes += notes
-        if self.value("targetEvaluator"):
-            place = self.place("targetEvaluator")
-            self.notes.append(f"{place}: targetEvaluator is told of one configuration at a time, as soon as it has run")
         folder = self.path.resolve().parent
         return Scenario(
             path=self.path,

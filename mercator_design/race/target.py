@@ -12,6 +12,7 @@ import signal
 import subprocess
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,7 +66,7 @@ class Target:
     runner: the program.
     launcher: a program that runs it, for one that cannot be executed.
     cmdline: of the arguments, irace's targetCmdline.
-    evaluator: a program that prints the cost, after the runner has run.
+    evaluator: a program that prints the cost of a configuration, after the runner has run for all that are alive.
     folder: that it runs in.
     timeout: seconds after which a run has failed; 0 for none.
     retries: how often a run that failed is tried again.
@@ -105,13 +106,23 @@ class Target:
             line = line.replace(f"{{{name}}}", word)
         return [str(self.launcher or self.runner), *_split(line)]
 
-    def evaluation(self, call: Call) -> list[str]:
-        """The evaluator and its arguments; all that it hears of as alive is the configuration that has run."""
+    def evaluation(self, call: Call, alive: Sequence[int]) -> list[str]:
+        """The evaluator and its arguments; alive are the configurations that have run on the instance."""
         words = [str(call.configuration), call.instance_id, str(call.seed), *_split(call.instance)]
-        return [str(self.evaluator), *words, "1", str(call.configuration)]
+        return [str(self.evaluator), *words, str(len(alive)), *map(str, alive)]
+
+    def evaluate(self, call: Call, alive: Sequence[int]) -> Measured:
+        """The cost of an experiment that has run, by the evaluator, which may compare it with others.
+
+        Raises:
+            Rejected: As `__call__`.
+            TargetFailed: There is none.
+        """
+        command = self.evaluation(call, alive)
+        return _accepted(call, _cost(*self._numbers(command), command), "target evaluator")
 
     def __call__(self, call: Call) -> Measured:
-        """The cost of an experiment.
+        """The cost of an experiment; if there is an evaluator, the experiment only runs, and the cost is 0.
 
         Raises:
             Rejected: It is infinite, by which a target runner rejects a configuration.
@@ -119,30 +130,23 @@ class Target:
         """
         for left in range(self.retries, -1, -1):
             try:
-                cost = self._cost(call)
+                cost = self._run(call)
             except TargetFailed:
                 if not left or self.stop.is_set():
                     raise
             else:
                 break
-        if math.isinf(cost):
-            raise Rejected(f"configuration {call.configuration}: the target runner rejects it by a cost of {cost}")
-        return Measured(cost, "")
+        return _accepted(call, cost, "target runner")
 
-    def _cost(self, call: Call) -> float:
+    def _run(self, call: Call) -> float:
         command = self.command(call)
         self.made.add()
         numbers, printed = self._numbers(command)
-        if self.evaluator is not None:
-            if len(numbers) > 1:
-                raise _failed("expected nothing or a time, as a targetEvaluator gives the cost", printed, command)
-            command = self.evaluation(call)
-            numbers, printed = self._numbers(command)
-        if not 1 <= len(numbers) <= 2:
-            raise _failed("expected a cost, or a cost and a time", printed, command)
-        if math.isnan(numbers[0]):
-            raise _failed("expected a number as the cost", printed, command)
-        return numbers[0]
+        if self.evaluator is None:
+            return _cost(numbers, printed, command)
+        if len(numbers) > 1:
+            raise _failed("expected nothing or a time, as a targetEvaluator gives the cost", printed, command)
+        return 0.0
 
     def _numbers(self, command: list[str]) -> tuple[list[float], str]:
         """What a program prints, as numbers and as it is."""
@@ -198,6 +202,20 @@ class Target:
                 if self.stop.is_set() or time.monotonic() >= deadline:
                     _kill(process)
                     killed = True
+
+
+def _cost(numbers: list[float], printed: str, command: list[str]) -> float:
+    if not 1 <= len(numbers) <= 2:
+        raise _failed("expected a cost, or a cost and a time", printed, command)
+    if math.isnan(numbers[0]):
+        raise _failed("expected a number as the cost", printed, command)
+    return numbers[0]
+
+
+def _accepted(call: Call, cost: float, who: str) -> Measured:
+    if math.isinf(cost):
+        raise Rejected(f"configuration {call.configuration}: the {who} rejects it by a cost of {cost}")
+    return Measured(cost, "")
 
 
 def _decoded(printed: bytes | None) -> str:

@@ -46,6 +46,8 @@ class Task(ABC, Generic[T]):
         race: Over its configurations; has not begun.
         maximise: Whether more is better.
         function: Runs one experiment, in this process or in another.
+        evaluate: If there is one, `function` only runs an experiment, and this gives what came of it among
+            configurations, which it may compare.
         speculates: Whether idle workers run experiments that the race has not asked for, and may never ask for.
     """
 
@@ -59,6 +61,7 @@ class Task(ABC, Generic[T]):
     race: Asking
     maximise: bool = False
     function: Callable[[T], Measured]
+    evaluate: Callable[[T, Sequence[int]], Measured] | None = None
     speculates: bool = True
 
     @classmethod
@@ -142,6 +145,13 @@ class Task(ABC, Generic[T]):
         """Of an instance of the race."""
         return _seed(self.race.seed, instance)
 
+    @property
+    def _evaluation(self) -> Callable[[Experiment, Sequence[int]], Measured] | None:
+        evaluate = self.evaluate
+        if evaluate is None:
+            return None
+        return lambda one, alive: evaluate(self.item(one, self.race.configurations[one.configuration]), alive)
+
     def run(
         self,
         executor: Executor,
@@ -187,6 +197,7 @@ class Task(ABC, Generic[T]):
             watch=watch,
             watch_iterations=watch_iterations,
             stopped=stopped,
+            evaluate=self._evaluation,
             speculate=self.speculates,
         ).run()
         tests: dict[int, Scores] = {}
@@ -198,6 +209,7 @@ class Task(ABC, Generic[T]):
                 function=self.function,
                 item=lambda test: self.item(test, race.configurations[test.configuration], test=True),
                 seed=self.test_seed,
+                evaluate=self.evaluate,
                 on_failure=on_failure,
                 watch=watch_tests,
                 stopped=stopped,
@@ -205,7 +217,7 @@ class Task(ABC, Generic[T]):
             known = record.test_scores()
             tests = {number: Scores(known[number]) for number in testing.configurations(race) if number in known}
         best = race.best.configuration
-        finished = tuple(record.experiments[number] for number in range(len(record.experiments)))
+        finished = tuple(record.results())
         scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
         return Result(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
 

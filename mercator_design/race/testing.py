@@ -4,14 +4,15 @@ They begin when the race has ended, count towards no budget, and nothing of the 
 has ended can still be tested, or tested more, and a race with tests is the same as one without.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 from mercator_design.errors import RaceError
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import Measured, Tested
-from mercator_design.race.executors import Executor, Stopped
+from mercator_design.race.executors import Executor, Failed, Stopped, attempt
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
@@ -50,6 +51,7 @@ def run_tests(
     function: Callable[[T], Measured],
     item: Callable[[Experiment], T],
     seed: Callable[[int], int],
+    evaluate: Callable[[T, Sequence[int]], Measured] | None = None,
     on_failure: OnFailure = "stop",
     watch: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005 - names for the reader
     stopped: Callable[[], bool] = lambda: False,
@@ -63,6 +65,7 @@ def run_tests(
         function: Gives what came of an item.
         item: What to give the function for a test.
         seed: Of a test instance.
+        evaluate: If there is one, `function` only runs items, and this gives what came of one among configurations.
         on_failure: Whether a test that fails ends them all, or is noted as failed.
         watch: Called with the number of tests done, and of all.
         stopped: Whether to stop; asked before each test.
@@ -81,19 +84,15 @@ def run_tests(
     missing = [one for one in experiments if one not in record.tests]
     failures: dict[int, ExperimentFailed] = {}
 
-    def items() -> Iterator[T]:
-        for one in missing:
-            if failures or stopped():
-                return
-            yield item(one)
-
     done = len(experiments) - len(missing)
-    for place, result in executor.run(function, items()):
+    known = [one for one in experiments if one in record.tests]
+    results = measured(missing, executor, function, item, evaluate, known, lambda: bool(failures) or stopped())
+    for where, result in results:
         score, outcome, failure = read_result(result)
         test = Tested(
-            configuration=missing[place].configuration,
-            instance=missing[place].instance,
-            seed=seed(missing[place].instance),
+            configuration=where.configuration,
+            instance=where.instance,
+            seed=seed(where.instance),
             score=score,
             outcome=outcome,
             failure=failure,
@@ -101,7 +100,7 @@ def run_tests(
         if failure and stopped():  # perhaps because of that; when the race is resumed it is tried again
             continue
         if is_fatal(result, on_failure):  # not noted, as above
-            failures[place] = ExperimentFailed(test, error_of(result))
+            failures[missing.index(where)] = ExperimentFailed(test, error_of(result))
             continue
         record.note_test(test)
         done += 1
@@ -110,3 +109,46 @@ def run_tests(
         raise failures[min(failures)]
     if done < len(experiments):
         raise Stopped
+
+
+def measured(
+    tests: Sequence[Experiment],
+    executor: Executor,
+    function: Callable[[T], Measured],
+    item: Callable[[Experiment], T],
+    evaluate: Callable[[T, Sequence[int]], Measured] | None,
+    known: Collection[Experiment],
+    stopped: Callable[[], bool],
+) -> Iterator[tuple[Experiment, Measured | Failed]]:
+    """What came of tests, in the order in which that is known.
+
+    Args:
+        tests: On test instances.
+        executor: Runs them.
+        function: Gives what came of an item, or only runs it.
+        item: What to give the function for a test.
+        evaluate: If there is one, it gives what came of an item that has run, when all have run.
+        known: Tests that have run before, which the evaluator compares with, too.
+        stopped: Asked before each whether to stop.
+    """
+
+    def items() -> Iterator[T]:
+        for one in tests:
+            if stopped():
+                return
+            yield item(one)
+
+    ran: list[Experiment] = []
+    for place, result in executor.run(function, items()):
+        if evaluate is None or read_result(result)[2]:
+            yield tests[place], result
+        else:
+            ran.append(tests[place])
+    if evaluate is None:
+        return
+    for one in sorted(ran, key=lambda test: (test.instance, tests.index(test))):
+        alive = [other.configuration for other in (*known, *tests) if other.instance == one.instance
+                 and (other in known or other in ran)]  # fmt: skip
+        if stopped():
+            return
+        yield one, attempt(partial(evaluate, item(one)), alive)

@@ -5,7 +5,7 @@ import hashlib
 import json
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -25,6 +25,7 @@ from mercator_design.race.scenario import Scenario, read_scenario
 from mercator_design.race.scenario_options import in_names_of_irace, of_races
 from mercator_design.race.target import Call
 from mercator_design.race.task import Result, Start, Task
+from mercator_design.race.testing import measured
 from mercator_design.seeds import generator, instance_seed
 
 _AS_IT_IS = {"parameterFile", "configurationsFile", "instances", "testInstances"} | {
@@ -52,6 +53,8 @@ class Tuner(Task[Call]):
         self.name = scenario.name
         self.method = method
         self.function = scenario.target
+        if scenario.target.evaluator is not None:
+            self.evaluate = scenario.target.evaluate
         try:
             self.race = self._race()
         except RaceError as error:
@@ -166,14 +169,16 @@ class Tuner(Task[Call]):
         failed: list[ExperimentFailed] = []
         costs = [[math.inf] * n for _ in configurations]
 
-        def items() -> Iterator[Call]:
-            for test in tests:
-                if failed or stopped():
-                    return
-                yield self.item(test, configurations[test.configuration - 1], test=True)
-
-        for place, result in executor.run(self.function, items()):
-            test = tests[place]
+        results = measured(
+            tests,
+            executor,
+            self.function,
+            lambda test: self.item(test, configurations[test.configuration - 1], test=True),
+            self.evaluate,
+            [],
+            lambda: bool(failed) or stopped(),
+        )
+        for test, result in results:
             score, _, failure = read_result(result)
             if is_fatal(result, on_failure):
                 one = Tested(
@@ -213,6 +218,11 @@ class Tuner(Task[Call]):
         """What a shell is told to run an experiment."""
         target = self.scenario.target
         return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.command(call))}"
+
+    def evaluation_line(self, call: Call, alive: Sequence[int]) -> str:
+        """What a shell is told to evaluate an experiment that has run."""
+        target = self.scenario.target
+        return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.evaluation(call, alive))}"
 
     def place(self, instance: int) -> int:
         """Which of the scenario's instances an instance of the race is: all of them once, then all once more, ..."""

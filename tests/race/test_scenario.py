@@ -128,8 +128,7 @@ def test_how_the_target_is_run(scenario, folder):
     )
     assert (target.folder, target.retries, target.timeout) == (folder / "data", 2, 9)
     assert target.cmdline == "{seed} {instance} {targetRunnerArgs}"
-    assert one.notes == (f"{folder / 'scenario.txt'}:6: targetEvaluator is told of one configuration at a time, "
-                         "as soon as it has run",)  # fmt: skip
+    assert one.notes == ()
     assert (one.jobs, one.seed, one.options.sample_instances) == (3, 12, False)
 
 

@@ -129,10 +129,15 @@ def test_it_is_tried_again(tmp_path, program):
 def test_the_evaluator_gives_the_cost(tmp_path, program):
     evaluator = program('echo "$@" > asked; cat result', "evaluator")
     target = Target(runner=program("echo 5 > result"), evaluator=evaluator, folder=tmp_path)
-    assert target(CALL).score == 5
-    assert (tmp_path / "asked").read_text() == "7 2 42 a.tsp --opt x y 1 7\n"
+    assert target(CALL).score == 0
+    assert not (tmp_path / "asked").exists()
+    assert target.evaluate(CALL, [3, 7]).score == 5
+    assert (tmp_path / "asked").read_text() == "7 2 42 a.tsp --opt x y 2 3 7\n"
     with pytest.raises(TargetFailed, match="expected nothing or a time"):
         Target(runner=program("echo 1 2"), evaluator=evaluator, folder=tmp_path)(CALL)
+    (tmp_path / "result").write_text("Inf")
+    with pytest.raises(Rejected, match="the target evaluator rejects it"):
+        target.evaluate(CALL, [7])
 
 
 def is_running(process):

@@ -130,7 +130,7 @@ def _given(**options: "Path | int | None") -> "list[Assignment]":
 
 def _check(tuner: "Tuner") -> None:
     """Run the first experiments of a race: configurations to begin with, and two more."""
-    from mercator_design.race.executors import Failed, Rejected, attempt
+    from mercator_design.race.executors import Failed, Rejected, attempt_here
 
     failed = False
 
@@ -138,7 +138,7 @@ def _check(tuner: "Tuner") -> None:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
         click.echo(command)
-        result = attempt(lambda _: run(), None)
+        result = attempt_here(lambda _: run(), None)
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
             click.echo(printable(f"  {result.reason}"))

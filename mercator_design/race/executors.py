@@ -103,6 +103,14 @@ def attempt(function: Callable[[T], R], item: T) -> R | Failed:
         return Failed(described(error, _MOST_SAID), error if isinstance(error, Exception) else None)
 
 
+def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
+    """As `attempt`, in the main thread: what is about the program, such as Ctrl-C, is raised."""
+    try:
+        return function(item)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is about this item
+        return Failed(described(error, _MOST_SAID), error)
+
+
 def in_order(
     executor: Executor,
     function: Callable[[T], R],

@@ -22,7 +22,7 @@ from typing import Generic, Literal, TypeVar
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import End, Finished, Iteration, Measured, Revised, Tested
-from mercator_design.race.executors import Executor, Failed, Rejected, Stopped, attempt
+from mercator_design.race.executors import Executor, Failed, Rejected, Stopped, attempt_here
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.scores import EXPECTED, is_score
@@ -208,9 +208,9 @@ class Runner(Generic[T]):
                 if self._failures or self.stopped():
                     return
                 if experiment in self._missing:
-                    self._finish(experiment, attempt(partial(self.evaluate, experiment), alive))
+                    self._finish(experiment, attempt_here(partial(self.evaluate, experiment), alive))
                 elif experiment in before and experiment not in known:
-                    self._note_revised(experiment, attempt(partial(self.evaluate, experiment), alive))
+                    self._note_revised(experiment, attempt_here(partial(self.evaluate, experiment), alive))
 
     def _note_revised(self, experiment: Experiment, result: Measured | Failed) -> None:
         score, _, failure = read_result(result)

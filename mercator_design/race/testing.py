@@ -12,7 +12,7 @@ from typing import TypeVar
 from mercator_design.errors import RaceError
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import Measured, Tested
-from mercator_design.race.executors import Executor, Failed, Stopped, attempt
+from mercator_design.race.executors import Executor, Failed, Stopped, attempt_here
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
@@ -151,4 +151,4 @@ def measured(
                  and (other in known or other in ran)]  # fmt: skip
         if stopped():
             return
-        yield one, attempt(partial(evaluate, item(one)), alive)
+        yield one, attempt_here(partial(evaluate, item(one)), alive)

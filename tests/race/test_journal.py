@@ -380,9 +380,8 @@ class TestFailures:
         def never(item):
             raise OSError("no")
 
-        running = runner(Record(), ThreadExecutor(1), function=never, on_failure="reject")
-        with pytest.raises(RaceError, match="all were rejected"):
-            running.run()
+        with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="all were rejected"):
+            runner(Record(), executor, function=never, on_failure="reject").run()
 
 
 def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):

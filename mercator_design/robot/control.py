@@ -3,13 +3,13 @@
 import contextlib
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from mercator_design.colours import RGB, ColourName
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.robot.log import Log
 from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.ports import open_ports
+from mercator_design.robot.ports import DeviceName, open_ports
 from mercator_design.robot.safety import STALL, Signals, Watchdog, go_first
 from mercator_design.robot.settings import Settings
 
@@ -119,7 +119,11 @@ def held_up(seconds: float) -> str:
 
 @contextlib.contextmanager
 def in_control(
-    settings: Settings, reads: Iterable[str], labels: Mapping[ColourName, RGB], log: Log | None
+    settings: Settings,
+    reads: Iterable[str],
+    labels: Mapping[ColourName, RGB],
+    log: Log | None,
+    without: Collection[DeviceName] = (),
 ) -> Iterator[Control]:
     """Take control of a robot; its watchdog is not armed yet.
 
@@ -130,6 +134,7 @@ def in_control(
         reads: The senses that are needed, of modules.SENSES.
         labels: What the ground sensor reads on each colour of the floor.
         log: Of what is done, to be begun once the robot is started up.
+        without: Devices that are left alone.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
@@ -139,7 +144,7 @@ def in_control(
     """
     go_first(1)
     signals = Signals()
-    with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports) as ports:
+    with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports, without) as ports:
         robot = Mercator(settings, ports, reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)

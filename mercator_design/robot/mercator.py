@@ -65,9 +65,9 @@ class Mercator:
             RobotError: if it lacks a sense.
         """
         self.senses = Senses(settings, reads, labels)
-        lines = [Line(device, port) for device, port in zip(DEVICES, ports, strict=True)]
-        self._talk = Talk(lines, self._take)
-        _, self._lidar, _ = lines
+        lines = {device: Line(device, port) for device, port in zip(DEVICES, ports, strict=True) if port is not None}
+        self._talk = Talk(lines.values(), self._take)
+        self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
         self._settings = settings
         self._is_blind = self._do_commands_end = False
         self._polled, self._unanswered = -math.inf, 0
@@ -127,7 +127,7 @@ class Mercator:
         self._health.look(now)
 
     def _counts(self) -> dict[DeviceName, Counts]:
-        return {device: self._talk.counts(device) for device in DEVICES}
+        return {device: self._talk.counts(device) for device in self._devices}
 
     def lines(self) -> dict[DeviceName, list[float]]:
         """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
@@ -137,7 +137,8 @@ class Mercator:
         found: dict[DeviceName, list[float]] = {
             device: [round(self.senses.lines[device].share, 4), *count] for device, count in self._counts().items()
         }
-        found["lidar"].append(self.senses.sight)
+        if "lidar" in found:
+            found["lidar"].append(self.senses.sight)
         return found
 
     def readings(self) -> Readings:
@@ -208,7 +209,8 @@ class Mercator:
         except RobotError as error:
             self.unrest = f"it was not seen that the RVR stopped: {error}"
         with contextlib.suppress(RobotError):
-            stop_lidar(talk, self._lidar)
+            if self._lidar is not None:
+                stop_lidar(talk, self._lidar)
         if self.unrest:
             self.note(self.unrest)
 
@@ -228,8 +230,10 @@ class Mercator:
         talk.ask("enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             talk.ask(name, processor, **values)
-        self.facts |= start_lidar(talk, self._lidar)
-        start_hub(talk)
+        if self._lidar is not None:
+            self.facts |= start_lidar(talk, self._lidar)
+        if self._has_hub:
+            start_hub(talk)
         self._until_all_is_told()
 
     def sense_anew(self) -> None:

@@ -11,10 +11,10 @@ import re
 import stat
 import termios
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import serial
 from serial.tools import list_ports
@@ -28,6 +28,8 @@ PortName = Annotated[
 ]
 DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
+OPTIONAL: tuple[DeviceName, ...] = ("lidar", "proximity")
+"""Devices without which a robot can run a PFSM that does not need them."""
 BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
 _OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")
@@ -56,24 +58,27 @@ class PortNames:
 
 
 class Ports(NamedTuple):
-    """The open ports, in the order of `DEVICES`."""
+    """The open ports, in the order of `DEVICES`; None of a device that is done without."""
 
     rvr: serial.Serial
-    lidar: serial.Serial
-    proximity: serial.Serial
+    lidar: serial.Serial | None
+    proximity: serial.Serial | None
 
 
 @contextlib.contextmanager
-def open_ports(names: PortNames) -> Iterator[Ports]:
-    """The three ports, for this program alone; closed on the way out.
+def open_ports(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Ports]:
+    """The three ports, but for those of devices `without` which it goes, for this program alone; closed on the way out.
 
     Raises:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
         devices: dict[str, DeviceName] = {}
-        ports = []
+        ports: list[Any] = []
         for device in DEVICES:
+            if device in without:
+                ports.append(None)
+                continue
             name = getattr(names, device)
             found = find_port(device, name)
             path = os.path.realpath(found)

@@ -17,6 +17,7 @@ from mercator_design.robot.control import Control, in_control
 from mercator_design.robot.joint import AtOnce
 from mercator_design.robot.log import Log, finite, plain
 from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.rvr_messages import LIGHTS
 from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings, control_period_of
@@ -30,12 +31,14 @@ class Run:
     seed: Of the draws.
     duration: [s]; None: until something stops it.
     is_dry: The wheels stay at rest.
+    without: Devices that are left alone, as they are broken or not there; the PFSM reads no sense of theirs.
     """
 
     file: FsmFile
     seed: int
     duration: float | None = None
     is_dry: bool = False
+    without: tuple[DeviceName, ...] = ()
 
     @property
     def period(self) -> float:
@@ -68,7 +71,7 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], 
             "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
         )
     begins = together or AtOnce()
-    with begins, in_control(settings, pfsm.reads, labels, log) as control, until_stopping():
+    with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):
             _begin(log, settings, what, control.robot, tell, begins.clock())
@@ -97,6 +100,7 @@ def _begin(
         seed=what.seed,
         duration=what.duration,
         dry_run=what.is_dry,
+        without=what.without,
         control_period=what.period,
         control_software=control_digest(),
         reference_model=settings.reference_model._asdict(),

@@ -33,6 +33,10 @@ class Stale(NamedTuple):
     words: str
 
 
+DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
+"""Which device each of the senses is of that modules read."""
+
+
 class Senses:
     """The senses of a robot.
 
@@ -56,14 +60,14 @@ class Senses:
             RobotError: if the robot lacks a sense.
         """
         limits = settings.limits
+        if lacking := sorted(set(reads) - set(DEVICE_OF)):
+            raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
         sources: dict[str, tuple[str, float, DeviceName]] = {
             "proximity": ("proximity", limits.proximity, "proximity"),
             "neighbours": ("lidar", limits.lidar, "lidar"),
             "ground": ("ground", limits.rvr, "rvr"),
+            "attitude": ("attitude", limits.rvr, "rvr"),
         }
-        if lacking := sorted(set(reads) - set(sources)):
-            raise RobotError(f"expected a PFSM that reads {', '.join(sources)}, found one that reads {lacking[0]}")
-        sources["attitude"] = ("attitude", limits.rvr, "rvr")
         self._needed = [sources[sense] for sense in ("attitude", *sorted(reads))]
         self._settings, self._model, self._labels = settings, settings.reference_model, labels
         self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
@@ -88,8 +92,8 @@ class Senses:
 
     def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[str]:
         """Look at a time [s] how much arrives whole, by what came over each line so far; what people should know."""
-        for device, line in self.lines.items():
-            count = counts[device]
+        for device, count in counts.items():
+            line = self.lines[device]
             lost, received = (self.sweep.swept.lost, self.sweep.swept.all) if device == "lidar" else count[1::-1]
             is_worse = line.look(now, lost, received)
             if is_worse is not None:

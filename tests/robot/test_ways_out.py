@@ -417,6 +417,45 @@ def test_a_run_is_as_the_pfsm_was_raced(tmp_path):
 
 
 @made_in_time
+def test_a_run_without_a_device_that_is_broken(tmp_path):
+    """Neither its port is needed nor what it would say; all that stops another run stops this one."""
+    with running(tmp_path, GO, "", "", "--without", "lidar") as robot:
+        robot.devices.unplugged.add("lidar")
+        robot.drives()
+        robot.devices.tell("motor_fault", is_fault=True)
+        error = check(robot, 4, "rvr: a motor has a fault")
+        assert error.startswith("Without lidar: it is left alone, and what it would tell is neutral.\n")
+        assert robot.devices.lidar_commands == []
+        start, *events = read(tmp_path / "log.jsonl")
+        cycles = [event for event in events if event["event"] == "cycle"]
+        assert (start["without"], start["facts"].get("lidar")) == (["lidar"], None)
+        assert cycles[0]["lines"].keys() == {"rvr", "proximity"}
+        assert (cycles[0]["readings"][2:5], cycles[0]["neighbours"]) == ([0.0] * 3, [])
+
+
+@made_in_time
+def test_a_run_with_the_rvr_alone(tmp_path):
+    options = ("--duration", "0.5", "--without", "lidar", "--without", "proximity", "--without", "lidar")
+    with running(tmp_path, "--nstates 1 --s0 1", "", "", *options) as robot:
+        robot.devices.unplugged |= {"lidar", "proximity"}
+        returned, error = robot.ended()
+        assert (returned, error.count("Without")) == (0, 2), error
+        start, *events = read(tmp_path / "log.jsonl")
+        cycle = next(event for event in events if event["event"] == "cycle")
+        assert start["without"] == ["lidar", "proximity"]
+        assert (cycle["lines"].keys(), cycle["readings"][:5]) == ({"rvr"}, [0.0] * 5)
+
+
+@pytest.mark.parametrize("device", ["lidar", "proximity"])
+def test_no_run_goes_without_what_it_reads(tmp_path, device):
+    with running(tmp_path, ALL, "", "", "--without", device) as robot:
+        returned, error = robot.ended()
+        assert (returned, f"--without {device}: the PFSM reads " in error) == (2, True), error
+        assert robot.devices.commands == []
+        assert not (tmp_path / "log.jsonl").exists()
+
+
+@made_in_time
 def test_a_dry_run_never_turns_the_wheels(tmp_path):
     with running(tmp_path, GO, "", "", "--duration", "1", "--dry-run") as robot:
         said = check(robot, 0, "The duration is over").splitlines()

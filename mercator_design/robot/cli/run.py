@@ -9,8 +9,10 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, read_con
 from mercator_design.errors import FsmError
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
 from mercator_design.robot.joint import AtOnce, Joint
+from mercator_design.robot.ports import OPTIONAL, DeviceName
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
+from mercator_design.robot.senses import DEVICE_OF
 from mercator_design.robot.settings import Settings
 
 
@@ -28,6 +30,12 @@ from mercator_design.robot.settings import Settings
     "-o", "--log", type=OutputFile(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
 )
 @click.option(
+    "--without",
+    type=click.Choice(OPTIONAL),
+    multiple=True,
+    help="Leave this device alone, as one that is broken; not if the PFSM reads what it tells. May be repeated.",
+)
+@click.option(
     "--await-start",
     is_flag=True,
     help="Begin together with other robots, when the standard input says so; it is what `mdesign deploy --start` uses.",
@@ -41,6 +49,7 @@ def run(
     seed: int | None,
     dry_run: bool,
     log: str | None,
+    without: tuple[DeviceName, ...],
     await_start: bool,
     flavour: str | None,
     lenient: bool,
@@ -53,9 +62,15 @@ def run(
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
     path = new_file(log, "run", settings.name)
-    what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run)
+    without = tuple(dict.fromkeys(without))
+    for sense in sorted(file.pfsm.reads):
+        if (device := DEVICE_OF.get(sense)) in without:
+            raise click.UsageError(f"--without {device}: the PFSM reads {sense}, which {device} tells")
+    what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run, without=without)
     if dry_run:
         tell("Dry run: the wheels do not turn.")
+    for device in without:
+        tell(f"Without {device}: it is left alone, and what it would tell is neutral.")
     with naming_in_the_end(path, "log", tell):
         try:
             drive(settings, what, path, tell, Joint() if await_start else AtOnce())

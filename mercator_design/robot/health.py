@@ -88,7 +88,7 @@ class RvrHealth:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._percentage: int | None = None
+        self._percentage = 100
         self._state = GOOD
         self._is_low = False
         self._heat = [0, 0]
@@ -105,10 +105,10 @@ class RvrHealth:
         match name:
             case "get_battery_percentage" if values:
                 self._percentage = values["percentage"]
-                yield from self._battery()
+                yield from self._battery(f" ({charge(self._percentage)})")
             case "battery_voltage_state_change" | "get_battery_voltage_state" if values:
                 self._state = values["state"]
-                yield from self._battery()
+                yield from self._battery("")
             case "motor_stall" if values["motor_index"] < len(SIDES):
                 side = values["motor_index"]
                 self._is_stuck[side] = values["is_triggered"]
@@ -138,14 +138,12 @@ class RvrHealth:
                 found = f"for {self._stuck_for[k]:.1f} s; the limit is {self._limits.stall:g} s"
                 raise Stopped(f"rvr: the {side} tread is stuck {found}; free it")
 
-    def _battery(self) -> Iterator[str]:
-        told = "" if self._percentage is None else f" ({charge(self._percentage)})"
-        percentage = 100 if self._percentage is None else self._percentage
-        if self._state == CRITICAL or percentage < self._limits.battery_critical:
+    def _battery(self, told: str) -> Iterator[str]:
+        if self._state == CRITICAL or self._percentage < self._limits.battery_critical:
             raise Stopped(f"rvr: the battery is critical{told}; charge it")
         was_low = self._is_low
         enough = self._limits.battery_low + (_RECOVERED if was_low else 0)
-        self._is_low = self._state == LOW or percentage < enough
+        self._is_low = self._state == LOW or self._percentage < enough
         if self._is_low and not was_low:
             yield f"rvr: the battery is low{told}; charge it soon"
 

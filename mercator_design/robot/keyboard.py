@@ -79,6 +79,11 @@ class Keyboard:
             width = os.get_terminal_size(self._terminal).columns or 80
             os.write(self._terminal, (_CLEAR_LINE + printable(status)[: width - 1]).encode())
 
+    def say(self, text: str) -> None:
+        """Put a line that stays above the status, if the terminal takes it."""
+        with contextlib.suppress(OSError):
+            os.write(self._terminal, f"{_CLEAR_LINE}{printable(text)}\n".encode())
+
 
 @contextlib.contextmanager
 def keyboard() -> Iterator[Keyboard]:

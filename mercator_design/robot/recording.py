@@ -49,7 +49,6 @@ class Recorder:
             lidar_angle=settings.lidar_angle,
         )
         robot.listen = self._hear
-        robot.report(log.remark)
 
     def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
         """Write an event that happened at a time [s, of time.monotonic()]."""
@@ -92,6 +91,7 @@ def record(
     with in_control(settings, _EVERYTHING, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
+        robot.report(log.remark, tell)
         begin = now = time.monotonic()
         robot.introduce(tell)
         end = math.inf if duration is None else begin + duration

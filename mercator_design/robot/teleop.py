@@ -76,12 +76,15 @@ def teleop(
         recorder = None if log is None else Recorder(log, control.robot, settings)
         control.robot.introduce(tell)
         tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
+        note = (lambda _: None) if log is None else log.remark
         with keyboard() as keys:
             try:
+                control.robot.report(note, keys.say)
                 control.arm()
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
+                control.robot.report(note, tell)
                 if recorder is not None:
                     recorder.note("wheels", time.monotonic(), left=0.0, right=0.0)
 

@@ -286,6 +286,20 @@ class TestDriving:
         assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
         assert len(shown) < 80
 
+    def test_what_people_should_know_stays_above(self, tmp_path):
+        with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
+            drive.devices.rvr.level = 15.0
+            shown = ""
+
+            def is_told():
+                nonlocal shown
+                shown += os.read(drive.fingers, 4000).decode()
+                return "\r\x1b[Krvr: the battery is low; charge it soon\r\n" in shown
+
+            drive.devices.when(is_told)
+            drive.press(b"q")
+            drive.ended(0)
+
     def test_the_battery_is_asked_after(self, tmp_path):
         with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
             drive.devices.when(lambda: asked(drive.devices) > 5)

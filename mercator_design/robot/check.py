@@ -8,7 +8,7 @@ from typing import Any
 
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.framing import Counts
-from mercator_design.robot.health import CRITICAL, LOW, SIDES, matters_below
+from mercator_design.robot.health import CRITICAL, LOOSE, LOW, SIDES, matters_below
 from mercator_design.robot.install import NAMED, RULES
 from mercator_design.robot.mercator import PERIOD
 from mercator_design.robot.multiflex import Distances
@@ -34,7 +34,6 @@ _LISTEN = 2.0  # [s] to a lidar or hub
 _LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, and how often [s]
-_LOOSE = "is a cable loose, too long, or beside one of a motor?"
 _OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
@@ -171,7 +170,7 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
         end_streaming(talk)
     yield _of_line("rvr", settings, before, talk.counts("rvr"))
     is_fine = echoes >= asked * matters_below(settings.limits.rvr_whole)
-    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back" + ("" if is_fine else f"; {_LOOSE}"))
+    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back" + ("" if is_fine else f"; {LOOSE}"))
 
 
 def _of_motors(heat: Mapping[str, Any]) -> Finding:
@@ -190,7 +189,7 @@ def _of_line(
     whole = 1.0 - missing / max(of_all, 1)
     is_fine = whole >= matters_below(getattr(settings.limits, f"{device}_whole"))
     words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
-    return Finding(f"{device}'s line", is_fine, words + ("" if is_fine else f"; {_LOOSE}"))
+    return Finding(f"{device}'s line", is_fine, words + ("" if is_fine else f"; {LOOSE}"))
 
 
 def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:

@@ -14,6 +14,10 @@ _CALM = 5.0  # [s] for which a line must be well again
 _STEP = 0.1  # [s] between looks that are remembered
 
 
+LOOSE = "is a cable loose, too long, or beside one of a motor?"
+"""What to look at if a line is damaged."""
+
+
 class _Look(NamedTuple):
     time: float
     lost: float

@@ -162,7 +162,7 @@ class Mercator:
     def stale(self, now: float) -> dict[str, str]:
         """The samples that are needed and too old at a time [s], by name: what people should know of each."""
         return {
-            name: f"{name}: {found.words}; {self._talk.remedy(found.device)}"
+            name: f"{name}: {found.words}; {found.remedy or self._talk.remedy(found.device)}"
             for name, found in self.senses.stale(now).items()
         }
 

@@ -13,7 +13,7 @@ from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings
 from mercator_design.robot.framing import Counts
-from mercator_design.robot.health import LineHealth
+from mercator_design.robot.health import LOOSE, LineHealth
 from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.samples import Sample, converted, heading
 from mercator_design.robot.settings import Settings, nearest
@@ -27,10 +27,12 @@ class Stale(NamedTuple):
 
     device: Which device should have told it.
     words: What is wrong with it.
+    remedy: What to look at, if that is known; else it depends on what else the device said.
     """
 
     device: DeviceName
     words: str
+    remedy: str = ""
 
 
 DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
@@ -98,7 +100,7 @@ class Senses:
             is_worse = line.look(now, lost, received)
             if is_worse is not None:
                 whole = f"{_percent(line.share)} of what it sends arrives whole"
-                consequence = f"; below {_percent(line.least)} it counts as silent; is a cable loose?"
+                consequence = f"; below {_percent(line.least)} it counts as silent; {LOOSE}"
                 yield f"{device}: only {whole}{consequence}" if is_worse else f"{device}: {whole} again"
 
     def forget(self) -> None:
@@ -174,7 +176,7 @@ class Senses:
                 stale[name] = Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
             elif line.is_broken:
                 found = f"only {_percent(line.share)} of what the {device} sends arrives whole"
-                stale[name] = Stale(device, f"{found}; the limit is {_percent(line.least)}")
+                stale[name] = Stale(device, f"{found}; the limit is {_percent(line.least)}", LOOSE)
         return stale
 
 

@@ -49,6 +49,7 @@ class Drive:
     told: What the treads aim at.
     by: What told them so: a command, or "timeout", "sleep", "port closed".
     treads: What they are at, on the way to what they aim at.
+    stalled: Motors that are stuck (0 left, 1 right).
     """
 
     def __init__(self, tread_distance: float, place: Callable[[], Place]) -> None:
@@ -70,7 +71,7 @@ class Drive:
         self._timeout = TIMEOUT
         self._then = 0.0
         self._stopped = True
-        self._stalled: frozenset[int] = frozenset()
+        self.stalled: frozenset[int] = frozenset()
         self._cut: frozenset[int] = frozenset()
         self._defaults, self._slew = dict(_DEFAULTS), dict(_SLEW)
         self._drove_to: bool | None = None
@@ -83,7 +84,7 @@ class Drive:
         told: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
-            0.0 if motor in self._stalled | self._cut else now + min(max(aim - now, -change), change)
+            0.0 if motor in self.stalled | self._cut else now + min(max(aim - now, -change), change)
             for motor, (aim, now) in enumerate(zip(self.told, self.treads, strict=True))
         )
         self._then, self.treads = self.now, (left, right)
@@ -108,7 +109,7 @@ class Drive:
     def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
         """These motors (0 left, 1 right), and no others, are cut off from now on; the notifications that follow."""
         stalled = frozenset(motors)
-        changed, self._stalled = sorted(stalled ^ self._stalled), stalled
+        changed, self.stalled = sorted(stalled ^ self.stalled), stalled
         return [("motor_stall", {"motor_index": motor, "is_triggered": motor in stalled}) for motor in changed]
 
     def cut(self, motors: Iterable[int]) -> None:

@@ -247,7 +247,10 @@ class Rvr:
         self._notifies["battery_voltage_state_change"] = is_enabled
 
     def enable_motor_stall_notify(self, is_enabled: bool) -> None:
+        """Notify from now on, and of what is stuck already."""
         self._notifies["motor_stall"] = is_enabled
+        for motor in sorted(self._drive.stalled):
+            self._notify("motor_stall", motor_index=motor, is_triggered=True)
 
     def enable_motor_thermal_protection_status_notify(self, is_enabled: bool) -> None:
         self._notifies["motor_thermal_protection_status"] = is_enabled

@@ -207,6 +207,13 @@ class TestInATwin:
         ]
         assert talk.arena.poses[0, 2] < -0.3  # it turned to the right meanwhile
 
+    def test_a_motor_that_is_stuck_already_is_told_to_who_asks(self):
+        talk = Talk(script=Script(faults=(Stall(at=0.5, robot=0, motor="right"),)))
+        talk.wait(1.0)
+        (told,) = talk.send("enable_motor_stall_notify", is_enabled=True)
+        assert told.values == {"motor_index": 1, "is_triggered": True}
+        assert talk.send("enable_motor_stall_notify", is_enabled=False) == []
+
     def test_a_motor_gets_hot(self):
         """From 70 degrees on it is cut off, whatever it is told; of several faults the hottest counts."""
         faults = [Heat(at=at, duration=1.0, robot=0, motor="right", temperature=t) for at, t in ((0.5, 75), (1.0, 65))]

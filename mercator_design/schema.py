@@ -272,8 +272,15 @@ def values_in(
         for part in [part for part in parts if _is_of(part, value)][:1]:
             yield from values_in(part, value, path)
     elif is_record(base):
+        keywords = keywords_of(base)
         for name, (annotation, _) in fields_of(base).items():
-            yield from values_in(annotation, getattr(value, name), f"{path}.{name}")
+            if keywords is None or name != keywords[0]:
+                yield from values_in(annotation, getattr(value, name), f"{path}.{name}" if path else name)
+        if keywords is not None:
+            field, rule = keywords
+            given = getattr(value, field)
+            for name, (annotation, default) in parameters_of(rule.functions[getattr(value, rule.key)]).items():
+                yield from values_in(annotation, given.get(name, default), f"{path}.{name}" if path else name)
     elif origin_of(base) is tuple:
         kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
         for index, (each, item) in enumerate(zip(kinds, value, strict=True)):

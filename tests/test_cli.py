@@ -385,13 +385,68 @@ class TestValidate:
         code, out, err = mdesign("validate", robot, mission)
         assert code == 0
         assert len(out.splitlines()) == 2
-        far = "Warning: robot model far: neighbours.range: 2 m changes nothing"
+        far = f"Warning: {robot}:3: neighbours.range: 2 m changes nothing"
+        line = mission.read_text().splitlines().index("floor:") + 1
         assert [line.partition(", as")[0] for line in err.splitlines()] == [
             far,
             far,
-            "Warning: colours: floor: no condition of robot far tells gray, green, red apart",
+            f"Warning: {mission}:{line}: floor: no condition of robot far tells gray, green, red apart",
         ]
 
+    def test_all_mistakes_are_told_each_in_its_line(self, mdesign, tmp_path):
+        text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: many")
+        (tmp_path / "bad.yaml").write_text(text.replace("radius:", "raduis:"))
+        code, _, err = mdesign("validate", tmp_path / "bad.yaml")
+        assert code == 3
+        assert [line.startswith(f"Error: {tmp_path}/bad.yaml:") for line in err.splitlines()] == [True] * 3
+        assert err.count("did you mean 'radius'?") == 2
+
+    def test_a_mission_in_the_other_spelling_is_one(self, mdesign, tmp_path):
+        text = shipped.robot_models()["epuck"].read_text().replace("neighbours:", "neighbors:")
+        (tmp_path / "model.yaml").write_text(text)
+        assert mdesign("validate", tmp_path / "model.yaml") == (
+            0,
+            f"{tmp_path}/model.yaml: valid robot model epuck\n",
+            "",
+        )
+
+
+BLOCKED = [
+    "arena.obstacles=[{center: [0, 0], size: [0.02, 3]}]",
+    "floor.zones[0].center=[0.7, 0]",
+    "floor.zones[0].radius=0.2",
+    "placement={shape: disc, center: [-0.6, 0], radius: 0.3}",
+    "robots=1",
+]
+
+
+class TestWhatCannotBe:
+    WHY = "every score is the same, whatever the robots do, as they cannot reach spot"
+
+    def test_it_is_refused(self, mdesign, tmp_path):
+        _, text, _ = mdesign("missions", "show", "aggregation", *(word for each in BLOCKED for word in ("--set", each)))
+        (tmp_path / "blocked.yaml").write_text(text)
+        code, out, err = mdesign("validate", tmp_path / "blocked.yaml")
+        assert (code, out) == (3, "")
+        warning, error = err.splitlines()
+        assert re.fullmatch(
+            r"Warning: \S+blocked.yaml:\d+: floor.zones\[0\]: no robot can reach zone 'spot': .*", warning
+        )
+        assert re.fullmatch(rf"Error: \S+blocked.yaml:\d+: objective: {self.WHY}", error)
+        code, _, err = mdesign("race", tmp_path / "blocked.yaml", "--budget", 60, "-o", tmp_path / "results")
+        assert (code, self.WHY in err, (tmp_path / "results").exists()) == (3, True, False)
+
+    def test_elsewhere_it_is_told(self, mdesign, tmp_path, fsm):
+        options = [word for each in [*BLOCKED, "duration=1"] for word in ("--set", each)]
+        code, _, err = mdesign("evaluate", fsm, "-n", 2, *options)
+        assert (code, f": objective: {self.WHY}" in err) == (0, True)
+        code, _, err = mdesign("missions", "preview", "aggregation", "-o", tmp_path / "a.png", *options)
+        assert (code, f": objective: {self.WHY}" in err) == (0, True)
+        code, _, err = mdesign("evaluate", fsm, "-n", 2, "--cost", *options)
+        assert (code, err) == (0, "")
+
+
+class TestPlacesToStart:
     def test_robots_must_find_places(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")
         (tmp_path / "crowd.yaml").write_text(text)

@@ -119,12 +119,44 @@ def test_a_light_that_is_off_is_hollow_and_says_so():
     assert says == {"light, off": (0.5, 0.0), "light, 1 m high": (-0.5, 0.0)}
 
 
-def start_area(axes):
-    """The corners of the border of the start area, if one is drawn."""
+def start_area(axes, what="start area"):
+    """The corners of the border of the start area, or of something else, if it is drawn."""
     points = [
-        path.vertices for contour in axes.collections if hasattr(contour, "levels") for path in contour.get_paths()
+        path.vertices
+        for contour in axes.collections
+        if contour.get_label() == f"_{what}"
+        for path in contour.get_paths()
     ]
     return np.vstack(points) if points else None
+
+
+def test_the_reach_of_centres_keeps_from_walls_and_what_is_out_of_reach_is_hatched():
+    box = "arena.obstacles=[{center: [0.4, 0], size: [0.02, 2]}]"
+    mission = load_mission(
+        "aggregation",
+        [
+            "arena.walls={shape: polygon, vertices: [[-1, -1], [1, -1], [1, 1], [-1, 1]]}",
+            box,
+            "placement={shape: rectangle, center: [-0.4, 0], size: [1, 1]}",
+        ],
+    )
+    figure = preview(Simulator(mission), seed=1)
+    reach, hidden = (start_area(figure.axes[0], what) for what in ("reach of centres", "out of reach"))
+    assert reach.min(axis=0) == pytest.approx([-0.857, -0.857], abs=0.03)
+    assert reach.max(axis=0) == pytest.approx([0.247, 0.857], abs=0.03)
+    assert hidden.min(axis=0) == pytest.approx([0.41, -1], abs=0.03)
+    assert hidden.max(axis=0) == pytest.approx([1, 1], abs=0.03)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "start area",
+        "reach of centres",
+        "out of reach",
+    ]
+
+
+def test_where_all_is_in_reach_nothing_is_hatched(labyrinth):
+    figure = preview(labyrinth, seed=1)
+    assert start_area(figure.axes[0], "out of reach") is None
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["start area", "reach of centres"]
 
 
 def test_the_start_area_is_the_placements_within_the_walls(labyrinth):

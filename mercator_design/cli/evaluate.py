@@ -7,7 +7,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
-from mercator_design.cli.terminal import Interrupt, warn_of_doubts
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -82,6 +82,7 @@ def evaluate(
     pfsm, simulator = _controller(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     loaded = simulator.mission
     if not cost_alone:
+        warn_of_mission(simulator, refuse=False)
         warn_of_doubts(simulator, pfsm.flavour, pfsm)
         simulator.rehearse(announce=tell)
     seeds = instances or fresh_instances(seed, runs)

@@ -7,7 +7,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
-from mercator_design.cli.terminal import terminal_width
+from mercator_design.cli.terminal import terminal_width, warn_of_mission
 from mercator_design.command import naming
 from mercator_design.errors import MercatorError, MissionError
 
@@ -79,8 +79,10 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")
+    simulator = new_simulator(loaded, robot_model)
     with naming(path):
-        save_preview(path, new_simulator(loaded, robot_model), seed=seed)
+        save_preview(path, simulator, seed=seed)
+    warn_of_mission(simulator, refuse=False)
     click.echo(path)
 
 

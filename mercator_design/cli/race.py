@@ -18,7 +18,7 @@ from mercator_design.cli.racing import (
     reopen,
     run,
 )
-from mercator_design.cli.terminal import Interrupt, warn_of_doubts
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
 from mercator_design.command import NumberRange, tell
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -185,6 +185,7 @@ def _new_folder(
 
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
+    warn_of_mission(simulator, refuse=True)
     warn_of_doubts(simulator, flavour)
     simulator.rehearse(announce=tell)
     request = {"mission": mission, "set": list(overrides), "flavour": flavour, "method": method, **how}

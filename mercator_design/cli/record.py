@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.inputs import simulator_of
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.cli.terminal import warn_of_doubts
+from mercator_design.cli.terminal import warn_of_doubts, warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, read_controller, tell
 from mercator_design.errors import printable
 
@@ -66,6 +66,7 @@ def record(
     file = read_controller(fsm, flavour, lenient=lenient)
     simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
     loaded = simulator.mission
+    warn_of_mission(simulator, refuse=False)
     warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm)
     check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:

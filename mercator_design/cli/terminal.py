@@ -10,7 +10,7 @@ from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
 from mercator_design.command import tell, warn
-from mercator_design.errors import Signalled
+from mercator_design.errors import MissionError, Signalled
 
 if TYPE_CHECKING:
     from mercator_design.fsm.pfsm import Pfsm
@@ -22,6 +22,21 @@ def warn_of_doubts(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = N
     from mercator_design.sim.doubts import doubts
 
     warn(doubts(simulator.mission, simulator.robot_model, flavour, pfsm))
+
+
+def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
+    """Say what of a mission cannot be, or is hardly meant.
+
+    Raises:
+        MissionError: of what cannot be, if that is to be refused.
+    """
+    from mercator_design.sim.impossible import doubts_of_mission
+
+    found = doubts_of_mission(simulator.mission, simulator.robot_model)
+    warn(doubt.message for doubt in found if not (refuse and doubt.is_impossible))
+    impossible = [doubt.message for doubt in found if doubt.is_impossible]
+    if refuse and impossible:
+        raise MissionError(*impossible)
 
 
 def terminal_width() -> int | None:

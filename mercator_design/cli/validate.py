@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mercator_design import spelling
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
+from mercator_design.cli.terminal import warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell_all, warn
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
@@ -46,10 +48,11 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         from mercator_design.sim.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
+        from mercator_design.sim.impossible import doubts_of_angles
         from mercator_design.sim.robot_model import load_robot_model
 
         content = _content(file)
-        keys = content.keys()
+        keys = set(map(spelling.folded, content))
         if _is_of_one_robot(keys):
             raise MissionError(
                 f"{file}: this is what one robot is told, robot.yaml: mercator-robot check --robot {file}"
@@ -58,11 +61,12 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             raise MissionError(f"{file}: this is where robots are reached, robots.yaml: mdesign deploy --robots {file}")
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
-            warn(doubts_of_model(model))
+            warn([*doubts_of_model(model), *(doubt.message for doubt in doubts_of_angles(model))])
             return f"valid robot model {model.name}"
         mission = load_mission(str(file))
         simulator = new_simulator(mission, None)
         simulator.check_placement()
+        warn_of_mission(simulator, refuse=True)
         model = simulator.robot_model
         warn([*doubts_of_model(model), *doubts_of_swarm(mission, model), *doubts_of_floor(mission, model)])
         dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
@@ -91,7 +95,8 @@ def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
     from mercator_design.schema import fields_of
     from mercator_design.sim.robot_model import RobotModel
 
-    return bool(keys & (set(fields_of(Settings)) - set(fields_of(Mission)) - set(fields_of(RobotModel))))
+    one_robot, mission, model = (set(map(spelling.folded, fields_of(kind))) for kind in (Settings, Mission, RobotModel))
+    return bool(keys & (one_robot - mission - model))
 
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
@@ -100,7 +105,9 @@ def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
     from mercator_design.schema import fields_of
     from mercator_design.sim.robot_model import RobotModel
 
-    model, mission = {"base", *fields_of(RobotModel)}, set(fields_of(Mission))
+    model, mission = (
+        set(map(spelling.folded, names)) for names in (["base", *fields_of(RobotModel)], fields_of(Mission))
+    )
     return len(keys & (model - mission)) > len(keys & (mission - model))
 
 

@@ -110,14 +110,7 @@ class Arena:
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Whether each of the points (n, 2) lies between the walls; obstacles do not matter."""
-        start = self.corners()
-        end = np.roll(start, -1, axis=0)
-        x, y = points[:, :1], points[:, 1:]
-        straddles = (start[:, 1] > y) != (end[:, 1] > y)
-        rise = np.where(end[:, 1] == start[:, 1], 1.0, end[:, 1] - start[:, 1])  # level walls straddle nothing
-        left_of_wall = x < start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
-        crossings = np.sum(straddles & left_of_wall, axis=1)
-        return np.asarray(crossings % 2 == 1, dtype=np.bool_)
+        return polygon_contains(self.corners(), points)
 
 
 def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
@@ -147,6 +140,17 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
         raise FieldError(f"vertices[{second}]", f"the {side} from here crosses or touches {side} {first}")
     if abs(_signed_area(corners)) < _SMALLEST_AREA:
         raise FieldError("vertices", "the corners enclose no area")
+
+
+def polygon_contains(start: Array, points: Array) -> NDArray[np.bool_]:
+    """Whether each of the points (n, 2) lies in the polygon of corners (m, 2), in either sense."""
+    end = np.roll(start, -1, axis=0)
+    x, y = points[:, :1], points[:, 1:]
+    straddles = (start[:, 1] > y) != (end[:, 1] > y)
+    rise = np.where(end[:, 1] == start[:, 1], 1.0, end[:, 1] - start[:, 1])  # level walls straddle nothing
+    left_of_wall = x < start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
+    crossings = np.sum(straddles & left_of_wall, axis=1)
+    return np.asarray(crossings % 2 == 1, dtype=np.bool_)
 
 
 def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Array:

@@ -68,16 +68,20 @@ def objective(function: Score) -> Score: ...
 
 
 @overload
-def objective(*, checks: tuple[Check, ...] = ()) -> Callable[[Score], Score]: ...
+def objective(*, checks: tuple[Check, ...] = (), by_zones: bool = False) -> Callable[[Score], Score]: ...
 
 
-def objective(function: Score | None = None, *, checks: tuple[Check, ...] = ()) -> Score | Callable[[Score], Score]:
+def objective(
+    function: Score | None = None, *, checks: tuple[Check, ...] = (), by_zones: bool = False
+) -> Score | Callable[[Score], Score]:
     """Enter a function in OBJECTIVES under its name: `@objective`, or `@objective(...)`.
 
     Args:
         function: The function.
         checks: What is wrong with its parameters, found when a mission is read: functions from parameters of the same
             names to errors (see schema.check).
+        by_zones: Whether a score follows from which of the zones that it is given each robot's centre is in, cycle by
+            cycle, and from nothing else.
 
     Raises:
         ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
@@ -86,6 +90,7 @@ def objective(function: Score | None = None, *, checks: tuple[Check, ...] = ()) 
     def enter(function: Score) -> Score:
         _enter(OBJECTIVES, function, "an objective")
         function.CHECKS = checks  # type: ignore[attr-defined]  # where schema.problems looks
+        function.BY_ZONES = by_zones  # type: ignore[attr-defined]
         return function
 
     return enter if function is None else enter(function)
@@ -126,6 +131,11 @@ def is_ours(function: Callable[..., Any]) -> bool:
 def _module_of(function: Callable[..., Any]) -> str:
     """The name of a function's module; nothing for one from a text without a name."""
     return function.__module__ or ""
+
+
+def is_by_zones(function: Score) -> bool:
+    """Whether a score follows from who is in which zones."""
+    return bool(getattr(function, "BY_ZONES", False))
 
 
 def first_line(function: Callable[..., Any]) -> str:

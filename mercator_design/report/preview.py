@@ -9,8 +9,11 @@ import json
 import math
 import textwrap
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -26,6 +29,7 @@ from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.report.figures import house_style, save_figure
+from mercator_design.sim.reach import reach_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
@@ -36,6 +40,9 @@ _FINER = 2  # points looked at along a pixel's side
 _CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
+_START_AREA, _REACH_OF_CENTRES, _OUT_OF_REACH = "start area", "reach of centres", "out of reach"
+_REACH, _HIDDEN = "#5b6770", "#b3123f"
+_CORNER = 3  # cells of the grid of `Reach`: half the width of a place out of reach that is worth showing
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
 
 
@@ -70,7 +77,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     left, total = (_WIDTH - width + 0.5 * side) / 2.0, height + head + foot
     axes = figure.add_axes((left / _WIDTH, foot / total, width / _WIDTH, height / total))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", facecolor=_OUTSIDE)
-    axes.set_xlabel("x [m]", labelpad=1.0)
+    axes.set_xlabel("x [m]", labelpad=1.0, loc="left")
     axes.set_ylabel("y [m]", labelpad=1.0)
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
     for axis in (axes.xaxis, axes.yaxis):
@@ -79,12 +86,21 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     _draw_arena(axes, mission)
     _draw_floor(axes, mission, instance)
+    legend: list[Artist] = []
     if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission, mission.placement):
-        line = Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label="start area")
-        place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
-        figure.legend(
-            handles=[line], loc="lower right", bbox_to_anchor=place, frameon=False, fontsize=7.0, borderpad=0.0
-        )
+        legend.append(Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label=_START_AREA))
+    legend += _draw_reach(axes, simulator)
+    place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
+    figure.legend(
+        handles=legend,
+        loc="lower right",
+        bbox_to_anchor=place,
+        ncols=len(legend),
+        frameon=False,
+        fontsize=7.0,
+        borderpad=0.0,
+        columnspacing=1.0,
+    )
     for box in mission.arena.obstacles:
         axes.add_patch(Area(box.corners(), facecolor=_OBSTACLE, edgecolor="white", linewidth=0.6, zorder=4))
     _draw_robots(axes, instance)
@@ -190,8 +206,47 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
         return False
     x, y = grid[0, :, 0], grid[:, 0, 1]
     for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
-        axes.contour(x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6)
+        border = axes.contour(
+            x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6
+        )
+        border.set_label(f"_{_START_AREA}")
     return True
+
+
+def _draw_border(axes: Axes, x: Array, y: Array, share: Array, name: str, **style: Any) -> None:  # noqa: ANN401
+    """A line between where something is (1) and where it is not (0), that is found by its name."""
+    axes.contour(x, y, share, levels=[0.5], **style).set_label(f"_{name}")
+
+
+def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:
+    """How far the robots' centres can come, and hatched what no part of the disc in their bodies can cover.
+
+    What is drawn, for a legend.
+    """
+    reach = reach_of(simulator.mission, simulator.robot_model)
+    if reach is None or not reach.reached.any():
+        return []
+    rows, columns = reach.reached.shape
+    x, y = (reach.low[k] + reach.cell * (np.arange(n) + 0.5) for k, n in enumerate((columns, rows)))
+    centres = ndimage.gaussian_filter(reach.reached.astype(float), 1.0)
+    for color, width in (("white", 1.4), (_REACH, 0.7)):
+        line = axes.contour(
+            x, y, centres, levels=[0.5], colors=[color], linewidths=width, linestyles="dotted", zorder=3.5
+        )
+        line.set_label(f"_{_REACH_OF_CENTRES}")
+    drawn: list[Artist] = [Line2D([], [], color=_REACH, linewidth=0.7, linestyle="dotted", label=_REACH_OF_CENTRES)]
+    away = reach.cell * ndimage.distance_transform_edt(~reach.reached)
+    covered = away <= min(simulator.robot_model.body.half_size)
+    hidden = ndimage.binary_opening(reach.inside & ~reach.built & ~covered, np.ones((3, 3)), iterations=_CORNER)
+    if hidden.any():
+        with mpl.rc_context({"hatch.color": _HIDDEN, "hatch.linewidth": 0.5}):
+            area = axes.contourf(
+                x, y, hidden.astype(float), levels=[0.5, 1.5], colors="none", hatches=["xxxx"], zorder=3.55
+            )
+            area.set_label(f"_{_OUT_OF_REACH}")
+        label = Area(np.zeros((1, 2)), hatch="xxxx", facecolor="none", edgecolor=_HIDDEN, label=_OUT_OF_REACH)
+        drawn.append(label)
+    return drawn
 
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:

@@ -92,7 +92,7 @@ def _seen(mission: Mission, model: RobotModel) -> str:
 def doubts_of_swarm(mission: Mission, model: RobotModel) -> Iterator[str]:
     """Whether robots can have neighbours."""
     if mission.robots == 1 and model.neighbours is not None:
-        yield f"{mission.name}: one robot has no neighbours: what its modules read of them is always nothing"
+        yield f"{mission.where('robots')}: one robot has no neighbours: what its modules read of them is always nothing"
 
 
 def doubts_of_model(model: RobotModel) -> Iterator[str]:
@@ -100,7 +100,7 @@ def doubts_of_model(model: RobotModel) -> Iterator[str]:
     camera, near = model.neighbours, model.reference_model.neighbour_range
     if isinstance(camera, Neighbours) and camera.noise is None and camera.range is not None and camera.range > near:
         yield (
-            f"robot model {model.name}: neighbours.range: {camera.range:g} m changes nothing, as robots count as "
+            f"{model.where('neighbours.range')}: {camera.range:g} m changes nothing, as robots count as "
             f"neighbours within {near:g} m (reference_model.neighbour_range)"
         )
 
@@ -122,7 +122,7 @@ def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Mo
         alike.setdefault(holds, []).append(written if isinstance(written, str) else str(list(written)))
     for colours in alike.values():
         if len(colours) > 1:
-            yield f"{mission.name}: floor: no condition of robot {model.name} tells {', '.join(colours)} apart"
+            yield f"{mission.where('floor')}: no condition of robot {model.name} tells {', '.join(colours)} apart"
 
 
 def _readings(model: RobotModel, levels: RGB) -> Readings:

@@ -71,7 +71,7 @@ class TestColours:
 
     def test_flavours_have_their_own_conditions(self):
         text = list(doubts(painted("red", "green"), MERCATOR, "chocolate"))
-        assert text == ["mission: floor: no condition of robot mercator tells gray, green apart"]
+        assert text == ["mission:8: floor: no condition of robot mercator tells gray, green apart"]
         assert list(doubts(painted("red", "green"), MERCATOR, "watermelon")) == []
 
     def test_a_robot_without_ground_sensors_is_not_asked(self):

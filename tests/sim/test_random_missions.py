@@ -36,6 +36,7 @@ from mercator_design.missions.placement import (
     RectanglePlacement,
 )
 from mercator_design.race import Space
+from mercator_design.sim.reach import reach_of
 from mercator_design.sim.robot_model import (
     BoxBody,
     DiscBody,
@@ -73,6 +74,9 @@ def check(seed):
         assert outcome.score == referee.score
     poses = trace.poses.reshape(-1, 3)
     assert mission.arena.contains(poses[:, :2]).all()
+    if seed % 4 == 0 and (reach := reach_of(mission, simulator.robot_model)) is not None:
+        columns, rows = np.floor((poses[:, :2] - reach.low) / reach.cell).astype(int).T
+        assert reach.reached[rows, columns].all(), "a robot is where it is said that none can come"
     speed = speed_share(trace, model)
     assert speed < 2.0
     if model.physics.wall_overlap is None:  # the original's, which mends no overlaps

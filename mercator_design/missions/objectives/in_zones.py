@@ -15,7 +15,7 @@ Value = Annotated[float, Range(-1e6, 1e6)]
 SeveralZones = Annotated[Zones, Length(2)]
 
 
-@objective
+@objective(by_zones=True)
 def robots_in_zone(
     trace: Trace,
     *,
@@ -28,7 +28,7 @@ def robots_in_zone(
     return robots / trace.robots if share else robots
 
 
-@objective
+@objective(by_zones=True)
 def robots_in_fullest_zone(
     trace: Trace,
     *,
@@ -41,7 +41,7 @@ def robots_in_fullest_zone(
     return robots / trace.robots if share else robots
 
 
-@objective
+@objective(by_zones=True)
 def robots_in_emptiest_zone(
     trace: Trace,
     *,

@@ -17,7 +17,7 @@ def _two_places(sources: Zones, nests: Zones) -> Iterator[FieldError]:
             yield FieldError(f"nests[{index}]", f"'{zone}' is a source too; a nest must be another zone")
 
 
-@objective(checks=(_two_places,))
+@objective(checks=(_two_places,), by_zones=True)
 def trips(
     trace: Trace,
     *,

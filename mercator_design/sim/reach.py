@@ -1,0 +1,141 @@
+"""Where robots can come from their starting places, past walls and obstacles.
+
+A robot is taken for the disc that fits into its body, so that what is out of reach here is out of its reach in truth;
+what is within reach here may yet be too narrow for its corners. Other robots are in nobody's way.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from mercator_design.missions.arena import Arena, Array
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.placement import FixedPlacement, Placement, covers
+from mercator_design.missions.zone_distance import border_points, distance_to, distance_to_box, distance_to_segment
+from mercator_design.sim.fields import replaced
+from mercator_design.sim.robot_model import RobotModel
+
+Flags = NDArray[np.bool_]
+
+_SLACK = 0.005
+"""[m] that a robot is pushed into a wall at most, and more."""
+_FINE = 8  # cells along the disc's radius, if there are not too many
+_COARSEST = 3
+_MOST_CELLS = 100_000
+_SIDES = np.ones((3, 3), dtype=np.bool_)
+_SIZES = ("body.length", "body.width", "body.radius")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reach:
+    """A grid of square cells over the arena; a robot's centre can come to a place in those that are reached."""
+
+    low: Array  # (2,) its lower left corner [m]
+    cell: float  # [m] of a cell's side
+    inside: Flags  # (rows, columns) whether the cell's centre is between the walls; the first row is the lowest
+    built: Flags  # (rows, columns) whether the cell's centre is in an obstacle
+    reached: Flags  # (rows, columns)
+
+    def centres(self, cells: Flags) -> Array:
+        """The centres (n, 2) of some cells [m]."""
+        rows, columns = np.nonzero(cells)
+        return np.asarray(self.low + self.cell * (np.column_stack([columns, rows]) + 0.5), dtype=np.float64)
+
+    def corners(self, cells: Flags) -> Array:
+        """The corners (4 n, 2) of some cells [m]."""
+        ways = 0.5 * self.cell * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        return np.asarray((self.centres(cells)[:, np.newaxis] + ways).reshape(-1, 2))
+
+    def cells_of(self, floor: FloorTable, row: int, *, within: float = 0.0) -> Flags:
+        """The cells (rows, columns) whose centres are in a zone of a floor, or at most so far [m] from it."""
+        cells = np.ones_like(self.inside)
+        border = border_points(floor, row)
+        if len(border):
+            cells[:] = False
+            cells[self.part(border, within)] = True
+        cells[cells] = distance_to(floor, row, self.centres(cells)) <= within
+        return cells
+
+    def touched(self, floor: FloorTable, row: int) -> Flags:
+        """The cells (rows, columns) that may have a point of a zone in them."""
+        return self.cells_of(floor, row, within=self.cell * math.sqrt(0.5))
+
+    def part(self, points: Array, distance: float) -> tuple[slice, slice]:
+        """The rows and columns of all that is at most so far [m] from what has these points for its corners."""
+        first = np.floor((points.min(axis=0) - distance - self.low) / self.cell).astype(int)
+        last = np.ceil((points.max(axis=0) + distance - self.low) / self.cell).astype(int) + 1
+        columns, rows = (slice(max(0, a), max(0, b)) for a, b in zip(first, last, strict=True))
+        return rows, columns
+
+
+def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
+    """Where the robots of a mission can come; None if they are so small in their arena that it is not known."""
+    for key, (smallest, _) in (model.vary or {}).items():
+        if key in _SIZES:
+            model = replaced(model, key.split("."), smallest)
+    arena, radius = mission.arena, min(model.body.half_size)
+    corners = arena.corners()
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    cell = max(radius / _FINE, math.sqrt(float(size[0] * size[1]) / _MOST_CELLS))
+    if cell > radius / _COARSEST:
+        return None
+    columns, rows = (math.ceil(length / cell) + 2 for length in size)
+    grid = Reach(
+        low=low - cell,
+        cell=cell,
+        inside=np.zeros((rows, columns), dtype=np.bool_),
+        built=np.zeros((rows, columns), dtype=np.bool_),
+        reached=np.zeros((rows, columns), dtype=np.bool_),
+    )
+    centres = grid.centres(~grid.inside)
+    for row, points in enumerate(centres.reshape(rows, columns, 2)):  # all at once fill the memory
+        grid.inside[row] = arena.contains(points)
+    # A cell is free if the disc's centre may be anywhere in it.
+    free = grid.inside & ~_blocked(arena, grid, radius - _SLACK - cell * math.sqrt(0.5))
+    labels, _ = ndimage.label(free, _SIDES)
+    starts = labels[_starts(mission.placement, grid) & free]
+    grid.reached[:] = np.isin(labels, np.unique(starts)) & free
+    return grid
+
+
+def _blocked(arena: Arena, grid: Reach, distance: float) -> Flags:
+    """The cells whose centres are nearer to a wall or an obstacle than a distance."""
+    blocked = np.zeros_like(grid.inside)
+    corners = arena.corners()
+
+    def near(points: Array) -> tuple[tuple[slice, slice], Array]:
+        """The part of the grid around some points, and the centres (n, 2) of its cells."""
+        part, cells = grid.part(points, distance), np.zeros_like(blocked)
+        cells[part] = True
+        return part, grid.centres(cells)
+
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        part, centres = near(np.array([start, end]))
+        blocked[part] |= (distance_to_segment(start, end, centres) < distance).reshape(blocked[part].shape)
+    for box in arena.obstacles:
+        part, centres = near(box.corners())
+        half = 0.5 * box.size[0], 0.5 * box.size[1]
+        away = distance_to_box(half, box.angle, centres - np.array(box.center))
+        blocked[part] |= (away < distance).reshape(blocked[part].shape)
+        grid.built[part] |= (away <= 0.0).reshape(blocked[part].shape)
+    return blocked
+
+
+def _starts(placement: Placement, grid: Reach) -> Flags:
+    """The cells in which, or beside which, a robot may start."""
+    starts = np.zeros_like(grid.inside)
+    if isinstance(placement, FixedPlacement):
+        points = np.array(placement.poses, dtype=float)[:, :2]
+    else:
+        starts[grid.inside] = covers(placement, grid.centres(grid.inside))
+        draws = np.random.default_rng(0).random((placement.draws, 1000))  # of areas smaller than a cell
+        points = placement.points(draws)
+        points = points[covers(placement, points)]
+    columns, rows = np.floor((points - grid.low) / grid.cell).astype(int).T
+    there = (rows >= 0) & (rows < starts.shape[0]) & (columns >= 0) & (columns < starts.shape[1])
+    starts[rows[there], columns[there]] = True
+    return np.asarray(ndimage.binary_dilation(starts, _SIDES), dtype=np.bool_)

@@ -1,0 +1,338 @@
+"""What of a mission cannot be, or is hardly meant: places that are out of reach, angles in degrees, equal scores."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mercator_design import shipped
+from mercator_design.mission_sampler import sample_mission
+from mercator_design.missions import plugins
+from mercator_design.missions.floor import Disc, Floor, HalfPlane, PolygonZone, Rectangle, Ring
+from mercator_design.missions.floor_kernels import zone_contains
+from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.missions.trace import Trace
+from mercator_design.missions.zone_distance import border_points, distance_to
+from mercator_design.sim.impossible import doubts_of_angles, doubts_of_mission
+from mercator_design.sim.reach import reach_of
+from mercator_design.sim.robot_model import LightRing, load_robot_model
+
+MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
+
+ROOMS = """schema: 1
+robots: 3
+duration: 20
+arena:
+  walls: {shape: polygon, vertices: [[-2, -1], [2, -1], [2, 1], [-2, 1]]}
+  obstacles: [{center: [0.5, -0.55], size: [0.05, 0.9]}, {center: [0.5, 0.5], size: [0.05, 1.0]}]
+floor:
+  zones:
+    - {name: nest, shape: disc, center: [-1.5, 0], radius: 0.3, color: black}
+    - {name: source, shape: disc, center: [1.5, 0], radius: 0.3, color: white}
+placement: {shape: rectangle, center: [-1, 0], size: [1.4, 1.4]}
+objective: {name: robots_in_zone, zones: [nest], when: always, direction: maximise}
+"""
+
+LEFT_ROOM = [
+    "arena.walls.vertices=[[-2, -1], [-0.2, -1], [-0.2, 1], [-2, 1]]",
+    "arena.obstacles=[]",
+    "floor.zones=[]",
+]
+
+
+def told(*overrides, text=ROOMS, model=MERCATOR):
+    mission = parse_mission(text, name="m.yaml", overrides=overrides)
+    return [(doubt.message, doubt.is_impossible) for doubt in doubts_of_mission(mission, model)]
+
+
+def opened(width):
+    """The rooms with a door of this width [m] between them."""
+    wall = (2.0 - width) / 2.0
+    y = (1.0 + width / 2.0) / 2.0
+    return (
+        f"arena.obstacles=[{{center: [0.5, {-y}], size: [0.05, {wall}]}}, {{center: [0.5, {y}], size: [0.05, {wall}]}}]"
+    )
+
+
+@pytest.mark.parametrize("name", shipped.missions())
+def test_shipped_missions_can_be(name):
+    mission = load_mission(name)
+    assert doubts_of_mission(mission, load_robot_model(mission.robot_model)) == []
+
+
+@pytest.mark.parametrize("kind", ["foraging", "homing", "aggregation-xor"])
+def test_random_missions_can_be(kind):
+    for number in range(1, 6):
+        mission = sample_mission(kind, seed=3, number=number)
+        assert doubts_of_mission(mission, load_robot_model(mission.robot_model)) == []
+
+
+class TestReach:
+    NO_WAY = (
+        "m.yaml:10: floor.zones[1]: no robot can reach zone 'source': from where they start, there is no way for the "
+        "centre of a robot that is 0.286 m wide",
+        False,
+    )
+
+    @pytest.mark.parametrize("width", [0.02, 0.1, 0.2])
+    def test_a_door_that_is_too_narrow(self, width):
+        assert told(opened(width)) == [self.NO_WAY]
+
+    @pytest.mark.parametrize("width", [0.286, 0.29, 0.5])
+    def test_a_door_that_is_wide_enough(self, width):
+        """As wide as the robot, exactly, is too: what can be reached is never said to be out of reach."""
+        assert told(opened(width)) == []
+
+    def test_a_smaller_robot_comes_through(self):
+        assert told(model=EPUCK) == []
+        small = dataclasses.replace(MERCATOR, vary={"body.width": (0.05, 0.286)})
+        assert told(model=small) == []
+
+    @pytest.mark.parametrize(
+        "placement",
+        [
+            "{shape: poses, poses: [[-1, 0, 0], [-1, 0.5, 0], [1, 0, 0]]}",
+            "{shape: one_of, regions: [{shape: disc, center: [-1, 0], radius: 0.5}, "
+            "{shape: disc, center: [1, 0], radius: 1e-6}]}",
+            "{shape: disc, radius: 2}",
+        ],
+    )
+    def test_one_robot_that_starts_there_is_enough(self, placement):
+        assert told(f"placement={placement}") == []
+
+    def test_a_limit_keeps_robots_on_one_side(self):
+        assert told("placement={shape: disc, radius: 2, half_plane: {point: [0, 0], normal: [-1, 0]}}") == [self.NO_WAY]
+
+    def test_a_zone_at_the_wall_that_centres_do_not_come_to(self):
+        strip = "floor.zones[1]={shape: rectangle, center: [0, 0.98], size: [3, 0.03], color: white}"
+        (found,) = told(opened(1.0), strip)
+        assert "no robot can reach this zone" in found[0]
+        assert told(opened(1.0), strip.replace("0.03", "0.3")) == []
+
+    def test_a_zone_smaller_than_a_cell_is_found(self):
+        assert told(opened(1.0), "floor.zones[1].radius=0.0001") == []
+        assert told(opened(1.0), "floor.zones[0].radius=0.0001") == []
+
+    def test_robots_too_small_for_their_arena_are_let_be(self):
+        far = "arena.walls={shape: regular_polygon, sides: 4, apothem: 100}"
+        mission = parse_mission(ROOMS, overrides=[far])
+        assert reach_of(mission, MERCATOR) is None
+        assert told(far) == []
+
+    def test_zones_that_a_plugin_may_move_are_let_be(self, monkeypatch):
+        monkeypatch.setattr("mercator_design.sim.impossible.is_ours", lambda _: False)
+        assert told("floor.dynamics=[{name: visited, zones: [nest], color: red}]") == []
+
+
+class TestWalls:
+    @pytest.mark.parametrize(("zone", "is_impossible"), [(0, True), (1, False)])
+    def test_a_zone_beyond_them(self, zone, is_impossible):
+        found = told(opened(1.0), f"floor.zones[{zone}].center=[5, 0]")
+        assert found[0][1] is is_impossible
+        assert f"m.yaml:{9 + zone}: floor.zones[{zone}]: zone" in found[0][0]
+        assert "lies outside the walls" in found[0][0]
+
+    def test_half_planes_and_what_ends_at_a_wall_are_let_be(self):
+        assert told(opened(1.0), "floor.zones[1]={shape: half_plane, point: [1, 0], normal: [1, 0], color: red}") == []
+        assert told(opened(1.0), "floor.zones[0].center=[-1.72, 0]") == []
+        (found,) = told(opened(1.0), "floor.zones[1]={shape: half_plane, point: [9, 0], normal: [1, 0], color: red}")
+        assert found[0].startswith("--set floor.zones[1]={shape: half_plane, point: [9")
+        assert found[0].endswith(": floor.zones[1]: this zone lies outside the walls")
+
+    @pytest.mark.parametrize(
+        ("zone", "x", "is_told"), [(0, -1.75, False), (0, -1.9, True), (1, 1.9, False), (1, 2.1, True)]
+    )
+    def test_a_zone_across_them(self, zone, x, is_told):
+        """More strictly if the objective counts on it; others are often painted beyond a wall."""
+        found = told(opened(1.0), f"floor.zones[{zone}].center=[{x}, 0]")
+        assert bool(found) is is_told
+        assert all("% of zone" in message and not impossible for message, impossible in found)
+
+
+class TestAngles:
+    def test_of_a_mission(self):
+        found = told(
+            "arena.obstacles[0].angle=90",
+            "placement={shape: poses, poses: [[-1, 0, 180], [-1, 0.5, 6.2], [1, 0, -6.2]]}",
+            "objective={name: gate_crossings, width: 1, angle: -90, direction: maximise}",
+        )
+        places = ("arena.obstacles[0].angle", "placement.poses[0][2]", "objective.angle")
+        assert len(found) == len(places)
+        for (message, _), place in zip(found, places, strict=True):
+            assert f": {place}: " in message
+        assert "90 rad is more than a whole turn; angles are in radians, 90 degrees are 1.571" in found[0][0]
+        assert not any(impossible for _, impossible in found)
+
+    @pytest.mark.parametrize("angle", [0.0, math.pi, -2.0 * math.pi, 2.0 * math.pi])
+    def test_a_turn_is_none(self, angle):
+        (found,) = told(f"arena.obstacles[0].angle={angle:.17f}")
+        assert found == TestReach.NO_WAY or angle == 0.0
+
+    def test_of_a_robot_model(self):
+        ring = LightRing(angles=(0.0, 45.0), height=0.1)
+        (found,) = doubts_of_angles(dataclasses.replace(MERCATOR, light=ring))
+        assert found.message.startswith("robot model mercator: light.angles[1]: 45 rad is") or (
+            ": light.angles[1]: 45 rad is" in found.message
+        )
+
+    @pytest.mark.parametrize("name", shipped.robot_models())
+    def test_shipped_robot_models_have_none(self, name):
+        assert list(doubts_of_angles(load_robot_model(name))) == []
+
+
+class TestScores:
+    def test_of_zones_out_of_reach(self):
+        (zone, score) = told("objective.zones=[source]")
+        assert zone == TestReach.NO_WAY
+        assert score == (
+            "m.yaml:12: objective: every score is the same, whatever the robots do, as they cannot reach source",
+            True,
+        )
+
+    def test_trips_to_a_place_out_of_reach(self):
+        found = told("objective={name: trips, sources: [source], nests: [nest], direction: maximise}")
+        assert found[-1][0].endswith("every score is the same, whatever the robots do, as they cannot reach source")
+        assert found[-1][1]
+
+    def test_a_zone_that_is_everywhere(self):
+        everywhere = "{name: nest, shape: half_plane, point: [-5, 0], normal: [1, 0], color: red}"
+        (found,) = told(opened(1.0), f"floor.zones[0]={everywhere}")
+        assert found[0].endswith("objective: every score is the same, whatever the robots do, wherever they go")
+        assert found[1]
+        assert told(opened(1.0), f"floor.zones[0]={everywhere.replace('-5', '-1.8')}") == []
+
+    def test_source_and_nest_in_one_place(self):
+        trips = "objective={name: trips, sources: [source], nests: [nest], direction: maximise}"
+        assert told(opened(1.0), trips) == []
+        shared, score = told(opened(1.0), trips, "floor.zones[1].center=[-1.5, 0]")
+        assert (
+            "objective.nests: the nests are sources, too: a robot there is at a source, and brings nothing" in shared[0]
+        )
+        assert score[1]
+        (half,) = told(opened(1.0), trips, "floor.zones[1].center=[-1.2, 0]")
+        assert "% of the nests are sources, too" in half[0]
+        assert not half[1]
+
+    @pytest.mark.parametrize(
+        ("objective", "overrides"),
+        [
+            ("name: pair_distance", ["robots=1"]),
+            ("name: nearest_distance", ["robots=1"]),
+            ("name: network_diameter", ["robots=1"]),
+            ("name: color_value, values: {red: 1}", []),
+            (
+                "name: cells_visited, side: 0.01, cells: 1",
+                ["arena.walls.vertices=[[-2, -1], [-0.2, -1], [-0.2, 1], [-2, 1]]"],
+            ),
+            ("name: zones_in_color, zones: [nest], color: black", []),
+            ("name: robots_where_told, signal: nest, places: {white: source}", []),
+        ],
+    )
+    def test_of_other_objectives_is_told_alone(self, objective, overrides):
+        doors = (
+            [opened(1.0)]
+            if not any("walls" in each for each in overrides)
+            else ["arena.obstacles=[]", "floor.zones=[]"]
+        )
+        found = told(*doors, *overrides, f"objective={{{objective}, direction: minimise}}")
+        ((message, is_impossible),) = found
+        assert message.endswith(": in 49 made-up experiments every score was the same, whatever the robots did")
+        assert not is_impossible
+
+    @pytest.mark.parametrize(
+        "objective",
+        [
+            "name: pair_distance",
+            "name: path_length",
+            "name: color_value, values: {black: 1}",
+            "name: robots_in_emptiest_zone, zones: [nest, source]",
+            "name: robots_in_fullest_zone, zones: [nest, source], share: true",
+            "name: stop_when_found, zones: [nest]",
+            "name: gate_crossings, width: 0.02",
+            "name: network_share, zones: [nest], radius: 2",
+            "name: cell_age, side: 2, cells: 10",
+            "name: seen_area, side: 2, cells: 10",
+        ],
+    )
+    def test_of_those_that_can_differ_nothing_is_told(self, objective):
+        assert told(opened(1.0), f"objective={{{objective}, direction: minimise}}") == []
+
+    def test_a_signal_that_changes_late_counts(self):
+        """The made-up experiments are as long as the mission's."""
+        assert (
+            told(
+                opened(1.0),
+                "floor.dynamics=[{name: schedule, zones: [nest], times: [15], colors: [white]}]",
+                "objective={name: robots_where_told, signal: nest, places: {white: source}, direction: maximise}",
+            )
+            == []
+        )
+
+    def test_many_zones_that_must_all_have_robots(self):
+        centres = [(x / 4.0, y / 4.0) for x in range(-6, 2) for y in (-2, -1, 0, 1)][:20]
+        zones = ", ".join(
+            f"{{name: z{k}, shape: disc, center: [{x}, {y}], radius: 0.05, color: red}}"
+            for k, (x, y) in enumerate(centres)
+        )
+        names = ", ".join(f"z{k}" for k in range(20))
+        emptiest = f"objective={{name: robots_in_emptiest_zone, zones: [{names}], direction: maximise}}"
+        assert told(f"floor.zones=[{zones}]", "robots=20", emptiest, model=EPUCK) == []
+        (found,) = told(f"floor.zones=[{zones}]", "robots=19", emptiest, model=EPUCK)
+        assert found[1]
+
+    def test_what_is_said_of_an_objective_is_so(self):
+        """The score of one that is `by_zones` stays when robots move within the same zones."""
+        draw = np.random.default_rng(1)
+        calls = {
+            "robots_in_zone": "zones: [nest, source]",
+            "robots_in_fullest_zone": "zones: [nest, source]",
+            "robots_in_emptiest_zone": "zones: [nest, source]",
+            "trips": "sources: [source], nests: [nest]",
+        }
+        assert {name for name, function in plugins.OBJECTIVES.items() if plugins.is_by_zones(function)} == set(calls)
+        for name, parameters in calls.items():
+            mission = parse_mission(ROOMS, overrides=[f"objective={{name: {name}, {parameters}, direction: maximise}}"])
+            table, rows = mission.realise_floor(draw), mission.floor.zone_rows()
+            which = draw.integers(3, size=(40, 5))
+            scores = set()
+            for _ in range(5):
+                middle = np.array([[-1.5, 0.0], [1.5, 0.0], [0.0, 0.0]])[which]
+                poses = np.dstack([middle + draw.uniform(-0.2, 0.2, middle.shape), draw.uniform(-3, 3, which.shape)])
+                states = draw.integers(4, size=(39, 5)).astype(np.int8)
+                trace = Trace(poses=poses, states=states, floor=table, zone_rows=rows, control_period=0.5)
+                scores.add(mission.objective(trace))
+            assert len(scores) == 1
+
+
+_point = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
+_size = st.floats(0.05, 2)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.one_of(
+        st.builds(Disc, center=_point, radius=_size, color=st.just("red")),
+        st.builds(Ring, center=_point, radius=st.floats(1, 2), inner_radius=st.floats(0.1, 0.9), color=st.just("red")),
+        st.builds(Rectangle, center=_point, size=st.tuples(_size, _size), angle=st.floats(-4, 4), color=st.just("red")),
+        st.builds(HalfPlane, point=_point, normal=st.tuples(st.floats(0.1, 1), st.floats(-1, 1)), color=st.just("red")),
+        st.just(PolygonZone(vertices=((0.0, 0.0), (1.0, 0.25), (0.5, 1.0), (0.5, 0.5)), color="red")),
+    ),
+    st.integers(0, 10**6),
+)
+def test_distances_are_those_of_the_zones_that_sensors_see(zone, seed):
+    """0 in the zone and nowhere else; and no point of the zone is nearer."""
+    draw = np.random.default_rng(seed)
+    table = Floor(zones=(zone,)).realise(draw)
+    points = draw.uniform(-3, 3, (60, 2))
+    distances = distance_to(table, 0, points)
+    inside = np.array([zone_contains(table, 0, x, y) for x, y in points])
+    assert (inside == (distances == 0.0))[abs(distances) > 1e-9].all()
+    assert (distances[inside] < 1e-9).all()
+    for point, distance in zip(points[~inside], distances[~inside], strict=True):
+        away = draw.uniform(0, 2 * math.pi, 20)
+        near = point + 0.99 * distance * np.column_stack([np.cos(away), np.sin(away)])
+        assert not any(zone_contains(table, 0, x, y) for x, y in near)
+    assert (distance_to(table, 0, border_points(table, 0)) < 1e-9).all()

@@ -52,7 +52,19 @@ FSMS = {"explore.txt": EXPLORE, "all.txt": ALL}
 SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGKILL")
 OTHERS = ("SIGSTOP", "stop", "heartbeat", "disk")
 WAYS = (*SIGNALS, *SIGNALS[:3], *OTHERS, *OTHERS, "duration")
-KINDS = ("flip", "lose", "double", "insert", "silence", "silence", "wrong_baud", "port_loss", "battery", "stall")
+KINDS = (
+    "flip",
+    "lose",
+    "double",
+    "insert",
+    "silence",
+    "silence",
+    "wrong_baud",
+    "port_loss",
+    "battery",
+    "stall",
+    "heat",
+)
 
 
 @dataclass
@@ -99,6 +111,7 @@ def script(chance):
             device, duration = chance.choice(["rvr", "rvr", "lidar", "proximity"]), round(chance.uniform(0.05, 4.0), 3)
             if number == ROBOTS - 1:
                 if chance.random() < 0.3:
+                    duration = min(duration, 1.0)  # less than limits.stall
                     fault("stall", number, at, duration=duration, motor=chance.choice(["left", "right"]))
                 else:
                     kind = chance.choice(["flip", "lose", "double", "insert"])
@@ -109,6 +122,9 @@ def script(chance):
                     fault(kind, number, at, duration=duration, level=chance.choice([3, 3, 20]))
                 case "stall":
                     fault(kind, number, at, duration=duration, motor=chance.choice(["left", "right"]))
+                case "heat":
+                    values = {"motor": chance.choice(["left", "right"]), "temperature": chance.choice([65, 75])}
+                    fault(kind, number, at, duration=duration, **values)
                 case "port_loss":
                     fault(kind, number, at, duration=duration, device=device)
                 case _:

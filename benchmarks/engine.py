@@ -39,7 +39,7 @@ from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.sim.robot_model import LidarNeighbours, load_robot_model
+from mercator_design.sim.robot_model import Neighbours, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import World
 
@@ -239,7 +239,7 @@ def main() -> None:
 
     crowd = Simulator(load_mission("aggregation", scaled(20)))
     simulators = {name: Simulator(load_mission(name)) for name in MISSIONS} | {"crowd": crowd}
-    by_lidar = dataclasses.replace(crowd.robot_model, neighbours=LidarNeighbours())
+    by_camera = dataclasses.replace(crowd.robot_model, neighbours=Neighbours())
     short = Simulator(load_mission("aggregation", ["duration=2"]))
     grown = growth(way(short), given.memory)
 
@@ -251,7 +251,7 @@ def main() -> None:
     for robot in ("mercator", "mercator-argos"):
         recording = Simulator(crowd.mission, load_robot_model(robot)).run(fsm, 1).recording
         ways[f"lidar of {robot}"] = lambda _, recording=recording: recording.measure("lidar")  # type: ignore[misc]
-    ways["neighbours by lidar"] = way(Simulator(crowd.mission, by_lidar))
+    ways["neighbours by camera"] = way(Simulator(crowd.mission, by_camera))
     ways["3 robots"] = way(Simulator(load_mission("aggregation")))
     ways["200 robots"] = way(Simulator(load_mission("aggregation", scaled(200))))
     times = measure(ways, given.rounds)
@@ -270,7 +270,7 @@ def main() -> None:
             (f"{name}, referee / compiled", ratio(times[f"{name}, referee"], times[name]), "at least", 1.7),
             (f"{name}, naive / compiled", ratio(times[f"{name}, naive"], times[name]), "at least", 30.0),
         ]
-    added = [found - base for found, base in zip(times["neighbours by lidar"], times["crowd"], strict=True)]
+    added = [found - base for found, base in zip(times["crowd"], times["neighbours by camera"], strict=True)]
     verdicts += [
         ("lidar of mercator [ms]", spread(times["lidar of mercator"], 1e3), "at most", 200.0),
         ("lidar of mercator-argos [ms]", spread(times["lidar of mercator-argos"], 1e3), "at most", 200.0),

@@ -14,7 +14,7 @@ from docs.made_part import MadePart
 from mercator_design.cli.record import record
 from mercator_design.fsm import ReferenceModel, parse
 from mercator_design.sim.devices import DEVICES
-from mercator_design.sim.robot_model import Gaussian, load_robot_model
+from mercator_design.sim.robot_model import Gaussian, Neighbours, load_robot_model
 from tests.sim.worlds import at, simulator
 
 ROOT = Path(__file__).parents[1]
@@ -23,6 +23,7 @@ SHIPPED = load_robot_model("mercator")
 MERCATOR = dataclasses.replace(
     SHIPPED,
     light=RING,
+    neighbours=Neighbours(),
     ground=dataclasses.replace(SHIPPED.ground, labels=None),  # a label hides the noise
 )
 SIMULATOR = (ROOT / "docs" / "simulator.md").read_text()

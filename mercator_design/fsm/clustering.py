@@ -36,6 +36,8 @@ def lidar_neighbours(
     Returns:
         How many robots were found.
     """
+    nearest = model.lidar_nearest
+    furthest = model.neighbour_range
     n = 0
     last_range = 0.0
     last_angle = -math.inf  # of the last reading that may be a robot's
@@ -50,7 +52,7 @@ def lidar_neighbours(
     start_angle = 0.0
     for k in range(len(ranges)):
         distance = ranges[k]
-        if not model.lidar_nearest <= distance <= model.neighbour_range:
+        if not nearest <= distance <= furthest:
             continue
         angle = first_angle + k * angle_step
         joins = abs(distance - last_range) < model.cluster_distance and angle - last_angle < model.cluster_angle

@@ -31,27 +31,53 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
         cycle: Number of the control cycle.
         found: (beams,) filled with distances [m]; 0 where nothing is in range.
     """
+    for k in range(len(found)):
+        found[k] = 0.0
+    scan_near(scene, poses, i, key, cycle, math.inf, found)
+
+
+@jittable
+def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, reach: float, found: Floats) -> bool:
+    """One turn of robot i's lidar, without what is farther away than `reach` [m]: the readings nearer are the same.
+
+    Other arguments are those of `scan`. A reading beyond the reach may be 0 or what it is.
+
+    Returns:
+        Whether anything may be within reach; if not, nothing was written to `found`.
+    """
     lidar = scene.lidar
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
     beams = len(found)
-    for k in range(beams):
-        found[k] = math.inf
+    radius = scene.corner if lidar.sees_bodies else lidar.head
+    centre_reach = reach + lidar.ring + radius
+    is_empty = True
     outlines = lidar.outlines
     for w in range(len(outlines)):
         start_x, start_y = outlines[w, 0] - x, outlines[w, 1] - y
+        if abs(start_x * outlines[w, 4] + start_y * outlines[w, 5]) > reach + lidar.ring:
+            continue
+        if is_empty:
+            _clear(found)
+            is_empty = False
         _meet_wall(lidar, start_x, start_y, start_x + outlines[w, 2], start_y + outlines[w, 3], c, s, found)
     for j in range(len(poses)):
-        if j == i:
-            continue
         to_x, to_y = poses[j, 0] - x, poses[j, 1] - y
+        if j == i or radius == 0.0 or to_x * to_x + to_y * to_y > centre_reach * centre_reach:
+            continue
+        if is_empty:
+            _clear(found)
+            is_empty = False
         if lidar.sees_bodies and not scene.round:
             _meet_box(scene, to_x, to_y, poses[j, 3], poses[j, 4], c, s, found)
-        elif lidar.sees_bodies:
-            _meet_disc(lidar, to_x, to_y, scene.corner, c, s, found)
-        elif lidar.head > 0.0:
-            _meet_disc(lidar, to_x, to_y, lidar.head, c, s, found)
+        else:
+            _meet_disc(lidar, to_x, to_y, radius, c, s, found)
+    if is_empty:
+        return False
     noisy = lidar.noise[0] != NO_NOISE
     for k in range(beams):
+        if found[k] == math.inf:  # as most are
+            found[k] = 0.0
+            continue
         distance = found[k] - lidar.ring
         if not lidar.nearest <= distance <= lidar.furthest:
             found[k] = 0.0
@@ -60,6 +86,13 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
             found[k] = max(0.0, min(lidar.furthest, disturbed))
         else:
             found[k] = distance
+    return True
+
+
+@jittable
+def _clear(found: Floats) -> None:
+    for k in range(len(found)):
+        found[k] = math.inf
 
 
 @jittable

@@ -18,7 +18,7 @@ from mercator_design.fsm.perception import (
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
-from mercator_design.sim.lidar import scan
+from mercator_design.sim.lidar import scan_near
 from mercator_design.sim.noise import (
     GROUND_DRAWS,
     LIGHT_ANGLE_DRAWS,
@@ -39,6 +39,7 @@ from mercator_design.sim.swarm import Swarm
 Floats = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
+_MOST_DEVIATIONS = 8.0  # that noise ever brings a reading nearer: more come once in 10^15 readings
 
 
 @jittable
@@ -54,17 +55,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
             swarm.proximity[k] = 0.0
     if senses & NEIGHBOURS:
         if scene.neighbours.by_lidar:
-            scan(scene, swarm.poses, i, swarm.noise_keys[i], cycle, swarm.scan)
-            lidar = scene.lidar
-            n = lidar_neighbours(
-                model,
-                swarm.scan,
-                lidar.first_angle,
-                lidar.angle_step,
-                swarm.distances,
-                swarm.bearings_x,
-                swarm.bearings_y,
-            )
+            n = sense_heads(scene, model, swarm, cycle, i)
             count = float(n)
         else:
             n, count = sense_robots(scene, model, swarm, cycle, i)
@@ -111,6 +102,19 @@ def sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: in
         if weight_row[0] != NO_NOISE:
             disturbed = seen[k] + noise(weight_row, key, PROXIMITY_WEIGHT_DRAWS, cycle * sensors + k)
             seen[k] = max(0.0, min(1.0, disturbed))
+
+
+@jittable
+def sense_heads(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
+    """Fill in where the robots are that robot i perceives as clusters of its lidar's readings: how many there are."""
+    lidar = scene.lidar
+    # Readings beyond neighbour_range are in no cluster, but noise may bring nearer what is a little beyond.
+    reach = model.neighbour_range + abs(lidar.noise[1]) + _MOST_DEVIATIONS * lidar.noise[2]
+    if not scan_near(scene, swarm.poses, i, swarm.noise_keys[i], cycle, reach, swarm.scan):
+        return 0
+    return lidar_neighbours(
+        model, swarm.scan, lidar.first_angle, lidar.angle_step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+    )
 
 
 @jittable

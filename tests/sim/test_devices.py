@@ -434,7 +434,9 @@ def test_controllers_read_what_devices_measured(model):
 
 
 def test_places_of_neighbours_are_by_robot():
-    places = look(robots=3, placement=at((0, 0, 1.0), (0.5, 0, 0), (0, -1.0, 0))).recording.measure("neighbour_places")
+    model = dataclasses.replace(MERCATOR, neighbours=Neighbours())
+    placement = at((0, 0, 1.0), (0.5, 0, 0), (0, -1.0, 0))
+    places = look(model, robots=3, placement=placement).recording.measure("neighbour_places")
     assert places.shape == (1, 3, 3, 2)
     assert places[0, 0, 1] == pytest.approx([0.5, -1.0])
     assert places[0, 1, 0] == pytest.approx([0.5, math.pi])

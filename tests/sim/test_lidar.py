@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mercator_design.sim.lidar import _meet_disc, _meet_wall, scan
-from mercator_design.sim.robot_model import DiscBody, Uniform, load_robot_model
+from mercator_design.sim.robot_model import DiscBody, Neighbours, Uniform, load_robot_model
 from tests.sim.worlds import STOP, at, look, simulator
 
 MERCATOR = load_robot_model("mercator")
@@ -15,8 +15,9 @@ TALL = "arena.wall_height=1.0"
 
 
 def with_lidar(model=MERCATOR, **changes):
+    """A model whose lidar may be one that sees no robots: so these are perceived by camera."""
     changes = {"noise": None, **changes}
-    return dataclasses.replace(model, lidar=dataclasses.replace(model.lidar, **changes))
+    return dataclasses.replace(model, neighbours=Neighbours(), lidar=dataclasses.replace(model.lidar, **changes))
 
 
 def turn(robot_model, **world):

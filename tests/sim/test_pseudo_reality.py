@@ -59,7 +59,10 @@ def test_a_base_may_be_a_file_beside_it_and_have_a_base(model):
         ("base: mercator\nvary: {drive: [0.1, 0.2]}\n", "drive: the robot model has no real number there"),
         ("base: mercator\nvary: {drive.maximum_speed: [0.3, 0.2]}\n", "expected the lower bound first"),
         ("base: mercator\nvary: {drive.maximum_speed: [-1, 0.2]}\n", "drive.maximum_speed: expected a number >= 0.01"),
-        ("base: mercator\nvary: {neighbours.loss: [0, 1.5]}\n", "neighbours.loss: expected a number >= 0 and <= 1"),
+        (
+            "base: mercator-varied\nvary: {neighbours.loss: [0, 1.5]}\n",
+            "neighbours.loss: expected a number >= 0 and <= 1",
+        ),
     ],
 )
 def test_mistakes_are_named(model, text, words):

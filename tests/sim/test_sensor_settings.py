@@ -42,9 +42,9 @@ def model(tmp_path):
         ("lidar: {head_radius: 0}\nneighbours: {device: lidar}", "neighbours.device: the lidar sees no robots"),
         ("neighbours: {device: lidar, loss: 0.5}", "neighbours.loss: unknown key"),
         ("neighbours: {device: radio}", "neighbours.device: expected one of camera, lidar, found .radio."),
-        ("neighbours: {loss: 1.01}", "neighbours.loss: expected a number >= 0 and <= 1"),
-        ("neighbours: {loss: -0.01}", "neighbours.loss: expected a number >= 0 and <= 1"),
-        ("neighbours: {occlusion: perhaps}", "neighbours.occlusion: expected true or false"),
+        ("neighbours: {device: camera, loss: 1.01}", "neighbours.loss: expected a number >= 0 and <= 1"),
+        ("neighbours: {device: camera, loss: -0.01}", "neighbours.loss: expected a number >= 0 and <= 1"),
+        ("neighbours: {device: camera, occlusion: perhaps}", "neighbours.occlusion: expected true or false"),
         ("light: {device: lamp, height: 0.1}", "light.device: expected one of ring, camera, found .lamp."),
         ("light: {device: ring, height: 0.1}", "light.angles"),
         ("light: {device: ring, height: 0.1, angles: []}", "light.angles"),
@@ -89,7 +89,7 @@ def test_neighbours_by_lidar(model):
     assert model("neighbours: {device: lidar}").neighbours == LidarNeighbours()
     assert model("neighbours: {device: lidar}", base="mercator-pseudo-reality").neighbours == LidarNeighbours()
     assert model("neighbours: {device: lidar}", base="mercator-argos").neighbours == LidarNeighbours()
-    assert model("neighbours: {range: 2}").neighbours == Neighbours(range=2.0)
+    assert model("neighbours: {device: camera, range: 2}").neighbours == Neighbours(range=2.0)
 
 
 def test_a_range_that_shrinks_reaches_the_controller():

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.fsm import Readings, parse
-from mercator_design.sim.robot_model import Gaussian, Ground, Uniform, load_robot_model
+from mercator_design.sim.robot_model import Gaussian, Ground, Neighbours, Uniform, load_robot_model
 from mercator_design.sim.sight import distance_to_box, distance_to_wall
 from tests.sim.worlds import at, simulator
 
 STOP = parse("--nstates 1 --s0 1")
 MERCATOR = load_robot_model("mercator")
-QUIET = dataclasses.replace(MERCATOR, ground=Ground(positions=((0.05, 0.0),)))
+QUIET = dataclasses.replace(MERCATOR, ground=Ground(positions=((0.05, 0.0),)), neighbours=Neighbours())
 AS_MEASURED = dataclasses.replace(MERCATOR.ground, labels=None)
 HALF = 0.143
 

@@ -21,6 +21,10 @@ from mercator_design.robot.sweep import BINS, STEP, Sweep
 from mercator_design.robot.talk import Event
 from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet
 
+_STRAIGHT = 0.01
+"""[rad] since distances came, below which a robot has not turned: what its sensors to the side see is in front by the
+cosine of 90 degrees, 6e-17, as in simulation, and rounding of the RVR's yaw must not decide that."""
+
 
 class Stale(NamedTuple):
     """A sample that cannot be relied on: it is too old, or too little of its line arrives whole.
@@ -61,8 +65,11 @@ class Senses:
         Raises:
             RobotError: if the robot lacks a sense.
         """
-        limits = settings.limits
-        if lacking := sorted(set(reads) - set(DEVICE_OF)):
+        limits, model = settings.limits, settings.reference_model
+        needed = set(reads)
+        if model.neighbour_obstacle_range > 0.0 and "proximity" in needed:
+            needed.add("neighbours")  # which are obstacles, too
+        if lacking := sorted(needed - set(DEVICE_OF)):
             raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
         sources: dict[str, tuple[str, float, DeviceName]] = {
             "proximity": ("proximity", limits.proximity, "proximity"),
@@ -70,10 +77,9 @@ class Senses:
             "ground": ("ground", limits.rvr, "rvr"),
             "attitude": ("attitude", limits.rvr, "rvr"),
         }
-        self._needed = [sources[sense] for sense in ("attitude", *sorted(reads))]
-        self._settings, self._model, self._labels = settings, settings.reference_model, labels
-        self._looks_x = [math.cos(angle) for angle in settings.proximity_angles]
-        self._looks_y = [math.sin(angle) for angle in settings.proximity_angles]
+        self._needed = [sources[sense] for sense in ("attitude", *sorted(needed))]
+        self._settings, self._model, self._labels = settings, model, labels
+        self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self.neighbours: list[tuple[float, float]] = []
         self.forget()
@@ -83,6 +89,8 @@ class Senses:
         for name, sample in converted(event, now):
             values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
             self.samples[name] = Sample(now, values)
+            if name == "proximity":
+                self._faced = heading(self.samples, now)
         if not isinstance(event, Packet):
             return False
         began = now - (len(event.samples) - 1) / SAMPLE_RATE
@@ -120,7 +128,8 @@ class Senses:
         """What the robot perceives at a time [s]; what no sensor tells any more is neutral."""
         limits, model = self._settings.limits, self._model
         distances, bearings_x, bearings_y = self._found
-        proximity: tuple[float, ...] = (math.inf,) * len(self._looks_x)
+        looks = self._settings.proximity_angles
+        proximity: tuple[float, ...] = (math.inf,) * len(looks)
         ground = COLOURS["white"]
         if self._is_told("proximity", now, limits.proximity, "proximity"):
             proximity = self.samples["proximity"].values
@@ -128,11 +137,15 @@ class Senses:
             ground = COLOURS[self.label()]
         n = self._find_neighbours(now)
         weights = [proximity_weight(model, distance) for distance in proximity]
+        # What was seen up to 0.16 s ago stays where it was, though the robot may have turned by half a radian since.
+        turned = math.remainder(heading(self.samples, now) - self._faced, math.tau)
+        if abs(turned) < _STRAIGHT:
+            turned = 0.0
         return perceive(
             model,
             weights,
-            self._looks_x,
-            self._looks_y,
+            [math.cos(angle - turned) for angle in looks],
+            [math.sin(angle - turned) for angle in looks],
             distances,
             bearings_x,
             bearings_y,

@@ -1,235 +1,380 @@
-"""Whether robots of the twin, without noise, decide and perceive what the simulator does.
+"""Whether robots of the twin score as simulated ones do.
 
-`python benchmarks/twin_agreement.py FOLDER` runs three robots there, each with a PFSM of its own, on a twin of
-`aggregation`; of a folder that has their logs already, it only reads these. It prints, for each robot:
+`python benchmarks/twin_agreement.py FOLDER` runs each PFSM of twin_missions.yaml in the simulator and, in real time, by
+`mercator-robot run` on twins, from the same seeds: the same floors and starting places. The mission's own objective
+scores where the robots were by the twin's log. For each mission it prints both means with 95 % confidence intervals, p
+of the Mann-Whitney test, as it is and with Holm's correction over all missions, and the difference of means that would
+have been found. Exit code 0: no mission differs at 1 %; 1: one does, or nothing is known of one.
 
-decisions   Of the cycles, in how many the simulator's compiled control cycle, given the log's readings and draws, goes
-            through the same states and sets the same wheels, to the last bit.
-perception  In how many the simulator senses what the robot did, at the poses that the twin's log has for the time at
-            which each sensor measured.
+Runs that the folder has already are not run again, so a measurement may be interrupted. Runs that were too late, as
+the machine had other work, are left out, and how many is told. Several twins run at once, as many as `--at-once` robots
+allow. `--list` tells how long all will take. With `--stepped` the robots' code runs in this process at the twin's own
+time (twin_stepped.py): it is never late, however busy the machine is, but pseudo-terminals, threads and clocks of the
+program are not part of the measurement.
 """
 
 import argparse
-import contextlib
-import dataclasses
+import functools
 import json
 import math
-import os
-import subprocess
+import multiprocessing
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.colours import COLOURS
-from mercator_design.fsm.control import MEMORY, STATE, control_cycle
-from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
-from mercator_design.jit import compiled
+from benchmarks.twin_runs import Plan, RunError, Track, log_of_twin, play, twin_was_late
+from benchmarks.twin_stepped import poses_of_run
+from benchmarks.two_samples import POWER, mann_whitney, visible_shift
+from mercator_design.design import Designer, evaluate
+from mercator_design.files import write_text
+from mercator_design.fsm import Pfsm, parse
+from mercator_design.fsm.text import fsm_file_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.robot.log import controller_of, read
-from mercator_design.robot.settings import Settings, nearest
-from mercator_design.sim.kernel import EVERYTHING
-from mercator_design.sim.robot_model import LidarNeighbours, RobotModel, load_robot_model
-from mercator_design.sim.sensing import sense
-from mercator_design.sim.simulate import Simulator, program_arrays
-from mercator_design.twin.arena import without_noise
-from mercator_design.twin.terminals import LOG
+from mercator_design.missions.trace import Trace
+from mercator_design.race.executors import available_jobs
+from mercator_design.race.tests import holm
+from mercator_design.robot.log import read
+from mercator_design.sim.devices import Recording
+from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.swarm import new_history
+from mercator_design.twin.arena import Arena
 
 Floats: TypeAlias = NDArray[np.float64]
 
-FSMS = (
-    # Explore; wait on black, with others, or now and then; go on by chance or where there are too many.
-    "--nstates 3 --s0 0 --rwm0 20 --n0 3 --n0x0 0 --c0x0 0 --p0x0 0.2 --n0x1 1 --c0x1 3 --p0x1 1 --w0x1 3 "
-    "--n0x2 1 --c0x2 5 --p0x2 0.02 --s1 1 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.1 "
-    "--s2 3 --rep2 3 --n2 2 --n2x0 0 --c2x0 4 --p2x0 1 --w2x0 3 --n2x1 1 --c2x1 0 --p2x1 0.1",
-    # Come together, go apart.
-    "--nstates 3 --s0 2 --att0 4 --n0 2 --n0x0 0 --c0x0 3 --p0x0 2 --w0x0 4 --n0x1 1 --c0x1 5 --p0x1 0.03 "
-    "--s1 3 --rep1 5 --n1 2 --n1x0 0 --c1x0 4 --p1x0 1 --w1x0 5 --n1x1 1 --c1x1 1 --p1x1 0.02 "
-    "--s2 0 --rwm2 8 --n2 1 --n2x0 0 --c2x0 1 --p2x0 0.05",
-    # Explore, otherwise on gray than on black.
-    "--nstates 4 --s0 0 --rwm0 50 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 1 --p0x1 0.02 "
-    "--s1 0 --rwm1 3 --n1 2 --n1x0 0 --c1x0 1 --p1x0 0.3 --n1x1 2 --c1x1 5 --p1x1 0.05 "
-    "--s2 2 --att2 2 --n2 2 --n2x0 0 --c2x0 5 --p2x0 0.1 --n2x1 1 --c2x1 0 --p2x1 0.5 "
-    "--s3 1 --n3 2 --n3x0 0 --c3x0 4 --p3x0 2 --w3x0 2 --n3x1 2 --c3x1 2 --p3x1 0.5",
-)
-"""What the robots run: all modules that read the ground or neighbours, and chance."""
-
-MISSION, SEED = "aggregation", 1
-POSES = 0.01
-"""[s] between the poses in the twin's log: its ticks, so whatever is measured is measured at one of them."""
-LATE, EARLY = 0.04, 0.01
-"""[s] before and after a sample came within which it was measured: the twin may be late, a clock some ms early."""
-_HALF_A_TURN = 0.07  # [s] of the lidar: how old its ranges are, on the whole
-_TITLES = (
-    *("robot", "cycles", "changes of state", "states equal", "wheels equal"),
-    *("ground equal", "neighbours equal", "neighbours by camera", "proximity equal", "median off", "99 % off by less"),
-)
-_COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
+MISSIONS: Mapping[str, Mapping[str, Any]] = yaml.safe_load(Path(__file__).with_name("twin_missions.yaml").read_text())
+"""By name: `set`, what is changed of the mission, if anything; `fsm`."""
+LEVEL = 0.01
+"""Chance to find a difference on any mission if there is none."""
+LATE_CYCLE = 0.02
+"""[s] by which a control cycle that is late is longer than told."""
+MOST_LATE_CYCLES = 0.01
+"""Fraction of a run's control cycles beyond which the run is left out."""
+LATE_TWIN = 0.2
+"""[s] of a twin that was so late once, the run is left out."""
+_STARTS = 12.0  # [s] that starting and ending a run takes, about
+_RESULT, _POSES = "run.json", "poses.npy"
 
 
-def run(folder: Path, seconds: float) -> None:
-    """Run the robots, and leave their logs run0.jsonl, ... and the twin's in a folder."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    settings = [f"robots={len(FSMS)}", f"control_period={POSES}"]
-    line = [*_COMMAND, "twin", MISSION, "--no-noise", "--seed", str(SEED), "--folder", str(folder)]
-    line += [word for setting in settings for word in ("--set", setting)]
-    with contextlib.ExitStack() as stack:
-        twin = stack.enter_context(subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True))
-        stack.callback(twin.terminate)
-        for _ in zip(FSMS, twin.stdout or (), strict=False):
-            pass
-        robots = []
-        for number, fsm in enumerate(FSMS):
-            file = folder / f"fsm{number}.txt"
-            file.write_text(f"{fsm}\n")
-            line = [*_COMMAND, "run", str(file), "--robot", str(folder / str(number) / "robot.yaml")]
-            line += ["--duration", str(seconds), "--seed", str(number), "-o", str(folder / f"run{number}.jsonl")]
-            robots.append(stack.enter_context(subprocess.Popen(line, env=environment)))
-        if any(robot.wait() for robot in robots):
-            raise SystemExit("a robot has failed")
+@dataclass(frozen=True)
+class Case:
+    """A mission with a PFSM, in the simulator."""
+
+    name: str
+    overrides: tuple[str, ...]
+    pfsm: Pfsm
+    simulator: Simulator
+
+    @property
+    def robots(self) -> int:
+        return self.simulator.mission.robots
+
+    @property
+    def header(self) -> dict[str, str]:
+        """Of fsm.txt, as a race writes it."""
+        return Designer(self.simulator, budget=1000, seed=0).header()
+
+    def plan(self, seed: int) -> Plan:
+        """The run on a twin of a seed."""
+        text = fsm_file_text(self.pfsm, self.header)
+        return Plan(self.name, self.overrides, seed, (text,) * self.robots, self.simulator.mission.duration)
 
 
-class Decisions(NamedTuple):
-    """In how many cycles the simulator decides the same."""
-
-    cycles: int
-    states: int
-    wheels: int
-    changes: int  # of the state
+def case(name: str, duration: float | None = None) -> Case:
+    """A mission of `MISSIONS`, perhaps of another duration [s]."""
+    entry = MISSIONS[name]
+    overrides = (*entry.get("set", ()), *(() if duration is None else (f"duration={duration:g}",)))
+    return Case(name, overrides, parse(entry["fsm"]), Simulator(load_mission(name, overrides)))
 
 
-def decisions(log: Path) -> Decisions:
-    """What the simulator's compiled control cycle makes of the readings and draws of a log."""
-    start, *events = read(log)
-    pfsm, _ = controller_of(start)
-    program, model = program_arrays(pfsm), ReferenceModel(**start["reference_model"])
-    memory: Any = np.zeros(MEMORY)
-    cycles = [event for event in events if event["event"] == "cycle"]
-    states = wheels = changes = 0
-    for event in cycles:
-        was = int(memory[STATE])
-        found = compiled(control_cycle)(model, program, Readings(*event["readings"]), memory, np.array(event["draws"]))
-        states += (was, int(memory[STATE])) == (event["state"], event["next_state"])
-        wheels += Wheels(*found) == Wheels(*event["wheels"])
-        changes += event["state"] != event["next_state"]
-    return Decisions(len(cycles), states, wheels, changes)
+@dataclass(frozen=True)
+class Result:
+    """What is kept of a run's logs.
 
-
-class Perception(NamedTuple):
-    """In how many cycles the simulator senses the same.
-
-    neighbours: As many as by clusters of its lidar's readings, and as by its camera.
-    proximity: A vector as near as the hub's millimetres allow.
-    differences: (cycles,) lengths of the vectors' differences.
+    plan: What ran.
+    failure: Why it did not run to its end; empty if it did.
+    began: When each robot's first control cycle began [s since 1970].
+    late: Fraction of control cycles that were late, of the robot of which most were.
+    twin_late: How late the twin ever was [s].
     """
 
-    cycles: int
-    ground: int
-    neighbours: tuple[int, int]
-    proximity: int
-    differences: Floats
+    plan: str
+    failure: str
+    began: tuple[float, ...] = ()
+    late: float = math.nan
+    twin_late: float = math.nan
+
+    @property
+    def why_left_out(self) -> str:
+        """Why it does not count; empty if it does."""
+        if self.failure:
+            return "failed"
+        return "late" if not (self.late <= MOST_LATE_CYCLES and self.twin_late <= LATE_TWIN) else ""
 
 
-def perception(folder: Path, robot: int) -> Perception:
-    """What the simulator senses at the poses that the twin's log has, against what a robot perceived there."""
-    track = Track(folder / LOG)
-    start, *events = read(folder / f"run{robot}.jsonl")
-    model = without_noise(load_robot_model("mercator"))
-    camera = Senses(model, track.robots)
-    lidar = Senses(dataclasses.replace(model, neighbours=LidarNeighbours()), track.robots)
-    labels = Settings().labels_of(start["header"])
-    began = datetime.fromisoformat(start["time"]).timestamp() - track.start
-    ground, counted, proximity, differences = 0, [0, 0], 0, []
-    for event in events:
-        if event["event"] != "cycle":
-            continue
-        now, found, sensed = began + event["time"], Readings(*event["readings"]), event["sensed"]
-        perceived = [camera(poses, robot) for poses in track.around(now - sensed["ground"][0])]
-        colours = [COLOURS[nearest(labels, (at.ground_red, at.ground_green, at.ground_blue))] for at in perceived]
-        ground += (found.ground_red, found.ground_green, found.ground_blue) in colours
-        *_, then = track.around(now - _HALF_A_TURN - EARLY)
-        for k, senses in enumerate((lidar, camera)):
-            counted[k] += senses(then, robot).neighbours == found.neighbours
-        age, *distances = sensed["proximity"]
-        perceived = [camera(poses, robot) for poses in track.around(now - age)]
-        off = min(
-            math.hypot(at.proximity_x - found.proximity_x, at.proximity_y - found.proximity_y) for at in perceived
-        )
-        proximity += off <= quantisation(start["reference_model"], distances)
-        differences.append(off)
-    return Perception(len(differences), ground, (counted[0], counted[1]), proximity, np.array(differences))
+def found(plan: Plan, folder: Path) -> Result | None:
+    """The result of a run that a folder has, if it has one.
+
+    Raises:
+        SystemExit: if it is of another run.
+    """
+    file = folder / _RESULT
+    if not file.exists():
+        return None
+    told = json.loads(file.read_text())
+    result = Result(**{**told, "began": tuple(told["began"])})
+    if result.plan != repr(plan):
+        raise SystemExit(f"{folder} has another run: expected {plan!r}, found {result.plan}")
+    return result
 
 
-def quantisation(model: Mapping[str, float], distances: list[float | None]) -> float:
-    """By how much a proximity vector may differ as distances are of whole millimetres."""
-    half = 0.0005
-    nearest_ = [max(d - half, model["proximity_near"]) for d in distances if d is not None]
-    slopes = [model["proximity_inverse"] / (d * d) for d in nearest_ if d <= model["proximity_range"]]
-    return half * sum(slopes) + 1e-6  # and the poses have six digits
+def run(plan: Plan, folder: Path, *, keep: bool) -> Result:
+    """Run a plan in real time, and note its result in the folder.
+
+    Args:
+        plan: To run.
+        folder: For the twin's log and the result.
+        keep: Whether the robots' logs are kept, too; a robot's is 1.5 MB a minute.
+    """
+    try:
+        play(plan, folder)
+        result = _result(plan, folder)
+    except RunError as error:
+        result = Result(repr(plan), str(error))
+    if not keep:
+        for log in folder.glob("run*.jsonl"):
+            log.unlink()
+    write_text(folder / _RESULT, json.dumps(result.__dict__))
+    return result
 
 
-class Track:
-    """Where robots were, by the twin's log.
+def step(name: str, duration: float | None, seed: int, folder: Path) -> str:
+    """Run a case without a clock, and note its result in the folder; what it was, in words."""
+    what = case(name, duration)
+    mission = what.simulator.mission
+    arena = Arena(mission, what.simulator.robot_model, seed)
+    poses = poses_of_run(arena, what.pfsm, what.header, cycles=mission.cycles, seed=seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    np.save(folder / _POSES, poses)
+    write_text(folder / _RESULT, json.dumps(Result(repr(what.plan(seed)), "", (), 0.0, 0.0).__dict__))
+    return f"{name} {seed}"
 
-    start: When the twin began [s since 1970].
-    robots: How many there are.
+
+def _result(plan: Plan, folder: Path) -> Result:
+    """Of the logs that a run has left."""
+    began, late = [], []
+    for number in range(len(plan.fsms)):
+        start, *events = read(folder / f"run{number}.jsonl")
+        times = np.array([event["time"] for event in events if event["event"] == "cycle"])
+        began.append(datetime.fromisoformat(start["time"]).timestamp() + times[0])
+        late.append(float(np.mean(np.diff(times) > start["control_period"] + LATE_CYCLE)))
+    return Result(repr(plan), "", tuple(began), max(late), twin_was_late((folder / "twin.txt").read_text()))
+
+
+def score(case: Case, seed: int, result: Result, folder: Path) -> float:
+    """The mission's score of a run on a twin."""
+    poses = np.load(folder / _POSES) if (folder / _POSES).exists() else _poses(case, result.began, folder)
+    return case.simulator.mission.objective(trace(case, seed, poses))
+
+
+def _poses(case: Case, began: Sequence[float], folder: Path) -> Floats:
+    """Where the robots were (cycles + 1, robots, 3), by the twin's log.
+
+    In the simulator the robots sense for the first time at the end of the first cycle, in which they stand.
+    """
+    mission, track = case.simulator.mission, Track(log_of_twin(folder))
+    times = min(began) - track.start + mission.control_period * np.arange(-1.0, mission.cycles)
+    return track.at(times)
+
+
+def trace(case: Case, seed: int, poses: Floats) -> Trace:
+    """Where the robots of a run on a twin were (cycles + 1, robots, 3), as the simulator tells of an experiment.
+
+    Raises:
+        SystemExit: if they did not start where those of the simulator do.
+    """
+    mission, instance = case.simulator.mission, case.simulator.instance(seed)
+    if not np.allclose(poses[0], instance.swarm.poses[:, :3], atol=1e-3):
+        raise SystemExit(f"{case.name}, seed {seed}: the twin's robots did not start where the simulator's do")
+    history = new_history(mission.cycles, mission.robots, everything=False)
+    history.poses[:] = poses
+    history.states[:] = 0  # no objective looks at them
+    recording = Recording(
+        instance.robot_model, instance.scene, history, instance.swarm.noise_keys, mission.control_period
+    )
+    return Trace(
+        poses=history.poses,
+        states=history.states,
+        floor=instance.scene.floor,
+        zone_rows=instance.zone_rows,
+        control_period=mission.control_period,
+        measure=recording.measure,
+    )
+
+
+class Room:
+    """Keeps the number of robots that run at once below a limit."""
+
+    def __init__(self, most: int) -> None:
+        self._free, self._changed = most, threading.Condition()
+
+    def with_robots(self, robots: int, do: Callable[[], None]) -> None:
+        """Do something as soon as there is room for so many robots."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._free >= robots)
+            self._free -= robots
+        try:
+            do()
+        finally:
+            with self._changed:
+                self._free += robots
+                self._changed.notify_all()
+
+
+def run_all(todo: Sequence[tuple[Case, int]], folder: Path, *, at_once: int, keep: bool) -> None:
+    """Run cases of seeds in real time; tells on stderr as runs end."""
+    room, done = Room(max(at_once, *(case.robots for case, _ in todo))), iter(range(1, len(todo) + 1))
+
+    def one(case: Case, seed: int) -> None:
+        result = run(case.plan(seed), folder / place(case, seed), keep=keep)
+        why = result.failure or result.why_left_out
+        print(f"{next(done)} of {len(todo)}: {case.name} {seed} {why}", file=sys.stderr)
+
+    with ThreadPoolExecutor(max(1, at_once // min(case.robots for case, _ in todo))) as pool:
+        jobs = [pool.submit(room.with_robots, case.robots, functools.partial(one, case, seed)) for case, seed in todo]
+        for job in jobs:
+            job.result()
+
+
+def step_all(todo: Sequence[tuple[Case, int]], duration: float | None, folder: Path) -> None:
+    """The same without a clock, in processes."""
+    with ProcessPoolExecutor(available_jobs(), multiprocessing.get_context("spawn")) as pool:
+        jobs = [pool.submit(step, case.name, duration, seed, folder / place(case, seed)) for case, seed in todo]
+        for done, job in enumerate(as_completed(jobs), start=1):
+            print(f"{done} of {len(todo)}: {job.result()}", file=sys.stderr)
+
+
+def place(case: Case, seed: int) -> Path:
+    """Of a run, in the folder of all."""
+    return Path(case.name) / f"{seed:03}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Scores of one case.
+
+    simulated, twin: (experiments,), (runs,)
+    left_out: Runs, by why.
     """
 
-    def __init__(self, log: Path) -> None:
-        events: list[dict[str, Any]] = [json.loads(line) for line in log.read_text().splitlines()]
-        (clock,) = (event for event in events if event["event"] == "clock")
-        poses = [event for event in events if event["event"] == "poses"]
-        self.start = datetime.fromisoformat(clock["at"]).timestamp()
-        self.robots = len(poses[0]["poses"])
-        self._times = np.array([event["time"] for event in poses])
-        self._poses = np.array([event["poses"] for event in poses])
+    case: Case
+    simulated: Floats
+    twin: Floats
+    left_out: Mapping[str, int]
 
-    def around(self, time: float) -> Floats:
-        """Poses (times, robots, 3) where a sample may have been measured that came at a time since the start [s]."""
-        first, last = np.searchsorted(self._times, [time - LATE, time + EARLY])
-        poses: Floats = self._poses[first:last]
-        return poses
+    @property
+    def p(self) -> float:
+        """Of the Mann-Whitney test; 1 if there is too little."""
+        return mann_whitney(self.simulated, self.twin) if len(self.twin) else 1.0
 
-
-class Senses:
-    """What robots perceive, by the simulator."""
-
-    def __init__(self, model: RobotModel, robots: int) -> None:
-        self._model = model.reference_model
-        mission = load_mission(MISSION, [f"robots={robots}"])
-        self._instance = Simulator(mission, model).instance(SEED)
-
-    def __call__(self, poses: Floats, robot: int) -> Readings:
-        """What a robot perceives where robots are at poses (robots, 3)."""
-        scene, swarm = self._instance.scene, self._instance.swarm
-        swarm.poses[:] = np.column_stack([poses, np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-        found: Readings = compiled(sense)(scene, self._model, swarm, 0, robot, EVERYTHING)
-        return found
+    def visible(self, tests: int) -> float:
+        """The difference of means that the test finds with probability `POWER`, at `LEVEL` over so many tests."""
+        if not len(self.twin):
+            return math.inf
+        return visible_shift(len(self.simulated), len(self.twin), LEVEL / tests) * float(self.simulated.std(ddof=1))
 
 
-def main() -> None:
+def compare(cases: Sequence[Case], seeds: Sequence[int], experiments: int, folder: Path) -> Iterator[Comparison]:
+    """The scores of all runs in a folder, and of as many experiments, of these seeds and those that follow."""
+    for case in cases:
+        all_found = {seed: found(case.plan(seed), folder / place(case, seed)) for seed in seeds}
+        results = {seed: result for seed, result in all_found.items() if result is not None}
+        why = [result.why_left_out for result in results.values()]
+        twin = [score(case, s, r, folder / place(case, s)) for s, r in results.items() if not r.why_left_out]
+        more = range(seeds[0], seeds[0] + experiments)
+        simulated = evaluate(case.simulator, case.pfsm, seeds=more, jobs=available_jobs()).scores.values
+        left_out = {reason: why.count(reason) for reason in sorted(set(why) - {""})}
+        yield Comparison(case, np.array(simulated), np.array(twin), left_out)
+
+
+def table(comparisons: Sequence[Comparison]) -> bool:
+    """Print the comparisons; whether no mission differs."""
+    tests = len(comparisons)
+    adjusted = holm(np.array([each.p for each in comparisons]))
+    columns = ("mission", "robots, s", "simulated", "twin", "difference", "p", "p, Holm", "would be found from")
+    print(f"| {' | '.join(columns)} | runs left out |\n{(len(columns) + 1) * '|---'}|")
+    for each, p in zip(comparisons, adjusted.tolist(), strict=True):
+        mission = each.case.simulator.mission
+        left_out = ", ".join(f"{count} {why}" for why, count in each.left_out.items()) or "0"
+        apart = f"{each.twin.mean() - each.simulated.mean():+.3g}" if len(each.twin) else "-"
+        cells = [each.case.name, f"{mission.robots}, {mission.duration:g}", _mean(each.simulated), _mean(each.twin)]
+        cells += [apart, f"{each.p:.2g}", f"{p:.2g}{' **differs**' if p <= LEVEL else ''}"]
+        print(f"| {' | '.join(cells)} | {each.visible(tests):.3g} | {left_out} |")
+    differing = [each.case.name for each, p in zip(comparisons, adjusted.tolist(), strict=True) if p <= LEVEL]
+    empty = [each.case.name for each in comparisons if not len(each.twin)]
+    print(f"\n{tests} missions; Holm at {LEVEL:g}: {', '.join(differing) or 'none'} differ")
+    if empty:
+        print(f"nothing is known of {', '.join(empty)}: no run counts")
+    print(f"would be found from: difference of means that a test finds with probability {POWER:g}")
+    return not differing and not empty
+
+
+def _mean(scores: Floats) -> str:
+    """With the half width of its 95 % confidence interval, and of how many."""
+    if len(scores) < 2:
+        return f"- ({len(scores)})"
+    from scipy.stats import t
+
+    half = float(t.ppf(0.975, len(scores) - 1)) * scores.std(ddof=1) / math.sqrt(len(scores))
+    return f"{scores.mean():.4g} ± {half:.2g} ({len(scores)})"
+
+
+def seconds(cases: Sequence[Case], runs: int, at_once: int) -> float:
+    """About how long all runs take [s]."""
+    each = [case.robots * (case.simulator.mission.duration + _STARTS) for case in cases]
+    return runs * sum(each) / at_once
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of a run")
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
-    if not (options.folder / "run0.jsonl").exists():
-        run(options.folder, options.seconds)
-    print(f"| {' | '.join(_TITLES)} |\n{len(_TITLES) * '|---'}|")
-    for robot in range(len(FSMS)):
-        decided, seen = decisions(options.folder / f"run{robot}.jsonl"), perception(options.folder, robot)
-        half, most = np.quantile(seen.differences, [0.5, 0.99])
-        row = [str(number) for number in (robot, decided.cycles, decided.changes)]
-        row += [f"{100.0 * same / decided.cycles:.2f} %" for same in (decided.states, decided.wheels)]
-        row += [f"{100.0 * same / seen.cycles:.1f} %" for same in (seen.ground, *seen.neighbours, seen.proximity)]
-        print(f"| {' | '.join(row)} | {half:.4f} | {most:.4f} |")
+    parser.add_argument("folder", type=Path, help="for the runs on twins, each in a folder of its own")
+    parser.add_argument("--missions", nargs="+", choices=[*MISSIONS], default=[*MISSIONS], metavar="MISSION")
+    parser.add_argument("--runs", type=int, default=20, help="on the twin, of each mission")
+    parser.add_argument("--experiments", type=int, default=400, help="in the simulator, of each mission")
+    parser.add_argument("--duration", type=float, help="[s] of all, instead of the missions' own")
+    parser.add_argument("--seed", type=int, default=1, help="the first")
+    parser.add_argument("--at-once", type=int, default=16, help="robots that run at the same time")
+    parser.add_argument("--stepped", action="store_true", help="the robots' code here, at the twin's own time")
+    parser.add_argument("--keep", action="store_true", help="the logs of robots, too: 1.5 MB for each minute")
+    parser.add_argument("--list", action="store_true", help="tell what would be run, and how long it takes")
+    given = parser.parse_args(arguments)
+    cases = [case(name, given.duration) for name in given.missions]
+    seeds = range(given.seed, given.seed + given.runs)
+    if given.list:
+        for each in cases:
+            print(each.name, *each.overrides)
+        print(f"about {seconds(cases, given.runs, given.at_once) / 60.0:.0f} minutes")
+        return 0
+    for each in cases:
+        each.simulator.rehearse(announce=print)
+    places = [(each, seed, given.folder / place(each, seed)) for each in cases for seed in seeds]
+    todo = [(each, seed) for each, seed, where in places if found(each.plan(seed), where) is None]
+    if todo and given.stepped:
+        step_all(todo, given.duration, given.folder)
+    elif todo:
+        run_all(todo, given.folder, at_once=given.at_once, keep=given.keep)
+    return int(not table([*compare(cases, seeds, given.experiments, given.folder)]))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

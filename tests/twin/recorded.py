@@ -1,4 +1,4 @@
-"""Logs of three robots on a twin, and of the twin, as `benchmarks/twin_agreement.py` has left them."""
+"""Logs of three robots on a twin, and of the twin, as `benchmarks/twin_perception.py` has left them."""
 
 import zipfile
 from pathlib import Path

@@ -27,7 +27,7 @@ def model(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("lidar: {range: [12, 0.1]}", r"lidar.range: expected .* the smaller first, found"),
+        ("lidar: {range: [12, 0.1]}", r"lidar.range: expected .* the smaller first \[m\], found"),
         ("lidar: {range: [1, 1]}", "lidar.range: expected .* the smaller first"),
         ("proximity: {range: [2.0, 0.05]}", "proximity.range: expected .* the smaller first"),
         ("imu: {range: [3, -3]}", "imu.range: expected .* the smaller first"),

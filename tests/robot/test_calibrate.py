@@ -392,7 +392,7 @@ def test_directions():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["color", "grey"], "'grey' is not one of"),
+        (["color", "grau"], "'grau' is not one of"),
         (["color", "--seconds", "0"], "--seconds"),
         (["proximity", "--distance", "3"], "--distance"),
     ],

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 from mercator_design import schema, spelling
 from mercator_design.errors import excerpt
 from mercator_design.schema import FieldError, FilePath, Kind, Specification
-from mercator_design.yaml_tree import MOST_MISTAKES, Fault, Node, steps
+from mercator_design.yaml_tree import LARGEST_INTEGER, MOST_MISTAKES, Fault, Node, steps
 
 Holder: TypeAlias = Callable[..., Any]
 
@@ -72,7 +72,7 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
 
 def message(node: Node, way: Way | None, what: str) -> str:
     """What is wrong with a node, with its place and path."""
-    return f"{node.where}: {what}" if way is None else f"{node.where}: {way}: {what}"
+    return ": ".join(str(part) for part in (node.where, way, what) if part)
 
 
 def is_name(text: str) -> bool:
@@ -81,6 +81,8 @@ def is_name(text: str) -> bool:
 
 
 def _builder(base: Kind) -> Callable[[Node, Kind, Way | None], Any]:
+    if base is object:
+        return lambda node, _, __: node.content
     if schema.is_union(base):
         return _union
     if schema.origin_of(base) is tuple:
@@ -99,7 +101,7 @@ def _scalar(node: Node, base: Kind, _: Way | None) -> Any:  # noqa: ANN401 - wha
         found = spelling.find(text, words)
         return _WRONG if found is None else words[found]
     if base is str:
-        return text if text or not node.plain else _WRONG
+        return text if not node.plain or (text and not node.is_json) else _WRONG
     return _plain_scalar(text, base) if node.plain else _WRONG
 
 
@@ -108,7 +110,7 @@ def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
     if base is bool:
         return {"true": True, "false": False}.get(text, _WRONG)
     if base is int:
-        return int(text) if re.fullmatch(r"[-+]?[0-9]{1,18}", text) else _WRONG
+        return int(text) if re.fullmatch(r"[-+]?[0-9]{1,19}", text) and abs(int(text)) <= LARGEST_INTEGER else _WRONG
     if base is float:
         number = re.fullmatch(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", text)
         return float(text) if number and math.isfinite(float(text)) else _WRONG

@@ -17,6 +17,12 @@ def to_line(event: Mapping[str, Any]) -> str:
     return f'{text[:-1]}{_CRC}{zlib.crc32(text.encode()):08x}"}}\n'
 
 
+def checksum(line: str | bytes) -> str:
+    """That of a line that `to_line` made."""
+    end = line[-11:-3]
+    return end if isinstance(end, str) else end.decode()
+
+
 def from_line(line: bytes) -> Event:
     """The event of a line.
 

@@ -27,7 +27,7 @@ from typing import Any, Self
 from mercator_design import __version__
 from mercator_design.errors import RaceError
 from mercator_design.files import write_bytes, write_text
-from mercator_design.race.events import Finished, Tested
+from mercator_design.race.events import Extension, Finished, Tested
 from mercator_design.race.journal import Journal
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
@@ -137,7 +137,7 @@ class RunFolder:
                 f"{self.path}: expected a budget of {self.journal.budget}, as before, or more, found {budget}"
             )
         if budget > self.journal.budget:
-            self.journal.note([{"event": "extend", "budget": budget}])
+            self.journal.note(Extension(budget=budget))
 
     def test(self, testing: Testing | None) -> None:
         """Let these be the tests, from now on.

@@ -115,6 +115,19 @@ class Ascending:
 
 
 @dataclass(frozen=True, slots=True)
+class OneOf:
+    """A text is one of some words."""
+
+    words: tuple[str, ...]
+
+    def allows(self, value: str) -> bool:
+        return value in self.words
+
+    def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
+        return one_of(list(self.words))
+
+
+@dataclass(frozen=True, slots=True)
 class Pattern:
     """A regular expression for a whole text, and its meaning in words."""
 
@@ -336,6 +349,7 @@ _NOUNS = {
     bool: "true or false",
     str: "text",
     types.NoneType: "null",
+    object: "data",
 }
 
 

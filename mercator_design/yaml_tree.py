@@ -22,6 +22,7 @@ from mercator_design.files import Unreadable, read_small
 
 LARGEST_FILE = 256 * 1024
 DEEPEST = 32
+LARGEST_INTEGER = 2**63 - 1  # that numpy holds
 MOST_MISTAKES = 20
 """That are told of one text; its reading ends with the last of them."""
 
@@ -37,13 +38,15 @@ class Fault(Exception):  # noqa: N818 - becomes the error class that the caller 
 class Node:
     """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys.
 
-    One that could not be read, which was told, has no content.
+    One that could not be read, which was told, has no content. A scalar without quotes is plain; of JSON data, a plain
+    scalar is no text.
     """
 
     content: "str | list[Node] | dict[str, Node] | None"
     where: str
     folder: Path
     plain: bool = True
+    is_json: bool = False
 
     @property
     def found(self) -> str:
@@ -53,7 +56,9 @@ class Node:
         if isinstance(self.content, list):
             return f"a list of {len(self.content)}"
         text = self.content or ""
-        return json.dumps(excerpt(text), ensure_ascii=False) if text or not self.plain else "nothing"
+        if self.plain and (self.is_json or not text):
+            return excerpt(text) or "nothing"
+        return json.dumps(excerpt(text), ensure_ascii=False)
 
     def child(self, step: str | int) -> "Node | None":
         """The node at a key or an index, if there is one."""
@@ -93,6 +98,33 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
+
+
+def is_text(text: str) -> bool:
+    """Whether a text can be written: it has no half of a pair of characters, as JSON may have."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
+    """The tree of JSON data.
+
+    Raises:
+        Fault: They are nested too deep.
+    """
+    if depth > DEEPEST:
+        raise Fault(f"{where}: nested more than {DEEPEST} levels deep")
+    content: str | list[Node] | dict[str, Node]
+    if isinstance(data, dict):
+        content = {key: tree_of(item, where, depth + 1) for key, item in data.items()}
+    elif isinstance(data, list):
+        content = [tree_of(item, where, depth + 1) for item in data]
+    else:
+        content = data if isinstance(data, str) else json.dumps(data)
+    return Node(content=content, where=where, folder=Path(), plain=not isinstance(data, str), is_json=True)
 
 
 def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True) -> Node:

@@ -18,7 +18,6 @@ import pandas as pd
 import pytest
 
 from mercator_design import run_tables
-from mercator_design.checked_lines import to_line
 from mercator_design.command import tell
 from mercator_design.errors import RaceError
 from mercator_design.fsm.behaviours import BEHAVIOURS
@@ -26,7 +25,7 @@ from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.events import Finished, Iteration
+from mercator_design.race.events import Finished, Iteration, NewConfiguration
 from mercator_design.race.journal import Journal, read
 from mercator_design.race.record import Record
 from mercator_design.race.summary import Elite, Progress
@@ -36,6 +35,7 @@ from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_files import JOURNAL
 from mercator_design.run_tables import configurations_table, experiments_table, tests_table
 from mercator_design.sim.simulate import Simulator
+from tests.race.lines import events_in, journal_of
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 RACE = [
@@ -649,10 +649,9 @@ class TestRuns:
     def test_the_race_of_another_version(self, mdesign, folder, tmp_path):
         """Whose start has no name: it is told, and the others are listed."""
         old = shutil.copytree(folder, tmp_path / "old")
-        first, *others = (old / JOURNAL).read_text().splitlines(keepends=True)
-        start = json.loads(first)
-        del start["crc"], start["name"]
-        (old / JOURNAL).write_text(to_line(start) + "".join(others))
+        events = events_in((old / JOURNAL).read_bytes())
+        del events[0]["name"]
+        (old / JOURNAL).write_bytes(journal_of(events))
         code, out, err = mdesign("runs", "list", tmp_path)
         assert (code, err, out.count("\n"), out.count("of another version\n")) == (0, "", 3, 1)
         for options in (["show", old], ["show", old, "--csv", "experiments"], ["verify", old], ["importance", old]):
@@ -698,18 +697,17 @@ class TestRuns:
     def test_verify_finds_what_was_changed(self, mdesign, folder, key):
         """By someone who knows how to make checksums."""
         record = read(folder / JOURNAL).record
-        events = [json.loads(line) for line in (folder / JOURNAL).read_text().splitlines()]
+        events = events_in((folder / JOURNAL).read_bytes())
         for event in events:
-            event.pop("crc")
             if event["event"] == "experiment" and event["experiment"] == 60:
                 event[key] = 7.5 if key == "score" else "0" * 16
-        (folder / JOURNAL).write_text("".join(map(to_line, events)))
+        (folder / JOURNAL).write_bytes(journal_of(events))
         code, out, err = mdesign("runs", "verify", folder, "-n", 120)
         assert (code, out) == (1, "")
         assert f"digest of the first 120 experiments: expected {record.digest()}" in err
         changed = read(folder / JOURNAL).record.digest()
         events[-1]["digest"] = changed
-        (folder / JOURNAL).write_text("".join(map(to_line, events)))
+        (folder / JOURNAL).write_bytes(journal_of(events))
         code, out, err = mdesign("runs", "verify", folder, "-n", 120)
         assert (code, out) == (1, "")
         assert "experiment 60: expected" in err
@@ -730,8 +728,8 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
     record.begin({"budget": 40})
     for k in range(40):
         one = Finished(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
-        record.note([{"event": "configuration", "configuration": k, "parent": None, "values": {}}])
-        record.note_experiments([one])
+        record.note(NewConfiguration(configuration=k, parent=None, values={}))
+        record.note(one)
         summary = Iteration(
             iteration=k + 1,
             postselection=False,
@@ -744,7 +742,7 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
             stagnant=0,
             note="",
         )
-        record.note_iteration(summary)
+        record.note(summary)
     names = [line.split()[0] for line in iterations_table(record)[1:]]
     assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
     del record.iterations[40]

@@ -1,6 +1,8 @@
 """A race's record in a file that survives whatever stops the race.
 
-A file has an event a line, as JSON with a checksum of the line in it, and is only ever appended to:
+A file has an event a line, as JSON, and is only ever appended to. Each line ends in its checksum, which covers the
+checksum of the line before ("after"): so a line that is missing, changed, doubled or out of order is found. The lines
+of format 1 have no "after"; such a journal is read, and continued, as it is. Events:
 
     start          what makes the race: digests of all that it depends on, seed, budget, options
     session        a process that began to work on it: its number, host, time, executor
@@ -21,20 +23,23 @@ import fcntl
 import os
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from mercator_design.checked_lines import Event, from_line, to_line
-from mercator_design.errors import RaceError
+from mercator_design.checked_lines import checksum, from_line, to_line
+from mercator_design.errors import RaceError, excerpt
 from mercator_design.files import sync_folder
+from mercator_design.race.events import Event, Session, Stop, event_of, to_json
 from mercator_design.race.record import Record
 
 SYNC_EVERY = 1.0
 """Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+_FIRST = "0" * 8
+"""What the first line has as the checksum of the line before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,7 @@ class Reading:
     length: int  # of its whole lines [bytes]
     lines: int  # that are whole
     torn: str  # what is wrong with what comes after them, if anything does
+    last: str  # checksum of the last whole line
 
 
 def read(path: Path) -> Reading:
@@ -53,29 +59,53 @@ def read(path: Path) -> Reading:
     Raises:
         RaceError: It cannot be read, or is corrupt before its end: with the line.
     """
-    record, length, lines, torn = Record(), 0, 0, ""
+    record, length, lines, torn, before = Record(), 0, 0, "", _FIRST
     try:
+        if path.exists() and not path.is_file():  # opening a pipe would wait
+            raise RaceError(f"{path}: expected a regular file, found a folder, device or pipe")
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):
                 try:
-                    event = from_line(line)
+                    data = from_line(line)
                 except ValueError as error:
                     torn = torn or f"line {number}: {error}"
                     continue
                 if torn:  # a whole line after it
-                    raise RaceError(
-                        f"{path}, {torn}; the journal was damaged or changed after it was written. Lines 1 to {lines} "
-                        "are whole: delete those after them to run again what they were about"
-                    )
+                    raise RaceError(f"{path}, {torn}; {_advice(lines)}")
                 try:
-                    record.note([event])
+                    _take(record, data, before)
                 except RaceError as error:
-                    raise RaceError(f"{path}, line {number}: {error}") from None
+                    raise RaceError(f"{path}, line {number}: {error}; {_advice(lines)}") from None
                 length += len(line)
-                lines = number
+                lines, before = number, checksum(line)
     except OSError as error:
         raise RaceError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return Reading(record, length, lines, torn)
+    return Reading(record, length, lines, torn, before)
+
+
+def _advice(lines: int) -> str:
+    """What to do where so many lines are whole, and others after them are not."""
+    advice = "the journal was damaged or changed after it was written"
+    if lines:
+        advice += f". Lines 1 to {lines} are whole: delete those after them to run again what they were about"
+    return advice
+
+
+def _take(record: Record, data: dict[str, Any], before: str) -> None:
+    """Take in the data of a line."""
+    is_start = data.get("event") == "start"
+    if (data if is_start else record.start).get("format") != 1:
+        after = data.pop("after", None)
+        if after != before:
+            raise RaceError(
+                f"expected a line that was written after one with the checksum {before}, found {excerpt(str(after))}: "
+                "lines are missing, were added, or are out of order"
+            )
+    if is_start:
+        del data["event"]
+        record.begin(data)
+    else:
+        record.note(event_of(data))
 
 
 class Journal(Record):
@@ -84,7 +114,7 @@ class Journal(Record):
     One process at a time has it: it is locked, and the lock goes with the process, however that ends.
     """
 
-    __slots__ = ("_file", "_length", "_synced", "notes", "path")
+    __slots__ = ("_file", "_last", "_length", "_synced", "notes", "path")
 
     def __init__(self, path: Path, *, new: bool) -> None:
         """Open a new or an old one.
@@ -100,6 +130,7 @@ class Journal(Record):
             path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if new else 0), 0o666
         )
         self._length = 0
+        self._last = _FIRST
         self._synced = time.monotonic()
         try:
             self._lock()
@@ -119,31 +150,52 @@ class Journal(Record):
     ) -> None:
         with contextlib.suppress(OSError, RaceError):  # what went wrong before matters more
             if kind is not None:
-                self.note([{"event": "stop", "why": kind.__name__, "time": now()}])
+                self.note(Stop(why=kind.__name__, time=now()))
             self.sync()
         os.close(self._file)
 
-    def open_session(self, **how: object) -> None:
+    def open_session(self, executor: str = "", jobs: int = 0) -> None:
         """Note that this process begins to work on the race.
 
         Args:
-            how: it does.
+            executor: What runs experiments.
+            jobs: How many at once.
         """
-        self.note([{"event": "session", "process": os.getpid(), "host": socket.gethostname(), "time": now(), **how}])
+        host = socket.gethostname()
+        self.note(Session(process=os.getpid(), host=host, time=now(), executor=executor, jobs=jobs))
 
-    def note(self, events: Sequence[Event]) -> None:
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """As `Record.begin`; the start is appended to the file.
+
+        Raises:
+            RaceError: As there, or it cannot be written.
+        """
+        super().begin(start)
+        self._append({"event": "start", **self.start})
+
+    def note(self, *events: Event) -> None:
         """Take in events and append them to the file, whole or not at all.
 
         Raises:
             RaceError: One does not fit to those before, or they cannot be written.
         """
-        super().note(events)
-        self._write("".join(map(to_line, events)).encode())
+        super().note(*events)
+        self._append(*map(to_json, events))
 
     def sync(self) -> None:
         """Force what was written to the disk."""
         os.fsync(self._file)
         self._synced = time.monotonic()
+
+    def _append(self, *lines: dict[str, Any]) -> None:
+        is_chained, last, texts = self.start["format"] != 1, self._last, []
+        for line in lines:
+            if is_chained:
+                line["after"] = last
+            texts.append(to_line(line))
+            last = checksum(texts[-1])
+        self._write("".join(texts).encode())
+        self._last = last
 
     def _write(self, data: bytes) -> None:
         try:
@@ -178,7 +230,7 @@ class Journal(Record):
         reading = read(self.path)
         for name in Record.__slots__:
             setattr(self, name, getattr(reading.record, name))
-        self._length = reading.length
+        self._length, self._last = reading.length, reading.last
         if reading.torn:
             self.notes.append(f"{self.path}, {reading.torn}: cut off there; what it was about is run again")
             os.ftruncate(self._file, reading.length)
@@ -212,6 +264,6 @@ def _holder(path: Path) -> str:
     """Who has a journal, as far as it says so."""
     with contextlib.suppress(RaceError):
         sessions = read(path).record.sessions
-        if sessions and sessions[-1]["event"] == "session":
-            return f"process {sessions[-1].get('process')} on {sessions[-1].get('host')}"
+        if sessions and isinstance(last := sessions[-1], Session):
+            return f"process {last.process} on {last.host}"
     return "another process"

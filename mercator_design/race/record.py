@@ -8,24 +8,41 @@ race that was tested the same as one that was not.
 import hashlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
 
-from mercator_design.checked_lines import Event
-from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.events import End, Finished, Iteration, Measured, Revised, Tested
+from mercator_design.errors import RaceError
+from mercator_design.json_data import from_json
+from mercator_design.race.events import (
+    Ahead,
+    End,
+    Event,
+    Extension,
+    Finished,
+    Iteration,
+    Measured,
+    NewConfiguration,
+    Revised,
+    Session,
+    Stop,
+    Tested,
+)
 from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
+from mercator_design.schema import Range
+from mercator_design.scores import EXPECTED, is_score
 
-FORMAT = 1
+FORMAT = 2
+FORMATS = (1, 2)
+"""That can be read; the lines of the first are not chained."""
 
 
 @dataclass(slots=True)
 class Record:
     """What has happened in a race, in memory."""
 
-    start: Event = field(default_factory=dict)
+    start: dict[str, Any] = field(default_factory=dict)
     configurations: dict[int, Configuration] = field(default_factory=dict)
     parents: dict[int, int | None] = field(default_factory=dict)
     experiments: dict[int, Finished] = field(default_factory=dict)
@@ -35,7 +52,9 @@ class Record:
     iterations: dict[int, Iteration] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
     ends: list[End] = field(default_factory=list)
-    sessions: list[Event] = field(default_factory=list)  # starts and stops of processes
+    sessions: list[Session | Stop] = field(default_factory=list)
+    scored: set[int] = field(default_factory=set)
+    """The configurations that have a score."""
 
     @property
     def budget(self) -> int:
@@ -46,18 +65,6 @@ class Record:
     def is_complete(self) -> bool:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
-
-    def results(self) -> list[Finished]:
-        """The experiments in order of their numbers, with the scores that they have by now."""
-        latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
-        finished = [self.experiments[number] for number in sorted(self.experiments)]
-        if not latest:
-            return finished
-        newer = [latest.get(Experiment(one.configuration, one.instance)) for one in finished]
-        return [
-            one if new is None else replace(one, score=new.score, failure=new.failure)
-            for one, new in zip(finished, newer, strict=True)
-        ]
 
     def test_scores(self) -> dict[int, tuple[float, ...]]:
         """The scores of each configuration on the test instances, in order of these; without tests that failed."""
@@ -87,111 +94,126 @@ class Record:
             digest.update(f"\nend {end.budget} {end.experiments} {end.winner}".encode())
         return digest.hexdigest()
 
-    def note(self, events: Sequence[Event]) -> None:
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """Take in what makes the race.
+
+        Raises:
+            RaceError: There was a start before, or this is of a format that is not known.
+        """
+        if self.start:
+            raise RaceError("expected one start, found a second start")
+        start = {"format": FORMAT, **start}
+        if from_json(start["format"], int, error=RaceError, path="start.format") not in FORMATS:
+            raise RaceError(
+                f"start.format: expected one of {', '.join(map(str, FORMATS))}, found {start['format']}: "
+                "another version of this program wrote it, and can read it"
+            )
+        budget = from_json(start.get("budget"), Annotated[int, Range(1)], error=RaceError, path="start.budget")
+        self.start = from_json(start, Mapping[str, object], error=RaceError, path="start")
+        self.budgets = [budget]
+
+    def note(self, *events: Event) -> None:
         """Take in events.
 
         Raises:
             RaceError: One does not fit to those before.
         """
+        if not self.start:
+            raise RaceError("expected the start of a race first, found another event")
         for event in events:
             self._take(event)
-
-    def begin(self, start: Mapping[str, Any]) -> None:
-        """Take in what makes the race."""
-        self.note([{"event": "start", "format": FORMAT, **start}])
-
-    def note_experiments(self, finished: Sequence[Finished]) -> None:
-        """Take in experiments that have finished."""
-        self.note([{"event": "experiment"} | {name: getattr(one, name) for name in _FIELDS} for one in finished])
-
-    def note_iteration(self, iteration: Iteration) -> None:
-        """Take in that an iteration has ended."""
-        self.note([{"event": "iteration", **asdict(iteration)}])
-
-    def note_test(self, tested: Tested) -> None:
-        """Take in a test that has finished."""
-        self.note([{"event": "test", **asdict(tested)}])
-
-    def note_ahead(self, experiment: Experiment, measured: Measured) -> None:
-        """Take in an experiment that the race has not asked for yet."""
-        self.note([{"event": "ahead", **experiment._asdict(), **measured._asdict()}])
-
-    def note_revised(self, revised: Revised) -> None:
-        """Take in a score that has replaced another one."""
-        self.note([{"event": "revised", **asdict(revised)}])
 
     def note_end(self, end: End) -> None:
         """Take in that the race has ended, with the digest of all up to there."""
         self.ends.append(end)
         digest = self.digest()
         self.ends.pop()
-        self.note(
-            [
-                {
-                    "event": "end",
-                    "budget": end.budget,
-                    "experiments": end.experiments,
-                    "winner": end.winner,
-                    "digest": digest,
-                }
-            ]
-        )
+        self.note(replace(end, digest=digest))
 
     def _take(self, event: Event) -> None:
-        event = {**event}
-        kind = event.pop("event", None)
-        try:
-            if not self.start and kind != "start":
-                raise ValueError(f"expected the start of a race first, found {excerpt(str(kind))}")  # noqa: TRY301
-            match kind:
-                case "experiment":
-                    one = Finished(**event)
-                    if self.experiments.setdefault(one.experiment, one) != one:
-                        raise ValueError(f"experiment {one.experiment} finished twice, with different results")  # noqa: TRY301
-                case "ahead":
-                    where = Experiment(event["configuration"], event["instance"])
-                    self.ahead[where] = Measured(event["score"], event["outcome"])
-                case "revised":
-                    new = Revised(**event)
-                    self.revised.setdefault(new.experiment, {})[Experiment(new.configuration, new.instance)] = new
-                case "iteration":
-                    ended = Iteration(**event | {"elites": tuple(event["elites"])})
-                    self.iterations[ended.iteration] = ended
-                case "test":
-                    test = Tested(**event)
-                    where = Experiment(test.configuration, test.instance)
-                    if self.tests.setdefault(where, test) != test:
-                        raise ValueError(  # noqa: TRY301
-                            f"configuration {test.configuration} was tested twice on instance {test.instance}, with "
-                            "different results"
-                        )
-                case "configuration":
-                    # Their names are those of other configurations: once in memory is enough.
-                    values = {sys.intern(name): value for name, value in event["values"].items()}
-                    self.configurations[event["configuration"]] = values
-                    self.parents[event["configuration"]] = event["parent"]
-                case "start":
-                    if self.start or event.get("format") != FORMAT:
-                        found = "a second start" if self.start else f"format {event.get('format')}"
-                        raise ValueError(f"expected one start, of format {FORMAT}, found {found}")  # noqa: TRY301
-                    self.start = event
-                    self.budgets = [event["budget"]]
-                case "extend":
-                    if event["budget"] <= self.budget:
-                        raise ValueError(f"expected a budget larger than {self.budget}, found {event['budget']}")  # noqa: TRY301
-                    self.budgets.append(event["budget"])
-                case "end":
-                    self.ends.append(End(**event))
-                case "session" | "stop":
-                    self.sessions.append({"event": kind, **event})
-                case _:
-                    raise ValueError(f"expected an event, found {excerpt(str(kind))}")  # noqa: TRY301
-        except (ValueError, TypeError, KeyError) as error:
-            what = f"{kind} without {error}" if isinstance(error, KeyError) else str(error)
-            raise RaceError(what) from None
+        match event:
+            case Finished():
+                self._check_result(event)
+                if self.experiments.setdefault(event.experiment, event) != event:
+                    raise RaceError(f"experiment {event.experiment} finished twice, with different results")
+                if event.score is not None:
+                    self.scored.add(event.configuration)
+            case NewConfiguration():
+                self._take_configuration(event)
+            case Ahead():
+                self._check_known(event.configuration, "ahead")
+                self.ahead[Experiment(event.configuration, event.instance)] = Measured(event.score, event.outcome)
+            case Revised():
+                self._check_result(event)
+                revised = self.revised.setdefault(event.experiment, {})
+                if revised.setdefault(Experiment(event.configuration, event.instance), event) != event:
+                    raise RaceError(f"configuration {event.configuration} was revised twice, with different results")
+            case Tested():
+                self._take_test(event)
+            case Iteration():
+                self._check_scored("an elite", *event.elites)
+                if self.iterations.setdefault(event.iteration, event) != event:
+                    raise RaceError(f"iteration {event.iteration} ended twice, with different results")
+            case Extension():
+                if event.budget <= self.budget:
+                    raise RaceError(f"expected a budget larger than {self.budget}, found {event.budget}")
+                self.budgets.append(event.budget)
+            case End():
+                self._take_end(event)
+            case Session() | Stop():
+                self.sessions.append(event)
 
+    def _take_configuration(self, event: NewConfiguration) -> None:
+        number = event.configuration
+        if event.parent is not None:
+            self._check_known(event.parent, f"configuration {number}: its parent")
+        # Their names are those of other configurations: once in memory is enough.
+        values = {sys.intern(name): value for name, value in event.values.items()}
+        if (self.configurations.setdefault(number, values), self.parents.setdefault(number, event.parent)) != (
+            values,
+            event.parent,
+        ):
+            raise RaceError(f"configuration {number} is there twice, with different values")
 
-_FIELDS = Finished.__slots__
+    def _take_test(self, event: Tested) -> None:
+        self._check_result(event)
+        if not self.ends:
+            raise RaceError("expected no test before the race has ended, found one")
+        where = Experiment(event.configuration, event.instance)
+        if self.tests.setdefault(where, event) != event:
+            raise RaceError(
+                f"configuration {event.configuration} was tested twice on instance {event.instance}, with "
+                "different results"
+            )
+
+    def _take_end(self, event: End) -> None:
+        if self.is_complete:
+            raise RaceError("expected no further end of the race, as there is no further budget, found one")
+        if event.budget != self.budgets[len(self.ends)]:
+            raise RaceError(f"end.budget: expected {self.budgets[len(self.ends)]}, found {event.budget}")
+        if event.experiments != len(self.experiments) or max(self.experiments, default=-1) >= event.experiments:
+            raise RaceError(
+                f"end.experiments: expected {len(self.experiments)}, numbered without a gap, as there are before it, "
+                f"found {event.experiments}"
+            )
+        self._check_scored("the winner", event.winner)
+        self.ends.append(event)
+
+    def _check_result(self, event: Finished | Revised | Tested) -> None:
+        self._check_known(event.configuration, "experiment")
+        if (event.score is None) != bool(event.failure):
+            raise RaceError("experiment: expected either a score or why it failed, found both or neither")
+        if event.score is not None and not is_score(event.score):
+            raise RaceError(f"experiment.score: {EXPECTED}, found {event.score}")
+
+    def _check_known(self, configuration: int, what: str) -> None:
+        if configuration not in self.configurations:
+            raise RaceError(f"{what}: expected a configuration that is in the journal before, found {configuration}")
+
+    def _check_scored(self, what: str, *configurations: int) -> None:
+        for number in configurations:
+            if number not in self.scored:
+                raise RaceError(f"{what}: expected a configuration that has a score, found {number}")
 
 
 def _text(value: Mapping[str, Any]) -> str:

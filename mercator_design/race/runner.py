@@ -14,14 +14,14 @@ costs alone, and only what had not finished is run.
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.asking import Asking
-from mercator_design.race.events import End, Finished, Iteration, Measured, Revised, Tested
+from mercator_design.race.events import Ahead, End, Finished, Iteration, Measured, NewConfiguration, Revised, Tested
 from mercator_design.race.executors import Executor, Failed, Rejected, Stopped, attempt_here
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
@@ -85,6 +85,7 @@ class Runner(Generic[T]):
         self._failures: dict[int, ExperimentFailed] = {}  # by the experiment's number
         self._told = 0
         self._n_iterations = 0
+        self._n_revised = 0
         self._n_ends = 0
         self._ended = False
 
@@ -154,8 +155,6 @@ class Runner(Generic[T]):
     def _note_iterations(self) -> None:
         for ended in self.race.iterations[self._n_iterations :]:
             self._n_iterations += 1
-            if ended.iteration in self.record.iterations:
-                continue
             iteration = Iteration(
                 iteration=ended.iteration,
                 postselection=ended.postselection,
@@ -168,8 +167,12 @@ class Runner(Generic[T]):
                 stagnant=ended.stagnant,
                 note=ended.note,
             )
-            self.record.note_iteration(iteration)
-            self.watch_iterations(iteration)
+            known = self.record.iterations.get(ended.iteration)
+            if known is None:
+                self.record.note(iteration)
+                self.watch_iterations(iteration)
+            elif replace(known, note="") != replace(iteration, note=""):  # another version may say other words
+                raise _another(f"{iteration}", f"{known}")
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""
@@ -218,7 +221,7 @@ class Runner(Generic[T]):
             one = self._finished(self._told, experiment, result)
             self._failures[self._told] = ExperimentFailed(one, error_of(result))
         elif not (failure and self.stopped()):
-            self.record.note_revised(
+            self.record.note(
                 Revised(
                     experiment=self._told,
                     configuration=experiment.configuration,
@@ -231,7 +234,16 @@ class Runner(Generic[T]):
     def _revise(self) -> None:
         """Tell the race which costs the evaluation of a batch has replaced."""
         revised = self.record.revised.get(self._told, {})
+        instances = {experiment.instance for experiment in self._batch}
+        for e in revised:
+            if (
+                self.evaluate is None
+                or e.instance not in instances
+                or e.configuration not in self.race.beside(e.instance)
+            ):
+                raise _another("no revised score", f"that of configuration {e.configuration} on instance {e.instance}")
         if revised:
+            self._n_revised += 1
             costs = {e: float("inf") if one.score is None else self.cost(one.score) for e, one in revised.items()}
             self.race.revise(costs)
 
@@ -243,7 +255,7 @@ class Runner(Generic[T]):
         if is_fatal(result, self.on_failure):  # not noted, as above
             self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
             return
-        self.record.note_experiments([one])
+        self.record.note(one)
         self.watch([one])
 
     def _finished(self, number: int, experiment: Experiment, result: Measured | Failed) -> Finished:
@@ -262,14 +274,13 @@ class Runner(Generic[T]):
     def _keep(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
         if not read_result(result)[2] and isinstance(result, Measured):
-            self.record.note_ahead(experiment, result)
+            self.record.note(Ahead(**experiment._asdict(), **result._asdict()))
 
     def _note_configurations(self) -> None:
         for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
             values, parent = self.race.configurations[number], self.race.parents[number]
             if number not in self.record.configurations:
-                event = {"event": "configuration", "configuration": number, "parent": parent, "values": values}
-                self.record.note([event])
+                self.record.note(NewConfiguration(configuration=number, parent=parent, values=values))
             elif self.record.configurations[number] != values:
                 raise _another(f"configuration {number}: {values}", f"{self.record.configurations[number]}")
             self.record.configurations[number] = values  # once in memory is enough

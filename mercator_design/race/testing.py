@@ -102,7 +102,7 @@ def run_tests(
         if is_fatal(result, on_failure):  # not noted, as above
             failures[missing.index(where)] = ExperimentFailed(test, error_of(result))
             continue
-        record.note_test(test)
+        record.note(test)
         done += 1
         watch(done, len(experiments))
     if failures:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.errors import RaceError
+from mercator_design.race.events import Session, Stop
 from mercator_design.race.journal import Reading, is_locked
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
@@ -109,7 +110,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
     if record.start:
         run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
     if record.sessions:
-        run["started"] = record.sessions[0]["time"]
+        run["started"] = record.sessions[0].time
     if record.ends:
         winner = record.ends[-1].winner
         scores = [
@@ -123,8 +124,8 @@ def _score(run: dict[str, Any]) -> str | None:
     return None if run["score"] is None else f"{run['score']:.4g}"
 
 
-def _session(session: dict[str, Any]) -> str:
-    if session["event"] == "stop":
-        return f"{session['time']}  stopped: {session['why']}"
-    how = f"{session['executor']}, {session['jobs']} jobs" if "executor" in session else ""
-    return f"{session['time']}  process {session['process']} on {session['host']}: {how}"
+def _session(session: Session | Stop) -> str:
+    if isinstance(session, Stop):
+        return f"{session.time}  stopped: {session.why}"
+    how = f"{session.executor}, {session.jobs} jobs" if session.executor else ""
+    return f"{session.time}  process {session.process} on {session.host}: {how}"

@@ -15,11 +15,12 @@ import pytest
 from mercator_design.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, journal
-from mercator_design.race.events import End, Finished, Measured
+from mercator_design.race.events import End, Extension, Finished, Measured
 from mercator_design.race.executors import Stopped, ThreadExecutor
 from mercator_design.race.journal import Journal, is_locked, read
 from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed
+from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
 WHOLE = undisturbed()
@@ -127,12 +128,11 @@ class TestResume:
     def test_experiments_may_finish_in_any_order(self, tmp_path, complete):
         """As parallel workers finish them, and stopped in the middle of that."""
         path = tmp_path / "journal.jsonl"
-        lines = complete.splitlines(keepends=True)
-        start, others = lines[0], lines[1:-1]
-        experiments = [line for line in others if b'"event":"experiment"' in line]
-        configurations = [line for line in others if b'"event":"experiment"' not in line]
+        start, *others, _ = events_in(complete)
+        experiments = [event for event in others if event["event"] == "experiment"]
+        configurations = [event for event in others if event["event"] == "configuration"]
         random.Random(1).shuffle(experiments)
-        path.write_bytes(start + b"".join(configurations + experiments[:200]))
+        path.write_bytes(journal_of([start, *configurations, *experiments[:200]]))
         assert resumed(path) == (*EXPECTED, RAN - 200)
 
     def test_that_of_another_race_is_refused(self, tmp_path, complete):
@@ -145,46 +145,49 @@ class TestResume:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         with Journal(path, new=False) as one:
-            one.note_experiments(
-                [Finished(experiment=9999, iteration=1, configuration=1, instance=0, seed=1, score=1.0)]
-            )
+            one.note(Finished(experiment=9999, iteration=1, configuration=1, instance=0, seed=1, score=1.0))
         with pytest.raises(RaceError, match=f"expected {RAN} experiments in all, found {RAN + 1}"):
             resumed(path)
 
     def test_two_results_of_one_experiment(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
-        line = next(line for line in complete.splitlines() if b'"experiment":7,' in line)
-        event = {**from_line(line + b"\n")}
-        path.write_bytes(complete + line + b"\n")  # the same again does no harm
+        events = events_in(complete)
+        event = next(event for event in events if event.get("experiment") == 7)
+        path.write_bytes(journal_of([*events, event]))  # the same again does no harm
         assert resumed(path)[:2] == EXPECTED
-        event["score"] += 1
-        path.write_bytes(complete + to_line(event).encode())
+        path.write_bytes(journal_of([*events, event | {"score": event["score"] + 1}]))
         with pytest.raises(RaceError, match="experiment 7 finished twice"):
             resumed(path)
 
     @pytest.mark.parametrize(
         ("event", "words"),
         [
-            ({"event": "start", "format": 1, "budget": 3}, "second start"),
-            ({"event": "dance"}, "expected an event, found dance"),
+            ({"event": "start", "format": 2, "budget": 3}, "second start"),
+            ({"event": "dance"}, "event: expected one of session, .*, found dance"),
+            ({"event": ["end"]}, "event: expected one of session, .*, found ..end"),
             ({"event": "extend", "budget": BUDGET}, f"larger than {BUDGET}"),
-            ({"event": "configuration", "configuration": 1}, "configuration without 'values'"),
+            ({"event": "configuration", "configuration": 1}, "configuration.parent: missing key"),
             ({"event": "experiment", "experiment": 1}, "missing"),
         ],
     )
     def test_an_event_that_cannot_be(self, tmp_path, complete, event, words):
         path = tmp_path / "journal.jsonl"
-        path.write_bytes(complete + to_line(event).encode())
+        path.write_bytes(journal_of([*events_in(complete), event]))
         with pytest.raises(RaceError, match=f"line {complete.count(10) + 1}: .*{words}"):
             read(path)
 
     @pytest.mark.parametrize(
-        ("line", "words"), [({"event": "end"}, "start of a race first"), ({"event": "start", "format": 7}, "format 7")]
+        ("line", "words"),
+        [
+            ({"event": "end", "budget": 1, "experiments": 1, "winner": 1}, "start of a race first"),
+            ({"event": "start", "format": 7}, "expected one of 1, 2, found 7: another version"),
+            ({"event": "start", "format": 2}, "start.budget: expected a whole number >= 1, found null"),
+        ],
     )
     def test_a_file_that_is_no_journal(self, tmp_path, line, words):
         path = tmp_path / "journal.jsonl"
-        path.write_text(to_line(line))
+        path.write_bytes(journal_of([line]))
         with pytest.raises(RaceError, match=words):
             read(path)
 
@@ -208,10 +211,10 @@ class TestExtension:
 
     def test_when_it_is_asked_for_makes_no_difference(self, tmp_path, complete):
         longer = undisturbed(budgets=(BUDGET, 500))
-        lines = complete.splitlines(keepends=True)
-        for n in (1, 30, len(lines) - 1, len(lines)):
+        events = events_in(complete)
+        for n in (1, 30, len(events) - 1, len(events)):
             path = tmp_path / f"{n}.jsonl"
-            path.write_bytes(b"".join(lines[:n]) + to_line({"event": "extend", "budget": 500}).encode())
+            path.write_bytes(journal_of([*events[:n], {"event": "extend", "budget": 500}]))
             assert resumed(path)[:2] == (longer.ends[-1].winner, longer.digest())
 
     def test_cut_at_random_bytes(self, tmp_path):
@@ -219,7 +222,7 @@ class TestExtension:
         path = tmp_path / "journal.jsonl"
         with Journal(path, new=True) as one, ThreadExecutor(1) as executor:
             running = runner(one, executor)
-            one.note([{"event": "extend", "budget": 400}, {"event": "extend", "budget": 600}])
+            one.note(Extension(budget=400), Extension(budget=600))
             running.run()
         data = path.read_bytes()
         draws = random.Random(1)

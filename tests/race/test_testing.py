@@ -4,7 +4,6 @@ import time
 
 import pytest
 
-from mercator_design.checked_lines import to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import events, testing  # whose classes pytest would take for tests
 from mercator_design.race.events import Measured
@@ -14,6 +13,7 @@ from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed
 from tests.race import racing
+from tests.race.lines import events_in, journal_of
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
 
 WHOLE = undisturbed()
@@ -83,7 +83,7 @@ def test_after_a_larger_budget(tmp_path):
     path = tmp_path / "journal.jsonl"
     resumed(path, testing=testing.Testing(runs=5))
     with Journal(path, new=False) as one:
-        one.note([{"event": "extend", "budget": 500}])
+        one.note(events.Extension(budget=500))
     winner, digest, _ = resumed(path, testing=testing.Testing(runs=5))
     longer = undisturbed(budgets=(racing.BUDGET, 500))
     assert (winner, digest) == (longer.ends[-1].winner, longer.digest())
@@ -135,7 +135,7 @@ class TestFailures:
 
 def test_other_instances_are_refused(ended):
     record, race = ended
-    record.note_test(events.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
+    record.note(events.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
     with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="instance 0 to have seed 1000000, found 7"):
         racing.run_all_tests(record, executor, race)
 
@@ -143,8 +143,8 @@ def test_other_instances_are_refused(ended):
 def test_two_results_of_one_test(tmp_path):
     path = tmp_path / "journal.jsonl"
     resumed(path, testing=testing.Testing(runs=2))
-    line = path.read_bytes().splitlines(keepends=True)[-1]
+    known = events_in(path.read_bytes())
     event = {"event": "test", "configuration": EXPECTED[0], "instance": 1, "seed": 1, "score": 1.0}
-    path.write_bytes(path.read_bytes() + line + to_line(event).encode())
+    path.write_bytes(journal_of([*known, known[-1], event]))
     with pytest.raises(RaceError, match="was tested twice on instance 1, with different results"):
         read(path)

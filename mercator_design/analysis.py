@@ -19,7 +19,7 @@ from mercator_design.race.ablation import Flips, Step, ablate
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.importance import Explanation, explain
 from mercator_design.race.task import Task
-from mercator_design.run_files import read_journal, task_of
+from mercator_design.run_files import check_configurations, read_journal, task_of
 
 T = TypeVar("T")
 
@@ -53,6 +53,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         RaceError: There is no such race, or too little to learn from; see also `run_files.task_of`.
     """
     task, record = task_of(path), read_journal(path).record
+    check_configurations(path, record, task.race.space)
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
@@ -102,6 +103,7 @@ def ablation(
     record = read_journal(path).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
+    check_configurations(path, record, task.race.space)
     winner = record.configurations[record.ends[-1].winner]
     if first:
         if not record.iterations:

@@ -13,8 +13,9 @@ import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError, SimulationError, excerpt
@@ -24,7 +25,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
-from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.fsm.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
@@ -39,6 +40,7 @@ from mercator_design.race.executors import ThreadExecutor, in_order
 from mercator_design.race.methods import METHODS
 from mercator_design.race.summary import Scores
 from mercator_design.race.task import Result, Start, Task
+from mercator_design.schema import OneOf
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Simulator
@@ -101,7 +103,11 @@ class Designer(Task[tuple[Pfsm, int]]):
     """
 
     WINNER = "fsm.txt"
-    START: ClassVar = {"flavour": str, "robot_model": str, "plugins": dict}
+    START: ClassVar = {
+        "flavour": Annotated[str, OneOf(FLAVOURS)],
+        "robot_model": str,
+        "plugins": Mapping[str, str],
+    }
 
     def __init__(
         self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "surrogate"
@@ -115,7 +121,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
-        space = Space.from_text(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
+        space = _space(flavour)
         self.race = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 
@@ -237,7 +243,16 @@ class Designer(Task[tuple[Pfsm, int]]):
     @staticmethod
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:
         """As `Task.columns`: the column fsm."""
+        space = _space(start["flavour"])
+        for configuration in configurations:
+            space.check(configuration)
         return {"fsm": [to_text(to_pfsm(configuration, start["flavour"])) for configuration in configurations]}
+
+
+@cache
+def _space(flavour: str) -> Space:
+    """All PFSMs of a flavour."""
+    return Space.from_text(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,7 @@
 """Reading files that may be anything, and writing files so that a reader never sees half of one."""
 
 import contextlib
+import glob
 import os
 import secrets
 import stat
@@ -59,6 +60,16 @@ def write_bytes(path: Path, data: bytes) -> None:
         file.write(data)
 
 
+def remove_drafts(path: Path) -> None:
+    """Remove what is left of a file's contents whose writer was killed. Nobody else may be writing it."""
+    for draft in path.parent.glob(glob.escape(_draft_of(path)) + "[0-9a-f]" * 8):
+        draft.unlink()
+
+
+def _draft_of(path: Path) -> str:
+    return f".{path.name[:200]}-"
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A file to write that takes the place of a path's when it is whole; if something goes wrong, nothing is left.
@@ -71,7 +82,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             yield file
         return
     path = Path(os.path.realpath(path))  # not before: where /dev/stdout leads to a pipe there is no file
-    draft = path.with_name(f".{path.name[:200]}-{secrets.token_hex(4)}")
+    draft = path.with_name(f"{_draft_of(path)}{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:
             if before is not None:

@@ -1,24 +1,37 @@
-"""What a run folder says, read: its provenance, its journal, and the task that both are about."""
+"""What a run folder says, read: its journal, and the task that it is about."""
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from mercator_design import __version__
+from mercator_design import __version__, provenance
 from mercator_design.design import Designer
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.files import Unreadable, read_small
+from mercator_design.json_data import from_json
+from mercator_design.provenance import PROVENANCE, Provenance
+from mercator_design.race import Space
 from mercator_design.race.journal import Reading, read
+from mercator_design.race.methods import METHODS
+from mercator_design.race.record import Record
 from mercator_design.race.task import Task
 from mercator_design.race.tuner import Tuner
+from mercator_design.schema import Kind, OneOf, Range
 
 JOURNAL = "journal.jsonl"
-PROVENANCE = "provenance.json"
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """What can be raced, by the name that a race's start has for it."""
-_LARGEST_PROVENANCE = 1024 * 1024  # bytes
-_START: Mapping[str, type] = {"mercator_design": str, "name": str, "method": str, "budget": int, "seed": int}
+_START: Mapping[str, Kind] = {
+    "mercator_design": str,
+    "name": str,
+    "method": Annotated[str, OneOf(tuple(METHODS))],
+    "budget": Annotated[int, Range(1)],
+    "seed": Annotated[int, Range(0)],
+}
+
+
+class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
+    """A run folder was written by another version of this program, which says other things of races."""
 
 
 def task_of(path: Path) -> Task[Any]:
@@ -28,8 +41,8 @@ def task_of(path: Path) -> Task[Any]:
         RaceError: if there is none.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
-    start = read_provenance(path)["race"]
-    return TASKS[start["task"]].restore(path, start)
+    start = read_provenance(path).race
+    return TASKS[str(start["task"])].restore(path, start)
 
 
 def restored(path: Path) -> Task[Any]:
@@ -39,40 +52,37 @@ def restored(path: Path) -> Task[Any]:
         RaceError: if there is none, or this program would run another race.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
-    task, start = task_of(path), read_provenance(path)["race"]
-    here = json.loads(json.dumps(task.start()))
-    for key in here:
-        if key != "mercator_design" and here[key] != start.get(key):  # another version may do all the same
+    task, start = task_of(path), read_provenance(path).race
+    here = task.start()
+    for key in {**here, **start}:
+        # Another version may do all the same.
+        if key != "mercator_design" and not is_same(here.get(key), start.get(key)):
             raise RaceError(
                 f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
-                f"{start['mercator_design']}, found {excerpt(str(here[key]))} in mercator_design {__version__}: "
+                f"{start['mercator_design']}, found {excerpt(str(here.get(key)))} in mercator_design {__version__}: "
                 "the race cannot be continued, verified or ablated by this"
             )
     return task
 
 
-def read_provenance(path: Path) -> dict[str, Any]:
-    """What a run folder says of where it comes from.
+def is_same(one: object, other: object) -> bool:
+    """Whether two things are the same in JSON, in which 1 is neither 1.0 nor true."""
+    return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
+
+
+def read_provenance(path: Path) -> Provenance:
+    """Where a run folder comes from.
 
     Raises:
-        RaceError: if it is none.
+        OtherVersion: see there.
+        RaceError: if it is no run folder, or its provenance is damaged.
     """
-    file = path / PROVENANCE
-    try:
-        provenance = json.loads(read_small(file, _LARGEST_PROVENANCE))
-        valid = isinstance(provenance["request"], dict) and _is_start(provenance["race"])
-    except Unreadable as error:
-        raise RaceError(f"{path}: expected the folder of a race, found that {file.name}: {error}") from None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        valid = False
-    if not valid:
-        raise RaceError(f"{file}: expected what mdesign race writes, found something else")
-    found: dict[str, Any] = provenance
+    journal = path / JOURNAL
+    if not (path / PROVENANCE).exists() and journal.is_file() and not journal.stat().st_size:
+        raise RaceError(f"{path}: no race has begun here, it was stopped before; begin it again with -o {path}")
+    found = provenance.read(path)
+    _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
-
-
-class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
-    """A journal was written by another version of this program, which says other things of races."""
 
 
 def read_journal(path: Path) -> Reading:
@@ -83,19 +93,49 @@ def read_journal(path: Path) -> Reading:
         RaceError: if there is none, or it is corrupt.
     """
     reading = read(path / JOURNAL)
-    start = reading.record.start
-    if start and not _is_start(start):
-        found = excerpt(str(start.get("mercator_design", "another version")))
-        raise OtherVersion(
-            f"{path / JOURNAL}, line 1: expected the start of a race as mercator_design {__version__} writes it, found "
-            f"that of another build ({found}), which can read it"
-        )
+    if reading.record.start:
+        _check_start(reading.record.start, f"{path / JOURNAL}, line 1: start")
     return reading
 
 
-def _is_start(start: object) -> bool:
-    """Whether it has what reports and `Task.restore` read."""
-    if not isinstance(start, dict) or str(start.get("task")) not in TASKS:
-        return False
-    wanted = {**_START, **TASKS[str(start["task"])].START}
-    return all(isinstance(start.get(key), kind) for key, kind in wanted.items())
+def end_that_is_missing(path: Path, record: Record) -> str:
+    """What is wrong if lines are missing at the end of a journal, so that nothing after them shows it; or nothing.
+
+    Raises:
+        RaceError: if the folder's provenance cannot be read.
+    """
+    said = read_provenance(path)
+    if said.finished is None or said.journal in {end.digest for end in record.ends}:
+        return ""
+    return (
+        f"{path / JOURNAL}: expected the end of the race after {said.experiments} experiments, as {PROVENANCE} says, "
+        f"found none after {len(record.experiments)}: lines are missing at its end; --resume runs again what they were "
+        "about"
+    )
+
+
+def check_configurations(path: Path, record: Record, space: Space) -> None:
+    """Make sure that the configurations of a journal are of a space.
+
+    Raises:
+        RaceError: with the first that is not.
+    """
+    for number, configuration in record.configurations.items():
+        try:
+            space.check(configuration)
+        except RaceError as error:
+            raise RaceError(f"{path / JOURNAL}: configuration {number}: {error}") from None
+
+
+def _check_start(start: Mapping[str, Any], label: str) -> None:
+    """Make sure that what makes a race has all that reports and `Task.restore` read."""
+    task = start.get("task")
+    wanted = {**_START, **TASKS[task].START} if isinstance(task, str) and task in TASKS else None
+    if wanted is None or not wanted.keys() <= start.keys():
+        by = excerpt(str(start.get("mercator_design", "another version")))
+        raise OtherVersion(
+            f"{label}: expected the start of a race as mercator_design {__version__} writes it, found that of another "
+            f"build ({by}), which can read it"
+        )
+    for key, kind in wanted.items():
+        from_json(start[key], kind, error=RaceError, label=label, path=key)

@@ -17,8 +17,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
-from datetime import UTC, datetime
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -26,14 +25,16 @@ from typing import Any, Self
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
-from mercator_design.files import write_bytes, write_text
+from mercator_design.files import remove_drafts, write_bytes, write_text
+from mercator_design.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.race.events import Extension, Finished, Tested
-from mercator_design.race.journal import Journal
+from mercator_design.race.journal import Journal, now
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
-from mercator_design.run_files import JOURNAL, PROVENANCE, read_provenance, restored
+from mercator_design.run_files import JOURNAL, is_same, read_provenance, restored
 from mercator_design.run_tables import configurations_of
 
+_RESULTS = "results.csv"
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")
 
 
@@ -44,49 +45,49 @@ class RunFolder:
         path: Of the folder.
         task: What is raced; its race has not begun.
         journal: Of the race so far, which this process has to itself.
-        testing: What is tested when the race has ended.
     """
 
-    def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: dict[str, Any]) -> None:
+    def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: Provenance) -> None:
         self.path = path
         self.task = task
         self.journal = journal
         self._provenance = provenance
-        testing = provenance.get("testing")
-        self.testing = None if testing is None else Testing(**testing)
+
+    @property
+    def testing(self) -> Testing | None:
+        """What is tested when the race has ended."""
+        return self._provenance.testing
 
     @classmethod
-    def create(cls, path: Path, task: Task[Any], *, request: Mapping[str, Any], testing: Testing | None = None) -> Self:
-        """A new one.
+    def create(cls, path: Path, task: Task[Any], *, request: Request, testing: Testing | None = None) -> Self:
+        """A new one; or one in which a race was stopped before it began.
 
         Raises:
             RaceError: if the folder has files in it already, or cannot be written.
         """
         start = task.start()
-        provenance: dict[str, Any] = {
-            "race": start,
-            "request": dict(request),
-            "testing": None if testing is None else asdict(testing),
-            "started": _now(),
-            "python": sys.version.split()[0],
-            "libraries": {name: version(name) for name in _LIBRARIES},
-            "platform": platform.platform(),
-            "machine": platform.machine(),
-            "cores": os.cpu_count(),
-        }
+        provenance = Provenance(
+            race=start,
+            request=request,
+            testing=testing,
+            started=now(),
+            python=sys.version.split()[0],
+            libraries={name: version(name) for name in _LIBRARIES},
+            platform=platform.platform(),
+            machine=platform.machine(),
+            cores=os.cpu_count(),
+        )
         with _naming(path):
             path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                raise RaceError(f"{path}: expected a new or empty folder for the results, found files in it")
-            # Claims the folder: of two races that got here at once, one fails, and writes nothing.
-            journal = Journal(path / JOURNAL, new=True)
+            journal = _claimed(path)
         folder = cls(path, task, journal, provenance)
         try:
             with _naming(path):
+                folder._remove_drafts()
                 for name, data in task.files().items():
                     (path / name).parent.mkdir(parents=True, exist_ok=True)
                     write_bytes(path / name, data)
-                folder._write_provenance()
+                write(path, provenance)
             journal.begin(start)
             journal.sync()
         except BaseException:
@@ -104,7 +105,7 @@ class RunFolder:
             MissionError: if its mission, robot model or plugins cannot be read.
         """
         provenance = read_provenance(path)
-        start = provenance["race"]
+        start = provenance.race
         task = restored(path)
         with _naming(path):
             journal = Journal(path / JOURNAL, new=False)
@@ -112,7 +113,9 @@ class RunFolder:
         try:
             if not journal.start:
                 journal.begin(start)
-            _check_start(path, journal, start)
+            _check_same(path, journal, start)
+            with _naming(path):
+                folder._remove_drafts()
         except BaseException:
             folder.__exit__(None, None, None)
             raise
@@ -145,10 +148,9 @@ class RunFolder:
         Raises:
             RaceError: if that cannot be written.
         """
-        self.testing = testing
-        self._provenance["testing"] = None if testing is None else asdict(testing)
+        self._provenance = replace(self._provenance, testing=testing)
         with _naming(self.path):
-            self._write_provenance()
+            write(self.path, self._provenance)
 
     def keep_failed(self, finished: Finished | Tested) -> str:
         """Write what an experiment that failed needs; gives the command that runs it alone.
@@ -159,8 +161,12 @@ class RunFolder:
         with _naming(self.path):
             return self.task.command_of_failed(finished, self.path, self._header())
 
-    def finish(self, result: Result, **figures: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
+    def finish(self, result: Result, *, seconds: float) -> None:
         """Write what the race came to: the winner first, that it is not lost where there is no room for all.
+
+        Args:
+            result: Of the race.
+            seconds: That this process took for it.
 
         Raises:
             RaceError: if it cannot be written.
@@ -182,21 +188,22 @@ class RunFolder:
             ranks = {elite.configuration: rank for rank, elite in enumerate(race.elites, start=1)}
             results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
             in_order = results.sort_values(["elite_rank", "configuration"], na_position="last")
-            write_text(self.path / "results.csv", in_order.to_csv())
-            self._provenance |= {
-                "finished": _now(),
-                "budget": race.budget,
-                "experiments": race.used,
-                "winner": result.configuration,
-                "journal": self.journal.ends[-1].digest,
-                **figures,
-            }
-            self._write_provenance()
+            write_text(self.path / _RESULTS, in_order.to_csv())
+            self._provenance = replace(
+                self._provenance,
+                finished=now(),
+                budget=race.budget,
+                experiments=race.used,
+                winner=result.configuration,
+                journal=self.journal.ends[-1].digest,
+                seconds=seconds,
+            )
+            write(self.path, self._provenance)
 
     def _header(self) -> dict[str, str]:
         """What the file of a winner says of where it comes from."""
-        start, request = self._provenance["race"], self._provenance["request"]
-        raced_with = {"set": json.dumps(request["set"])} if "set" in request else {}
+        start, overrides = self._provenance.race, self._provenance.request.set
+        raced_with = {} if overrides is None else {"set": json.dumps(overrides)}
         return {
             **self.task.header(),
             **raced_with,
@@ -204,13 +211,32 @@ class RunFolder:
             "mercator_design": __version__,
         }
 
-    def _write_provenance(self) -> None:
-        write_text(self.path / PROVENANCE, json.dumps(self._provenance, indent=2) + "\n")
+    def _remove_drafts(self) -> None:
+        """Remove halves of files that were written when this was stopped before."""
+        for name in (PROVENANCE, _RESULTS, self.task.WINNER, *self.task.files()):
+            remove_drafts(self.path / name)
 
 
-def _check_start(path: Path, journal: Journal, start: Mapping[str, Any]) -> None:
-    if {key: journal.start.get(key) for key in start} != start:
-        raise RaceError(f"{path}: expected {JOURNAL} to be of the race in provenance.json, found another race")
+def _claimed(path: Path) -> Journal:
+    """The journal by which a race claims a folder: of two races that get here at once, one fails and writes nothing.
+
+    That of a race which was stopped before it began is empty, and there is no provenance.
+    """
+    file = path / JOURNAL
+    taken = f"{path}: expected a new or empty folder for the results, found files in it"
+    is_new = not file.exists()
+    if any(path.iterdir()) if is_new else (path / PROVENANCE).exists() or file.stat().st_size:
+        raise RaceError(taken)
+    journal = Journal(file, new=is_new)
+    if journal.start:  # by now
+        journal.__exit__(None, None, None)
+        raise RaceError(taken)
+    return journal
+
+
+def _check_same(path: Path, journal: Journal, start: Mapping[str, object]) -> None:
+    if not is_same({**journal.start, "format": None}, {**start, "format": None}):
+        raise RaceError(f"{path}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
 
 
 @contextlib.contextmanager
@@ -219,7 +245,3 @@ def _naming(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RaceError(f"{path}: cannot write results there: {error.strerror or error}") from None
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

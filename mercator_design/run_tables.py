@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mercator_design.errors import RaceError
 from mercator_design.race.record import Record
 from mercator_design.race.summary import Scores
 from mercator_design.run_files import TASKS, read_journal
@@ -45,7 +46,10 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return configurations_of(read_journal(path).record)
+    record = read_journal(path).record
+    if not record.start:
+        raise RaceError(f"{path}: no race has begun here yet")
+    return configurations_of(record)
 
 
 def _experiments(record: Record) -> "pd.DataFrame":

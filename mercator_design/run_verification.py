@@ -9,7 +9,7 @@ from mercator_design.race import Experiment
 from mercator_design.race.events import Finished, Tested
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.task import Task
-from mercator_design.run_files import JOURNAL, read_journal
+from mercator_design.run_files import JOURNAL, check_configurations, end_that_is_missing, read_journal
 
 
 def verify(
@@ -39,10 +39,10 @@ def verify(
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
-    for place, end in enumerate(record.ends, start=1):
-        if record.digest(place) != end.digest:
-            found = f"expected {end.digest}, found {record.digest(place)}"
-            raise RaceError(f"{path / JOURNAL}: digest of the first {end.experiments} experiments: {found}")
+    if missing := end_that_is_missing(path, record):
+        raise RaceError(missing)
+    check_configurations(path, record, task.race.space)
+    for end in record.ends:
         which = "all" if end.experiments == len(record.experiments) else "the first"
         checked.append(f"{JOURNAL}: the digest, of {which} {end.experiments} experiments, is {end.digest[:16]}")
     if record.is_complete:

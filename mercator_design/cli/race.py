@@ -180,6 +180,7 @@ def _new_folder(
 ) -> "RunFolder":
     from mercator_design.design import Designer
     from mercator_design.missions.mission import load_mission
+    from mercator_design.provenance import Request
     from mercator_design.run_folder import RunFolder
     from mercator_design.sim.simulate import Simulator
 
@@ -188,5 +189,5 @@ def _new_folder(
     warn_of_mission(simulator, refuse=True)
     warn_of_doubts(simulator, flavour)
     simulator.rehearse(announce=tell)
-    request = {"mission": mission, "set": list(overrides), "flavour": flavour, "method": method, **how}
+    request = Request(mission=mission, set=overrides, flavour=flavour, method=method, **how)
     return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

@@ -93,7 +93,7 @@ def reopen(path: Path, task: str) -> "RunFolder":
     from mercator_design.run_files import read_provenance
     from mercator_design.run_folder import RunFolder
 
-    found = read_provenance(path)["race"]["task"]
+    found = str(read_provenance(path).race["task"])
     if found != task:
         verb = {"mission": "race", "scenario": "tune"}[found]
         raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")

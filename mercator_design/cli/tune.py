@@ -199,6 +199,7 @@ def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_fa
 
 
 def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str) -> "RunFolder":
+    from mercator_design.provenance import Request
     from mercator_design.race.testing import Testing
     from mercator_design.run_folder import RunFolder
 
@@ -206,5 +207,5 @@ def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str
     testing = None
     if of.test_instances and of.test_elites:
         testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
-    request = {"scenario": str(scenario.absolute()), "method": method}
+    request = Request(scenario=str(scenario.absolute()), method=method)
     return RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)

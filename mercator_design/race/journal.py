@@ -80,6 +80,10 @@ def read(path: Path) -> Reading:
                 lines, before = number, checksum(line)
     except OSError as error:
         raise RaceError(f"{path}: cannot be read: {error.strerror or error}") from None
+    for place, end in enumerate(record.ends, start=1):
+        if (found := record.digest(place)) != end.digest:
+            expected = f"expected {end.digest}, found {found}"
+            raise RaceError(f"{path}: digest of the first {end.experiments} experiments: {expected}")
     return Reading(record, length, lines, torn, before)
 
 

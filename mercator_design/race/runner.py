@@ -112,6 +112,11 @@ class Runner(Generic[T]):
             raise Stopped
         if self._told != len(self.record.experiments):
             raise _another(f"{self._told} experiments in all", f"{len(self.record.experiments)}")
+        if self._n_iterations != len(self.record.iterations):
+            raise _another(f"{self._n_iterations} iterations in all", f"{len(self.record.iterations)}")
+        raced = {one.configuration for one in self.record.experiments.values()}
+        if unknown := self.record.configurations.keys() - raced:
+            raise _another("no configurations but those that were raced", f"{len(unknown)} others")
 
     def _items(self) -> Iterator[T | None]:
         """What to run next: what the race asks for, and before a worker is idle what it will probably ask for."""
@@ -183,9 +188,10 @@ class Runner(Generic[T]):
             if one is None:
                 self._missing[experiment] = number
                 continue
-            expected, found = (*experiment, self.seed(experiment.instance)), (one.configuration, one.instance, one.seed)
+            expected = (*experiment, self.seed(experiment.instance), self.race.iteration)
+            found = (one.configuration, one.instance, one.seed, one.iteration)
             if expected != found:
-                what = "configuration {} on instance {} with seed {}"
+                what = "configuration {} on instance {} with seed {} in iteration {}"
                 raise _another(f"experiment {number}: {what.format(*expected)}", what.format(*found))
             replayed.append(one)
         if replayed:
@@ -281,8 +287,9 @@ class Runner(Generic[T]):
             values, parent = self.race.configurations[number], self.race.parents[number]
             if number not in self.record.configurations:
                 self.record.note(NewConfiguration(configuration=number, parent=parent, values=values))
-            elif self.record.configurations[number] != values:
-                raise _another(f"configuration {number}: {values}", f"{self.record.configurations[number]}")
+            elif (self.record.configurations[number], self.record.parents[number]) != (values, parent):
+                found = f"{self.record.configurations[number]} from {self.record.parents[number]}"
+                raise _another(f"configuration {number}: {values} from {parent}", found)
             self.record.configurations[number] = values  # once in memory is enough
 
     def _note_end(self) -> None:

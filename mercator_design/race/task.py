@@ -20,6 +20,7 @@ from mercator_design.race.record import Record
 from mercator_design.race.runner import OnFailure, Runner
 from mercator_design.race.summary import Scores
 from mercator_design.race.testing import Testing, run_tests
+from mercator_design.schema import Kind
 from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
@@ -53,7 +54,7 @@ class Task(ABC, Generic[T]):
 
     WINNER: ClassVar[str]
     """The file that a winner is written to."""
-    START: ClassVar[Mapping[str, type]]
+    START: ClassVar[Mapping[str, Kind]]
     """What a start has of its own that `restore`, `about` and `columns` read."""
 
     name: str

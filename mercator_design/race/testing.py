@@ -7,7 +7,7 @@ has ended can still be tested, or tested more, and a race with tests is the same
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 from mercator_design.errors import RaceError
 from mercator_design.race.asking import Asking
@@ -16,6 +16,7 @@ from mercator_design.race.executors import Executor, Failed, Stopped, attempt_he
 from mercator_design.race.race import Experiment
 from mercator_design.race.record import Record
 from mercator_design.race.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
+from mercator_design.schema import Range
 
 T = TypeVar("T")
 
@@ -29,8 +30,8 @@ class Testing:
     iterations: whether as many of those of each iteration, too (irace's testIterationElites).
     """
 
-    runs: int
-    elites: int = 1
+    runs: Annotated[int, Range(1)]
+    elites: Annotated[int, Range(1)] = 1
     iterations: bool = False
 
     def configurations(self, race: Asking) -> list[int]:

@@ -48,9 +48,10 @@ def iteration_notes(record: Record) -> list[str]:
 def _row(ended: Iteration, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
     best = ended.elites[0]
     own = Scores(tuple(scores[best].values()))
+    mean = f"{own.mean:.4g}" if own.values else ""
     numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, best)
     name = "final" if ended.postselection else str(ended.iteration)
-    return (name, *numbers, f"{own.mean:.4g}", len(own.values), _difference(scores, best, before))
+    return (name, *numbers, mean, len(own.values), _difference(scores, best, before))
 
 
 def _difference(scores: Mapping[int, Mapping[int, float]], best: int, before: int | None) -> str:

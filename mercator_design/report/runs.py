@@ -7,11 +7,12 @@ from typing import Any
 from mercator_design.errors import RaceError
 from mercator_design.race.events import Session, Stop
 from mercator_design.race.journal import Reading, is_locked
+from mercator_design.race.record import Record
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
-from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, read_journal
+from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, end_that_is_missing, read_journal
 
 
 def runs_table(folder: Path) -> str:
@@ -63,6 +64,7 @@ def run_summary(path: Path) -> str:
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
+        *(f"Note       {note}" for note in _doubts(path, record)),
         f"Digest     {record.digest()}",
     ]
     if record.iterations:
@@ -79,7 +81,7 @@ def run_summary(path: Path) -> str:
 
 def _runs(folder: Path) -> list[dict[str, Any]]:
     try:
-        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=lambda journal: journal.stat().st_mtime)
+        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_changed)
         found = folder.is_dir()
     except OSError as error:
         raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
@@ -93,6 +95,13 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
             state = "of another version" if isinstance(error, OtherVersion) else "damaged"
             runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state})
     return runs
+
+
+def _changed(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except OSError:  # it is a link that leads nowhere, or was taken away just now
+        return 0.0
 
 
 _KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score")
@@ -118,6 +127,15 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
         ]
         run |= {"winner": winner, "score": sum(scores) / len(scores)}
     return run
+
+
+def _doubts(path: Path, record: Record) -> list[str]:
+    """What is wrong with a run folder though its journal is whole."""
+    try:
+        missing = end_that_is_missing(path, record)
+    except RaceError as error:
+        return [*error.messages]
+    return [missing] if missing else []
 
 
 def _score(run: dict[str, Any]) -> str | None:

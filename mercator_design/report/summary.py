@@ -137,9 +137,10 @@ def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[st
 
 def _roles(record: Record) -> dict[int, str]:
     """What configurations are in a race that has ended: the better of two roles, and of equal ones the later."""
-    last, *former = [one for _, one in sorted(record.iterations.items(), reverse=True)]
+    iterations = [one for _, one in sorted(record.iterations.items(), reverse=True)]
+    last, former = iterations[:1], iterations[1:]
     roles = {record.ends[-1].winner: "winner"}
-    for rank, number in enumerate(last.elites, start=1):
+    for rank, number in enumerate(last[0].elites if last else (), start=1):
         roles.setdefault(number, f"elite {rank}")
     for rank in range(1, max((len(one.elites) for one in former), default=0) + 1):
         called = "best" if rank == 1 else f"elite {rank}"

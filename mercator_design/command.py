@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import click
 
 from mercator_design import spelling
-from mercator_design.errors import MercatorError, Signalled, printable
+from mercator_design.errors import MercatorError, Signalled, printable, printable_lines
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
 
@@ -111,6 +111,18 @@ def _with_notes(error: BaseException) -> str:
 def _discard(stream: TextIO) -> None:
     """Let what could not be written, and would be tried again at the end, go nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def put(result: object, *, nl: bool = True, exact: bool = False) -> None:
+    """Print a result, in which nothing steers a terminal: its lines are made printable.
+
+    Args:
+        result: As text.
+        nl: Whether it ends in a newline of its own.
+        exact: Whether it is printed as it is where stdout is no terminal: the contents of a file, to make another of.
+    """
+    text = str(result)
+    click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl)
 
 
 def tell(message: str) -> None:

@@ -19,7 +19,14 @@ Names, paths and texts that messages quote come from strangers' files: `printabl
 
 def printable(text: str) -> str:
     """A text in one line, with all that a terminal would act on or not show written as an escape."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def printable_lines(text: str) -> str:
+    """A text of several lines, each printable."""
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def excerpt(text: str) -> str:

@@ -25,7 +25,7 @@ from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.events import Finished, Iteration, NewConfiguration
+from mercator_design.race.events import Finished, Iteration, NewConfiguration, Stop
 from mercator_design.race.journal import Journal, read
 from mercator_design.race.record import Record
 from mercator_design.race.summary import Elite, Progress
@@ -472,7 +472,7 @@ class TestSignals:
         reading = read(folder / JOURNAL)
         assert reading.record.experiments
         assert reading.torn == ""
-        assert reading.record.sessions[-1]["event"] == "stop"
+        assert isinstance(reading.record.sessions[-1], Stop)
         assert "stopped" in mdesign("runs", "show", folder)[1]
 
     def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
@@ -643,7 +643,7 @@ class TestRuns:
             states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
             assert states[str(folder)] == "running"
         session = read(folder / JOURNAL).record.sessions[0]
-        assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session["time"]
+        assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session.time
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
 
     def test_the_race_of_another_version(self, mdesign, folder, tmp_path):

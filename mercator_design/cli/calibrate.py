@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.command import FILE, OUTPUT_FILE, naming, tell
+from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell
 from mercator_design.errors import MercatorError
 
 
@@ -67,4 +67,4 @@ def calibrate(
     beside = base if is_name(base) else os.path.relpath(base, output.parent)
     with naming(output):
         write_text(output, model_text(result, beside, name))
-    click.echo(calibration_json(result, seed) if as_json else calibration_page(result))
+    put(calibration_json(result, seed) if as_json else calibration_page(result))

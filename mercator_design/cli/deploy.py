@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, put, read_controller, tell
 from mercator_design.errors import RobotError, printable
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def _check(fleet: "Fleet", timeout: float) -> None:
 
     checked = check(fleet, timeout)
     for row in table(checked):
-        click.echo(printable(row))
+        put(printable(row))
     for row in (found := [*wrong(checked)]):
-        click.echo(f"WRONG  {printable(row)}")
+        put(f"WRONG  {printable(row)}")
     if found:
         names = {each.robot.name for each in checked if [*wrong([each])]}
         raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
@@ -118,5 +118,5 @@ def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> 
 def _shown(results: "list[Result]") -> "list[Result]":
     for each in results:
         row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
-        click.echo(printable(row))
+        put(printable(row))
     return results

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller
 
 
 @click.command(short_help="Print the diagram of an fsm.txt as Graphviz text.")
@@ -15,4 +15,4 @@ def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
     """Print the diagram of an fsm.txt as Graphviz text, e.g. for `| dot -Tsvg > fsm.svg`."""
     from mercator_design.fsm.drawing import to_dot
 
-    click.echo(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)
+    put(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)

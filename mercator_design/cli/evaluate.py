@@ -8,7 +8,7 @@ import click
 from mercator_design.cli.inputs import new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell, warn
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
@@ -94,10 +94,10 @@ def evaluate(
 
         result = measure(simulator, pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
     if cost_alone:
-        click.echo(repr(0.0 + loaded.cost(result.scores.mean)))
+        put(repr(0.0 + loaded.cost(result.scores.mean)))
         return
     report = evaluation_json if as_json else evaluation_summary
-    click.echo(report(result, simulator, seed=None if instances else seed))
+    put(report(result, simulator, seed=None if instances else seed))
 
 
 def _controller(

@@ -1,6 +1,7 @@
 """mdesign export: missions, races and logs of robots, for other programs."""
 
 import contextlib
+import io
 import shlex
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import FILE, naming, tell, warn
+from mercator_design.command import FILE, naming, put, tell, warn
 from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -64,7 +65,7 @@ def irace(
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
     for note in designer.race.notes:
         tell(f"Warning: R's irace refuses this: {note}")
-    click.echo(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
+    put(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 
 
 @export.command("irace-log", short_help="Write a race as a log of irace's, for R.")
@@ -98,7 +99,14 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     def write(file: BinaryIO) -> list[str]:
         return write_csv(logs, file, lambda doubt: warn([doubt]))
 
-    _write(logs, output, write, stdout=sys.stdout.buffer if output == Path("-") else None)
+    if output != Path("-"):
+        _write(logs, output, write)
+    elif sys.stdout.isatty():
+        table = io.BytesIO()
+        _write(logs, output, write, stdout=table)
+        put(table.getvalue().decode(), nl=False)
+    else:
+        _write(logs, output, write, stdout=sys.stdout.buffer)
 
 
 @export.command(short_help="Write the log of a robot for Foxglove.")

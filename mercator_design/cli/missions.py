@@ -8,7 +8,7 @@ import click
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
 from mercator_design.cli.terminal import terminal_width, warn_of_mission
-from mercator_design.command import naming
+from mercator_design.command import naming, put
 from mercator_design.errors import MercatorError, MissionError
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     from mercator_design.report.missions import missions_json, missions_table
 
-    click.echo(missions_json() if as_json else missions_table(terminal_width()))
+    put(missions_json() if as_json else missions_table(terminal_width()))
 
 
 @missions.command(short_help="Print the YAML of a mission as it stands.")
@@ -50,10 +50,10 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
 
     loaded = load_mission(mission, overrides)
     if overrides:
-        click.echo(dump(loaded), nl=False)
+        put(dump(loaded), nl=False)
     else:
         path = shipped.find(mission, shipped.missions(), "mission")
-        click.echo(text_of(path, error=MissionError), nl=False)
+        put(text_of(path, error=MissionError), nl=False, exact=True)
 
 
 @missions.command(short_help="Draw a mission from above.")
@@ -83,7 +83,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     with naming(path):
         save_preview(path, simulator, seed=seed)
     warn_of_mission(simulator, refuse=False)
-    click.echo(path)
+    put(path)
 
 
 @missions.command(short_help="Write random missions of a class.")
@@ -122,4 +122,4 @@ def sample(class_: "MissionClass", seed: int, number: int, output: Path) -> None
     for k, path in enumerate(paths, start=1):
         with naming(path):
             write_text(path, dump(sample_mission(class_, seed=seed, number=k)))
-        click.echo(path)
+        put(path)

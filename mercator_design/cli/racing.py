@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import tell
+from mercator_design.command import put, tell
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -172,7 +172,7 @@ def run(
     try:
         folder.finish(result, seconds=round(display.seconds, 3))
     finally:
-        click.echo(with_notes_wrapped(summary, terminal_width()), nl=False)
+        put(with_notes_wrapped(summary, terminal_width()), nl=False)
 
 
 def _run(

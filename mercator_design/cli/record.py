@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.inputs import simulator_of
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import warn_of_doubts, warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, put, read_controller, tell
 from mercator_design.errors import printable
 
 
@@ -72,4 +72,4 @@ def record(
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
         write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
-    click.echo(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))
+    put(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

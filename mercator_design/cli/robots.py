@@ -3,6 +3,7 @@
 import click
 
 from mercator_design.cli.terminal import terminal_width
+from mercator_design.command import put
 from mercator_design.errors import MissionError
 
 
@@ -22,7 +23,7 @@ def list_robots() -> None:
     """List the shipped robot models."""
     from mercator_design.report.missions import robot_models_table
 
-    click.echo(robot_models_table(terminal_width()))
+    put(robot_models_table(terminal_width()))
 
 
 @robots.command("show")
@@ -34,4 +35,4 @@ def show_robot(name: str) -> None:
     from mercator_design.sim.robot_model import load_robot_model
 
     load_robot_model(name)
-    click.echo(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False)
+    put(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True)

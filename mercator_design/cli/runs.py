@@ -8,7 +8,7 @@ import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import naming, tell
+from mercator_design.command import naming, put, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,7 +51,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
     """List the races in the folders within FOLDER, by default runs."""
     from mercator_design.report.runs import runs_json, runs_table
 
-    click.echo(runs_json(folder) if as_json else runs_table(folder))
+    put(runs_json(folder) if as_json else runs_table(folder))
 
 
 @runs.command(short_help="Show a race and what came of it.")
@@ -66,13 +66,13 @@ def show(directory: Path, what: str | None) -> None:
     from mercator_design.run_tables import configurations_table, experiments_table, tests_table
 
     if what is None:
-        click.echo(with_notes_wrapped(run_summary(directory), terminal_width()))
+        put(with_notes_wrapped(run_summary(directory), terminal_width()))
     elif what == "experiments":
-        click.echo(experiments_table(directory).to_csv(index=False), nl=False)
+        put(experiments_table(directory).to_csv(index=False), nl=False)
     elif what == "tests":
-        click.echo(tests_table(directory).to_csv(index=False), nl=False)
+        put(tests_table(directory).to_csv(index=False), nl=False)
     else:
-        click.echo(configurations_table(directory).to_csv(), nl=False)
+        put(configurations_table(directory).to_csv(), nl=False)
 
 
 @runs.command(short_help="Check the journal of a race, and run a sample of it again.")
@@ -98,7 +98,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped):
         for line in verify_run(directory, task, number, executor, announce=tell, stopped=stopped):
-            click.echo(line)
+            put(line)
 
 
 @runs.command(short_help="Tell which modules or parameters explain the scores.")
@@ -118,7 +118,7 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
     from mercator_design.report.analysis import importance_csv, importance_page
 
     task, explanation = found(directory, modules=None if what is None else what == "modules", seed=seed)
-    click.echo((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
+    put((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
 
 
 @runs.command(short_help="Find what the winner of a race needs.")
@@ -173,7 +173,7 @@ def ablation(
             watch=display.update,
             stopped=stopped,
         )
-    click.echo(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
+    put(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
         with naming(plot):
             save_ablation(plot, result)

@@ -5,6 +5,7 @@ import json
 import click
 
 from mercator_design.cli.options import PLUGIN
+from mercator_design.command import put
 
 
 @click.command(short_help="Print a JSON Schema, for editors.")
@@ -26,4 +27,4 @@ def schema(kind: str) -> None:
         found = json_schema(Mission, title="A mission", given=("name",))
     else:
         found = json_schema(RobotModel, title="A robot model", given=("name",), based=True)
-    click.echo(json.dumps(found, indent=2))
+    put(json.dumps(found, indent=2))

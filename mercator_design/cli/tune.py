@@ -18,7 +18,7 @@ from mercator_design.cli.racing import (
     run,
 )
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, naming, tell
+from mercator_design.command import FILE, naming, put, tell
 from mercator_design.errors import MercatorError, printable
 
 if TYPE_CHECKING:
@@ -137,13 +137,13 @@ def _check(tuner: "Tuner") -> None:
     def show(command: str, run: "Callable[[], Measured]", *, is_cost: bool) -> bool:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
-        click.echo(command)
+        put(command)
         result = attempt_here(lambda _: run(), None)
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
-            click.echo(printable(f"  {result.reason}"))
+            put(printable(f"  {result.reason}"))
         elif is_cost:
-            click.echo(f"  cost {result.score:g}")
+            put(f"  cost {result.score:g}")
         return not isinstance(result, Failed)
 
     evaluate = tuner.evaluate
@@ -189,7 +189,7 @@ def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_fa
     for number, instance in enumerate(instances):
         rows.append([instance, tuner.test_seed(number), *(f"{of[number]:.15g}" for of in costs)])
     means = [f"{sum(of) / len(of):.6g}" for of in costs]
-    click.echo("\n".join(aligned([*rows, ["mean", None, *means]])))
+    put("\n".join(aligned([*rows, ["mean", None, *means]])))
     if output is not None:
         table = io.StringIO()
         csv.writer(table, lineterminator="\n").writerows(rows)

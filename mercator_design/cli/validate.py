@@ -10,7 +10,7 @@ from mercator_design import spelling
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.cli.terminal import warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, read_controller, tell_all, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell_all, warn
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -32,7 +32,7 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
     invalid = False
     for file in files:
         try:
-            click.echo(printable(f"{file}: {_validated(file, flavour, lenient)}"))
+            put(printable(f"{file}: {_validated(file, flavour, lenient)}"))
         except (MissionError, FsmError) as error:
             invalid = True
             tell_all(error)

@@ -13,7 +13,7 @@ costs alone, and only what had not finished is run.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -114,6 +114,8 @@ class Runner(Generic[T]):
             raise _another(f"{self._told} experiments in all", f"{len(self.record.experiments)}")
         if self._n_iterations != len(self.record.iterations):
             raise _another(f"{self._n_iterations} iterations in all", f"{len(self.record.iterations)}")
+        if self._n_revised != len(self.record.revised):
+            raise _another(f"{self._n_revised} batches with revised scores", f"{len(self.record.revised)}")
         raced = {one.configuration for one in self.record.experiments.values()}
         if unknown := self.record.configurations.keys() - raced:
             raise _another("no configurations but those that were raced", f"{len(unknown)} others")
@@ -240,18 +242,17 @@ class Runner(Generic[T]):
     def _revise(self) -> None:
         """Tell the race which costs the evaluation of a batch has replaced."""
         revised = self.record.revised.get(self._told, {})
-        instances = {experiment.instance for experiment in self._batch}
-        for e in revised:
-            if (
-                self.evaluate is None
-                or e.instance not in instances
-                or e.configuration not in self.race.beside(e.instance)
-            ):
-                raise _another("no revised score", f"that of configuration {e.configuration} on instance {e.instance}")
         if revised:
+            self._check_revised(revised)
             self._n_revised += 1
             costs = {e: float("inf") if one.score is None else self.cost(one.score) for e, one in revised.items()}
             self.race.revise(costs)
+
+    def _check_revised(self, revised: Collection[Experiment]) -> None:
+        instances = {experiment.instance for experiment in self._batch}
+        for number, instance in revised:
+            if self.evaluate is None or instance not in instances or number not in self.race.beside(instance):
+                raise _another("no revised score", f"that of configuration {number} on instance {instance}")
 
     def _finish(self, experiment: Experiment, result: Measured | Failed) -> None:
         """Note an experiment that the race has asked for."""

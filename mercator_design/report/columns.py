@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from operator import sub
 
-from mercator_design.errors import excerpt
+from mercator_design.errors import excerpt, printable
 from mercator_design.race.summary import Scores
 
 _NOISE = 1e-9
@@ -13,7 +13,7 @@ _NOISE = 1e-9
 
 def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
     """A line for each row, columns as wide as their widest cell; None is empty."""
-    texts = [["" if cell is None else excerpt(str(cell)) for cell in row] for row in rows]
+    texts = [["" if cell is None else excerpt(printable(str(cell))) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in texts]
 

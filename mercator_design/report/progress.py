@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
+from mercator_design.errors import printable
 from mercator_design.missions.mission import Mission
 from mercator_design.race.task import Task
 
@@ -27,7 +28,11 @@ class _Display:
         self._is_wide = console.width >= _WIDE
         # Where there is too little room it is the text that is cut, as figures tell more.
         self._progress = Progress(
-            TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+            TextColumn(
+                "{task.description}",
+                markup=False,  # names may have brackets
+                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+            ),
             *([BarColumn(bar_width=10)] if self._is_wide else []),
             MofNCompleteColumn(table_column=Column(no_wrap=True)),
             TextColumn("{task.fields[rate]}", table_column=Column(no_wrap=True)),
@@ -37,7 +42,7 @@ class _Display:
             transient=True,
             expand=True,
         )
-        self._task = self._progress.add_task(what, total=total, rate="")
+        self._task = self._progress.add_task(printable(what), total=total, rate="")
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -63,6 +68,7 @@ class _Display:
 
     def show(self, done: int, description: str | None = None, total: int | None = None) -> None:
         """Set the count, the text before the bar, and what it counts to."""
+        description = None if description is None else printable(description)
         rate = f"{done / max(self.seconds, 1e-3):.0f}/s"
         self._progress.update(self._task, completed=done, total=total, rate=rate, description=description)
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, printable
 from mercator_design.race.events import Session, Stop
 from mercator_design.race.journal import Reading, is_locked
 from mercator_design.race.record import Record
@@ -76,7 +76,7 @@ def run_summary(path: Path) -> str:
         lines += test_lines(record, tests, "on fresh instances")
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _runs(folder: Path) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.design import Designer, Evaluation
+from mercator_design.errors import printable
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
@@ -65,7 +66,7 @@ def race_summary(
         "",
         f"Written    {folder}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(map(printable, lines)) + "\n"
 
 
 def _asked(task: Task[Any]) -> list[str]:
@@ -190,7 +191,7 @@ def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int | 
             f"confidence interval  {scores.confidence_interval[0]:.6g} to {scores.confidence_interval[1]:.6g} "
             f"({CONFIDENCE:.0%} for the mean)",
         ]
-    return "\n".join([*lines, f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"])
+    return "\n".join([*map(printable, lines), f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"])
 
 
 def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:

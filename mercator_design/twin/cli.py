@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, NumberRange, tell
+from mercator_design.command import FILE, NumberRange, put, tell
 from mercator_design.errors import RobotError
 from mercator_design.robot.safety import go_first
 
@@ -71,7 +71,7 @@ def twin(
             with Interrupt() as interrupt, terminals:
                 go_first(_PRIORITY)
                 for number, file in enumerate(terminals.robots):
-                    click.echo(f"robot {number}: {file}")
+                    put(f"robot {number}: {file}")
                 timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration), tell)
     tell(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each second; "

@@ -8,7 +8,24 @@ import json
 
 from tests.race.lines import events_in, journal_of
 
-WRONG = (None, True, False, "x", "", "\x1b[31m", "\ud800", -1, -(10**30), 10**30, 1.5, float("nan"), [], [1], {}, {"a": 1})
+WRONG = (
+    None,
+    True,
+    False,
+    "x",
+    "",
+    "\x1b[31m",
+    "\ud800",
+    -1,
+    -(10**30),
+    10**30,
+    1.5,
+    float("nan"),
+    [],
+    [1],
+    {},
+    {"a": 1},
+)
 _COUNTED = ("experiment", "iteration", "configuration", "instance", "seed", "parent", "winner", "budget", "experiments")
 _TEXT = {"host", "time", "why", "note", "executor", "failure", "outcome", "name"}
 
@@ -18,9 +35,9 @@ def damaged(data, draws):
     if draws.random() < 0.5:
         return _bytes(data, draws)
     events = events_in(data)
-    done = []
-    for _ in range(draws.choice((1, 1, 1, 2, 3))):
-        done.append(draws.choice((_moved, _changed, _changed, _changed))(events, draws))
+    done = [
+        draws.choice((_moved, _changed, _changed, _changed))(events, draws) for _ in range(draws.choice((1, 1, 2, 3)))
+    ]
     return journal_of(events), done
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.colours import COLOURS, ColourName
-from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, tell
+from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, put, tell
 from mercator_design.loading import dump
 from mercator_design.robot import ground_calibration, proximity_calibration
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -82,7 +82,7 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
 
 def _give(robot: Path | None, **values: object) -> None:
     """Print settings, and put them into a robot.yaml."""
-    click.echo(dump(values), nl=False)
+    put(dump(values), nl=False)
     if robot is not None:
         with naming(robot):
             change(robot, **values)

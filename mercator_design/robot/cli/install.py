@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import tell
+from mercator_design.command import put, tell
 from mercator_design.errors import RobotError
 from mercator_design.robot import install as installation
 from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of
@@ -65,9 +65,9 @@ def install(
     files = installation.texts(ports, setup, root)
     if dry_run:
         for path, text in files.items():
-            click.echo(f"==> {path}\n{text}")
+            put(f"==> {path}\n{text}")
         if root == Path("/"):
-            click.echo("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
+            put("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
         show(findings)
     else:
         show([*findings, *installation.install(files, root)])

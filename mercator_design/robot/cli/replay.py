@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, put, tell
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Pfsm
 from mercator_design.fsm.conditions import ground_level
@@ -33,7 +33,7 @@ def _show(decided: tuple[Pfsm, Decision]) -> str:
     state, readings = pfsm.states[decision.state], decision.readings
     moved = f"  -> {decision.next_state} ({decision.condition})" if decision.next_state != decision.state else ""
     obstacle = math.hypot(readings.proximity_x, readings.proximity_y)
-    click.echo(
+    put(
         f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {state.behaviour:<14} "
         f"obstacle {obstacle:4.2f}  neighbours {readings.neighbours:2.0f}  ground {ground_level(readings):5.1f}  "
         f"wheels {decision.wheels.left:5.2f} {decision.wheels.right:5.2f}{moved}"

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable
 
-import click
-
+from mercator_design.command import put
 from mercator_design.errors import RobotError, printable
 from mercator_design.robot.findings import Finding
 
@@ -21,7 +20,7 @@ def show(findings: Iterable[Finding]) -> None:
         mark = ("look " if finding.is_unclear else "ok   ") if finding.is_fine else "WRONG"
         row = f"{mark}  {finding.what:<26} {finding.words}"
         try:
-            click.echo(printable(row))
+            put(printable(row))
         except OSError as error:
             unwritten = error
     if unwritten is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, tell
+from mercator_design.command import FILE, put, tell
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
 from mercator_design.loading import FieldError, text_of
 from mercator_design.robot.cli.options import ROBOT
@@ -48,7 +48,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     with Speaker(hosts, settings.swarm.port) as speaker:
         stopped, silent = speaker.stop()
     for name in stopped:
-        click.echo(f"{printable(name)} has stopped")
+        put(f"{printable(name)} has stopped")
     if silent:
         raise RobotError("; ".join(silent))
 

@@ -9,7 +9,6 @@ Compiled code is cached in a folder named by all that it is made from: numba its
 (numba issue 1833) and would go on running the old one.
 """
 
-import atexit
 import contextlib
 import functools
 import hashlib
@@ -17,14 +16,14 @@ import inspect
 import json
 import os
 import re
-import shutil
 import sys
-import tempfile
 import threading
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
+
+from mercator_design import kernel_cache
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -111,14 +110,16 @@ def compiled(function: F) -> F:
 def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
     import numba
 
+    folder = cache_folder()
     usual = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options at run time
-    numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
         # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
         # references to every array that is passed on would take two thirds of the time.
-        options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+        options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
-        entry._cache = _ForgivingCache(entry._cache)  # noqa: SLF001 - numba offers no other way in
+        if folder is not None:
+            entry._cache = kernel_cache.keep_whole(entry._cache)  # noqa: SLF001 - numba offers no other way in
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
 
@@ -135,36 +136,15 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-class _ForgivingCache:
-    """numba's cache of one function, in which a damaged file means recompiling, and a full disk no cache."""
-
-    def __init__(self, cache: Any) -> None:
-        self._cache = cache
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._cache, name)
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        try:
-            return self._cache.load_overload(signature, context)
-        except Exception:  # noqa: BLE001 - whatever pickle makes of a damaged file
-            return None
-
-    def save_overload(self, signature: Any, data: Any) -> None:
-        for _ in range(2):
-            try:
-                self._cache.save_overload(signature, data)
-            except Exception:  # noqa: BLE001 - as above, when it reads the old index; or there is no room
-                with contextlib.suppress(OSError):
-                    self._cache.flush()  # forget the old index, and try anew
-            else:
-                return
-
-
 def is_cached(function: Callable[..., Any]) -> bool:
     """Whether an entry function was compiled before on this machine, in its present form."""
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    return not jit_wanted() or any(cache_folder().glob(f"**/*.{function.__qualname__}-*.{python}*.nbi"))
+    if not jit_wanted():
+        return True
+    folder = cache_folder()
+    if folder is None:
+        return False
+    return any(map(kernel_cache.is_whole, folder.glob(f"**/*.{function.__qualname__}-*.{python}*.nbi")))
 
 
 @contextlib.contextmanager
@@ -194,26 +174,24 @@ def announced(announce: Callable[[], None]) -> Iterator[None]:
         event.unregister("numba:compile", once)  # type: ignore[no-untyped-call]
 
 
-@functools.cache
-def cache_folder() -> Path:
-    """Where compiled code lies: a folder for each version of the kernels, or one of this process if need be."""
-    import platformdirs
+def cache_folder() -> Path | None:
+    """Where compiled code lies: a folder for each version of the kernels, or one of this process; None if nowhere."""
+    return _cache().folder
 
-    root = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
-    folder = Path(root) / kernels_digest()[:16]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
+
+def cache_doubt() -> str:
+    """Why that is not the usual folder; empty if it is."""
+    return _cache().doubt if jit_wanted() else ""
+
+
+@functools.cache
+def _cache() -> kernel_cache.Place:
+    return kernel_cache.place(kernels_digest()[:16])
 
 
 def compiling_began() -> bool:
     """Whether something is compiled already, by the kernels that there were."""
-    return jit_wanted() and cache_folder.cache_info().currsize > 0
+    return jit_wanted() and _cache.cache_info().currsize > 0
 
 
 def kernel_files() -> list[Path]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import jit
+from mercator_design import jit, kernel_cache
 from mercator_design.fsm.behaviours import behave
 from mercator_design.fsm.conditions import probability
 
@@ -54,6 +54,20 @@ def test_a_damaged_file_is_replaced(tmp_path, ending, length):
     assert run(tmp_path)[1] == value
     (mended,) = tmp_path.glob(f"**/*{ending}")
     assert len(mended.read_bytes()) == pytest.approx(whole, rel=0.1)
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_a_bit_that_flipped_is_never_run(tmp_path, ending):
+    """Not loaded, that is: it would be executed."""
+    _, value, _, _ = run(tmp_path)
+    (file,) = tmp_path.glob(f"**/*{ending}")
+    whole = bytearray(file.read_bytes())
+    for place in (len(whole) // 4, len(whole) // 2, 3 * len(whole) // 4):
+        whole[place] ^= 16
+    file.write_bytes(whole)
+    assert run(tmp_path)[1:3] == (value, True)
+    assert file.read_bytes() != whole  # compiled anew
+    assert kernel_cache.is_whole(file)
 
 
 def test_no_room_for_a_cache_is_no_reason_to_stop(tmp_path):

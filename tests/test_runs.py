@@ -33,7 +33,7 @@ from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.run_files import JOURNAL
-from mercator_design.run_tables import configurations_table, experiments_table, tests_table
+from mercator_design.run_tables import configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 from tests.race.lines import events_in, journal_of
 
@@ -606,7 +606,7 @@ class TestLeaving:
         assert code == 0, err
         assert (tmp_path / "r" / "fsm.txt").exists()
         assert set(experiments_table(tmp_path / "r").failure) == {"", "KeyboardInterrupt"}
-        assert set(tests_table(tmp_path / "r").failure) <= {"", "KeyboardInterrupt"}
+        assert set(run_tables.tests_table(tmp_path / "r").failure) <= {"", "KeyboardInterrupt"}
 
     def test_in_evaluate_and_record(self, mdesign, leaving, tmp_path):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")

@@ -11,7 +11,7 @@ from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import CompilationError, compiled, is_cached, jit_wanted
+from mercator_design.jit import CompilationError, cache_doubt, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -88,8 +88,10 @@ class Simulator:
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
         """
+        if doubt := cache_doubt():
+            announce(f"Warning: the cache of compiled code is not used: {doubt}")
         if not is_cached(kernel.experiment):
-            announce("Compiling the simulator; later runs find it in the cache ...")
+            announce(f"Compiling the simulator{'; later runs find it in the cache' * (not doubt)} ...")
         self.check_placement()
         try:
             trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)

@@ -1,0 +1,162 @@
+"""Machine code from a cache is this user's own, and whole."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mercator_design import kernel_cache
+from mercator_design.kernel_cache import _Digesting, is_whole, place, why_not_private
+
+IS_ROOT = os.geteuid() == 0
+OTHER = 65533
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """The folder that NUMBA_CACHE_DIR names; the place is looked up anew."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(kernel_cache, "place", place.__wrapped__)
+    return tmp_path / "cache"
+
+
+def written(path, data=b"machine code"):
+    with path.open("wb") as file:
+        digesting = _Digesting(file)
+        digesting.write(data[:3])
+        digesting.write(data[3:])
+        file.write(digesting.digest.digest())
+    path.chmod(0o600)
+    return path
+
+
+class TestFiles:
+    def test_whole(self, tmp_path):
+        assert is_whole(written(tmp_path / "f"))
+        assert is_whole(written(tmp_path / "f", b"xxx"))
+
+    def test_any_bit_that_flips(self, tmp_path):
+        data = written(tmp_path / "f").read_bytes()
+        for where in range(len(data)):
+            for bit in range(8):
+                (tmp_path / "f").write_bytes(data[:where] + bytes([data[where] ^ 1 << bit]) + data[where + 1 :])
+                assert not is_whole(tmp_path / "f")
+
+    def test_any_length(self, tmp_path):
+        data = written(tmp_path / "f").read_bytes()
+        for length in range(len(data)):
+            (tmp_path / "f").write_bytes(data[:length])
+            assert not is_whole(tmp_path / "f")
+        (tmp_path / "f").write_bytes(data + b"x")
+        assert not is_whole(tmp_path / "f")
+
+    def test_what_is_no_file_of_this_user_alone(self, tmp_path):
+        file = written(tmp_path / "f")
+        (tmp_path / "link").symlink_to(file)
+        os.mkfifo(tmp_path / "pipe")
+        assert not any(map(is_whole, (tmp_path, tmp_path / "link", tmp_path / "pipe", tmp_path / "nothing")))
+        for mode in (0o620, 0o602):
+            file.chmod(mode)
+            assert not is_whole(file)
+        file.chmod(0o644)
+        assert is_whole(file)
+
+    @pytest.mark.skipif(not IS_ROOT, reason="only root can give files away")
+    def test_of_another_user(self, tmp_path):
+        file = written(tmp_path / "f")
+        os.chown(file, OTHER, OTHER)
+        assert not is_whole(file)
+
+
+class TestFolders:
+    @pytest.mark.parametrize("mode", [0o777, 0o707, 0o1777])
+    def test_others_may_write_there(self, cache, mode):
+        folder, doubt = kernel_cache.place("x")
+        assert (folder, doubt) == (cache / "x", "")
+        assert folder.stat().st_mode & 0o777 == 0o700
+        folder.chmod(mode)
+        found, doubt = kernel_cache.place("x")
+        assert found != folder
+        assert f"{folder}: other users may write to {folder}; so what is compiled is forgotten" in doubt
+        assert found.stat().st_mode & 0o777 == 0o700
+
+    def test_others_may_write_where_it_is(self, cache):
+        folder, _ = kernel_cache.place("x")
+        cache.chmod(0o777)
+        assert f"other users may write to {cache}" in kernel_cache.place("x")[1]
+        cache.chmod(0o1777)  # as /tmp
+        assert kernel_cache.place("x") == (folder, "")
+        cache.chmod(0o775)
+        trusted = kernel_cache._is_trusted(cache.stat().st_gid)
+        assert (kernel_cache.place("x")[1] == "") == trusted
+
+    def test_a_link_is_followed_and_what_it_leads_to_is_checked(self, cache, tmp_path):
+        (tmp_path / "real").mkdir(mode=0o700)
+        cache.symlink_to(tmp_path / "real")
+        assert kernel_cache.place("x") == (tmp_path / "real" / "x", "")
+        (tmp_path / "real").chmod(0o777)
+        assert f"other users may write to {tmp_path / 'real'}" in kernel_cache.place("x")[1]
+
+    def test_a_link_to_itself(self, cache):
+        cache.symlink_to(cache)
+        assert "no file can be written there" in kernel_cache.place("x")[1]
+
+    @pytest.mark.skipif(not IS_ROOT, reason="only root can give folders away")
+    @pytest.mark.parametrize("which", [".", ".."])
+    def test_of_another_user(self, cache, which):
+        folder, _ = kernel_cache.place("x")
+        os.chown(folder / which, OTHER, OTHER)
+        found, doubt = kernel_cache.place("x")
+        assert found != folder
+        assert f"belongs to user {OTHER}, not to 0" in doubt
+
+    def test_whatever_the_mask(self, cache):
+        before = os.umask(0)
+        try:
+            assert kernel_cache.place("x") == (cache / "x", "")
+        finally:
+            os.umask(before)
+        assert why_not_private(cache / "x") == ""
+
+    def test_nowhere_to_write(self, cache, monkeypatch):
+        def full(**_):
+            raise FileNotFoundError("no usable temporary folder")
+
+        cache.write_text("a file")
+        monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", full)
+        folder, doubt = kernel_cache.place("x")
+        assert folder is None
+        assert "no file can be written there" in doubt
+
+
+class _Evil:
+    def __init__(self, file):
+        self.file = file
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.file),)
+
+
+def test_what_others_planted_is_not_run(tmp_path):
+    """In a folder where they may write: the index is a pickle, which makes a folder when it is loaded."""
+    script = "from mercator_design import jit; from mercator_design.fsm.conditions import logistic\n"
+    script += "print(jit.compiled(logistic)(0.0)); print(jit.cache_folder()); print(jit.cache_doubt())"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_DISABLE_JIT": "0"}
+
+    def run():
+        command = [sys.executable, "-c", script]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split("\n")
+
+    value, folder, *_ = run()
+    (index,) = Path(folder).glob("**/*.nbi")
+    index.write_bytes(pickle.dumps(_Evil(tmp_path / "owned")))
+    assert run() == [value, folder, "", ""]  # as its digest is not there
+    Path(folder).chmod(0o777)
+    written(index, pickle.dumps(_Evil(tmp_path / "owned")))
+    found, other, doubt, _ = run()
+    assert (found, doubt != "") == (value, True)
+    assert other != folder
+    assert not (tmp_path / "owned").exists()

@@ -98,15 +98,21 @@ def read_journal(path: Path) -> Reading:
     return reading
 
 
-def end_that_is_missing(path: Path, record: Record) -> str:
-    """What is wrong if lines are missing at the end of a journal, so that nothing after them shows it; or nothing.
+def wrong_end(path: Path, record: Record) -> str:
+    """What is wrong if the journal of a folder does not end as its provenance says; or nothing.
+
+    So lines that are missing at its end are found, which no line after them shows.
 
     Raises:
         RaceError: if the folder's provenance cannot be read.
     """
     said = read_provenance(path)
-    if said.finished is None or said.journal in {end.digest for end in record.ends}:
+    found = {end.budget: end.digest for end in record.ends}
+    if said.finished is None or said.journal in found.values():
         return ""
+    if said.budget in found:
+        digests = f"expected the digest {said.journal}, as {PROVENANCE} says, found {found[said.budget]}"
+        return f"{path / JOURNAL}: {digests}"
     return (
         f"{path / JOURNAL}: expected the end of the race after {said.experiments} experiments, as {PROVENANCE} says, "
         f"found none after {len(record.experiments)}: lines are missing at its end; --resume runs again what they were "

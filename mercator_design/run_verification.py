@@ -9,7 +9,7 @@ from mercator_design.race import Experiment
 from mercator_design.race.events import Finished, Tested
 from mercator_design.race.executors import Executor, in_order
 from mercator_design.race.task import Task
-from mercator_design.run_files import JOURNAL, check_configurations, end_that_is_missing, read_journal
+from mercator_design.run_files import JOURNAL, check_configurations, read_journal, wrong_end
 
 
 def verify(
@@ -39,7 +39,7 @@ def verify(
     checked = [
         f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
     ]
-    if missing := end_that_is_missing(path, record):
+    if missing := wrong_end(path, record):
         raise RaceError(missing)
     check_configurations(path, record, task.race.space)
     for end in record.ends:

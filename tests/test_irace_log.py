@@ -12,7 +12,7 @@ from mercator_design.errors import RaceError
 from mercator_design.irace_log import irace_results, write_irace_log
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import events, testing
-from mercator_design.race.events import End, Finished, Iteration, Measured
+from mercator_design.race.events import End, Finished, Iteration, Measured, NewConfiguration
 from mercator_design.race.executors import Rejected, ThreadExecutor
 from mercator_design.race.record import Record
 from mercator_design.race.scenario import read_scenario
@@ -118,20 +118,21 @@ def test_of_a_mission_costs_are_minus_the_scores():
     designer = Designer(Simulator(load_mission("aggregation")), budget=2000, seed=1)
     record = Record()
     record.begin(designer.start())
-    record.note([{"event": "configuration", "configuration": 0, "parent": None, "values": {"NumStates": "1"}}])
+    record.note(NewConfiguration(configuration=0, parent=None, values={"NumStates": "1"}))
     for instance, score in enumerate([3.0, None]):
         one = Finished(experiment=instance, iteration=1, configuration=0, instance=instance,
                        seed=designer.seed(instance), score=score, failure="" if score else "broken")  # fmt: skip
-        record.note_experiments([one])
-    record.note_test(events.Tested(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
-    record.note_iteration(Iteration(iteration=1, postselection=False, budget=9, used=2, configurations=1, instances=2,
-                                    alive=1, elites=(0,), stagnant=0, note=""))  # fmt: skip
+        record.note(one)
+    record.note(Iteration(iteration=1, postselection=False, budget=9, used=2, configurations=1, instances=2,
+                          alive=1, elites=(0,), stagnant=0, note=""))  # fmt: skip
     found = irace_results(designer, record)
     assert found["experiments"].cells.tolist() == [[-3.0], [math.inf]]
-    assert found["testing"]["experiments"].cells.tolist() == [[-2.0]]
     assert found["state"]["completed"] == "Incomplete"
     record.note_end(End(budget=2000, experiments=2, winner=0))
-    assert irace_results(designer, record)["state"]["completed"] == "Ended"
+    record.note(events.Tested(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
+    found = irace_results(designer, record)
+    assert found["state"]["completed"] == "Ended"
+    assert found["testing"]["experiments"].cells.tolist() == [[-2.0]]
 
 
 def test_a_race_without_experiments_is_refused(race, tmp_path):

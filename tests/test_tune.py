@@ -374,7 +374,7 @@ class TestFailures:
             process.wait(timeout=60)
         assert process.returncode == 75
         assert gone(child)
-        assert read(tmp_path / "r" / JOURNAL).record.sessions[-1]["why"] == "Signalled"
+        assert read(tmp_path / "r" / JOURNAL).record.sessions[-1].why == "Signalled"
 
     @ENDINGS
     @pytest.mark.parametrize("command", ["verify", "ablation --from-first -n 2", "check"])

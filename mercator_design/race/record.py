@@ -66,6 +66,18 @@ class Record:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
 
+    def results(self) -> list[Finished]:
+        """The experiments in order of their numbers, with the scores that they have by now."""
+        latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
+        finished = [self.experiments[number] for number in sorted(self.experiments)]
+        if not latest:
+            return finished
+        newer = [latest.get(Experiment(one.configuration, one.instance)) for one in finished]
+        return [
+            one if new is None else replace(one, score=new.score, failure=new.failure)
+            for one, new in zip(finished, newer, strict=True)
+        ]
+
     def test_scores(self) -> dict[int, tuple[float, ...]]:
         """The scores of each configuration on the test instances, in order of these; without tests that failed."""
         found: dict[int, list[float]] = {}

@@ -12,7 +12,7 @@ from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
-from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, end_that_is_missing, read_journal
+from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 
 
 def runs_table(folder: Path) -> str:
@@ -132,7 +132,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
 def _doubts(path: Path, record: Record) -> list[str]:
     """What is wrong with a run folder though its journal is whole."""
     try:
-        missing = end_that_is_missing(path, record)
+        missing = wrong_end(path, record)
     except RaceError as error:
         return [*error.messages]
     return [missing] if missing else []

@@ -93,7 +93,10 @@ class Case:
 def case(name: str, duration: float | None = None) -> Case:
     """A mission of `MISSIONS`, perhaps of another duration [s]."""
     entry = MISSIONS[name]
-    overrides = (*entry.get("set", ()), *(() if duration is None else (f"duration={duration:g}",)))
+    overrides = tuple(entry.get("set", ()))
+    if duration is not None:
+        kept = [override for override in overrides if not override.startswith("duration=")]
+        overrides = (*kept, f"duration={duration:g}")
     return Case(name, overrides, parse(entry["fsm"]), Simulator(load_mission(name, overrides)))
 
 

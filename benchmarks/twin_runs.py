@@ -84,7 +84,6 @@ def play(plan: Plan, folder: Path) -> None:
             pass
         if twin.poll() is not None or not (folder / "0").exists():
             raise RunError(f"the twin failed: {(folder / 'twin.txt').read_text().strip()}")
-        _hurry(twin.pid)
         robots, ports = [], []
         for number, fsm in enumerate(plan.fsms):
             settings = _awaiting_heartbeats(read_settings(folder / str(number) / "robot.yaml"))
@@ -115,12 +114,6 @@ def _end(process: subprocess.Popen[Any]) -> None:
             process.wait(_ENDS)
         except subprocess.TimeoutExpired:
             process.kill()
-
-
-def _hurry(process: int) -> None:
-    """Let a process run before what is less urgent, where that is permitted."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.sched_setscheduler(process, os.SCHED_RR, os.sched_param(1))
 
 
 def _awaiting_heartbeats(settings: Settings) -> Settings:

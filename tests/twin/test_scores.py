@@ -48,6 +48,11 @@ def test_the_simulators_poses_have_the_simulators_score(name):
     assert what.simulator.mission.objective(ours) == outcome.score
 
 
+def test_another_duration_takes_the_place_of_a_missions():
+    """`aggregation_20` is shortened already; a setting that is given twice would be refused."""
+    assert case("aggregation_20", 3.0).simulator.mission.duration == 3.0
+
+
 def test_poses_of_another_seed_are_refused(short):
     poses = short.simulator.run(short.pfsm, 5).trace.poses
     with pytest.raises(SystemExit, match="did not start where the simulator's do"):

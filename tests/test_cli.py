@@ -306,9 +306,11 @@ class TestEvaluate:
         on = ["--mission", "color_aggregation", "--robot-model", "epuck", *QUICK]
         code, _, err = mdesign(name, "fsm.txt", *options, *on)
         assert code == 0
+        file = shipped.missions()["color_aggregation"]
+        line = file.read_text().splitlines().index("floor:") + 1
         assert [line for line in err.splitlines() if not line.startswith("Compiling")] == [
             "Warning: state 0, transition 0: floor colour never fires: robot epuck sees only how bright the ground is",
-            "Warning: color_aggregation: floor: no condition of robot epuck tells gray, green, red apart",
+            f"Warning: {file}:{line}: floor: no condition of robot epuck tells gray, green, red apart",
         ]
 
     def test_lenient(self, mdesign, tmp_path):
@@ -718,7 +720,8 @@ class TestRecord:
     def test_mistakes_are_named(self, mdesign, tmp_path, monkeypatch, options, code, words):
         monkeypatch.chdir(tmp_path)
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
-        found, out, err = mdesign("record", "fsm.txt", "--mission", "aggregation", "--set", "duration=1", *options)
+        short = [] if "--set" in options else ["--set", "duration=1"]
+        found, out, err = mdesign("record", "fsm.txt", "--mission", "aggregation", *short, *options)
         assert (found, out) == (code, "")
         assert words in err
         assert sorted(path.name for path in tmp_path.iterdir()) == ["fsm.txt"]

@@ -45,7 +45,7 @@ class Simulator:
 
     def __init__(self, mission: Mission, robot_model: RobotModel | None = None) -> None:
         self.mission = mission
-        self.robot_model = robot_model or _robot_model_of(mission)
+        self.robot_model = robot_model or robot_model_of(mission)
         self._world = World(mission, self.robot_model)
 
     def instance(self, seed: int) -> Instance:
@@ -163,8 +163,12 @@ class Simulator:
             )
 
 
-def _robot_model_of(mission: Mission) -> RobotModel:
-    """The robot model that a mission names; errors tell where it does."""
+def robot_model_of(mission: Mission) -> RobotModel:
+    """The robot model that a mission names.
+
+    Raises:
+        MissionError: naming the place in the mission, if there is none or it is not valid.
+    """
     try:
         return load_robot_model(mission.robot_model)
     except MissionError as error:

@@ -48,6 +48,7 @@ def twin(
         from mercator_design.jit import announced
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.robot_model import load_robot_model
+        from mercator_design.sim.simulate import robot_model_of
         from mercator_design.twin.arena import Arena, without_noise
         from mercator_design.twin.faults import Script, read_script
         from mercator_design.twin.folder import usual_folder
@@ -58,7 +59,7 @@ def twin(
 
     script = read_script(faults) if faults is not None else Script()
     loaded = load_mission(mission, overrides)
-    model = load_robot_model(robot_model or loaded.robot_model)
+    model = load_robot_model(robot_model) if robot_model else robot_model_of(loaded)
     if no_noise:
         model = without_noise(model)
     place = usual_folder() if folder is None else folder

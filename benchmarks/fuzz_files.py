@@ -6,6 +6,8 @@ that leads to anything else; `fsms` does the same for FSM texts. The same number
 
 import argparse
 import collections
+import copy
+import functools
 import json
 import random
 import re
@@ -28,11 +30,12 @@ from mercator_design.sim.impossible import doubts_of_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
+_DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _FSMS = json.loads((Path(__file__).parents[1] / "tests/data/published_fsms.json").read_text())
 _PLACED = re.compile(r"(fuzzed(:\d+)?|--set [^\n]*): ", re.DOTALL)
 _WHOLE = ("not valid YAML", "found an empty text", "its reading ended")
 """Of a text as a whole, which has no line."""
-_DEEPLY = 10
+_DEEPLY = 20
 """Every so many-th of the missions that can be read is also set up and looked at as `mdesign validate` does."""
 
 _ODD = [
@@ -58,16 +61,23 @@ def fuzzed_mission(number: int) -> tuple[str, list[str], Path]:
     """The text of a shipped mission with some mistakes, overrides for it, and the folder that its paths start from."""
     draw = random.Random(f"mission {number}")
     path = draw.choice([*shipped.missions().values()])
-    text = path.read_text()
+    text, tree = _shipped(path)
     if draw.random() < 0.75:
-        tree = yaml.safe_load(text)
+        tree = copy.deepcopy(tree)
         for _ in range(draw.randint(1, 4)):
             _spoil(tree, draw)
-        text = yaml.dump(tree, sort_keys=False, default_flow_style=draw.choice([None, True, False]))
+        text = yaml.dump(tree, Dumper=_DUMPER, sort_keys=False, default_flow_style=draw.choice([None, True, False]))
         text = re.sub(r"'@(.*?)@'", r"\1", text)
     for _ in range(draw.choice([0, 0, 1, 3])):
         text = _scratched(text, draw)
     return text, draw.sample(_OVERRIDES, draw.choice([0, 0, 0, 1, 2])), path.parent
+
+
+@functools.cache
+def _shipped(path: Path) -> tuple[str, Any]:
+    """The text of a mission, and its tree."""
+    text = path.read_text()
+    return text, yaml.safe_load(text)
 
 
 def _spoil(tree: Any, draw: random.Random) -> None:

@@ -91,7 +91,8 @@ class Ring:
 
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
-            raise FieldError("inner_radius", f"expected less than the radius {self.radius:g}")
+            found = f"{self.inner_radius:g} m"
+            raise FieldError("inner_radius", f"expected less than the radius, {self.radius:g} m, found {found}")
 
     def rows(self, _rng: np.random.Generator, _corners: list[Point]) -> list[ZoneRow]:
         return [(RING, *self.center, self.radius, self.inner_radius, 0.0, *rgb(self.color))]
@@ -243,8 +244,9 @@ class Floor:
             try:
                 if not unknown:
                     self._numbers(dynamics, zones, np.random.default_rng(0))
-            except FieldError as wrong:
-                yield FieldError(f"dynamics[{index}].{wrong.field}", wrong.message)
+            except FieldError as error:
+                for wrong in (error, *error.others):
+                    yield FieldError(f"dynamics[{index}].{wrong.field}", wrong.message)
 
     def unknown_zones(
         self, field: str, function: Callable[..., Any], parameters: Mapping[str, Any]

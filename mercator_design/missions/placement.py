@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import FieldError, Length, Range
+from mercator_design.loading import FieldError, Length, Range, checked
 from mercator_design.missions.arena import Arena, Array, Coordinate, Heading, Point, Size
 
 Headings: TypeAlias = Heading | Literal["uniform"]
@@ -51,7 +51,8 @@ class DiscPlacement:
 
     def __post_init__(self) -> None:
         if self.inner_radius >= self.radius:
-            raise FieldError("inner_radius", f"expected less than the radius {self.radius:g}")
+            found = f"{self.inner_radius:g} m"
+            raise FieldError("inner_radius", f"expected less than the radius, {self.radius:g} m, found {found}")
 
     def points(self, u: Array) -> Array:
         """The points (n, 2) that uniform draws (2 or more, n) from [0, 1) stand for."""
@@ -112,10 +113,12 @@ class DrawnPlacement:
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
     def __post_init__(self) -> None:
-        for index, region in enumerate(self.regions):
-            for field, usual in (("heading", "uniform"), ("half_plane", None), ("waiting", ())):
-                if getattr(region, field) != usual:
-                    raise FieldError(f"regions[{index}].{field}", "expected beside the regions, not in one")
+        checked(
+            FieldError(f"regions[{index}].{field}", "expected beside the regions, not in one")
+            for index, region in enumerate(self.regions)
+            for field, usual in (("heading", "uniform"), ("half_plane", None), ("waiting", ()))
+            if getattr(region, field) != usual
+        )
 
     def points(self, u: Array) -> Array:
         """As in `DiscPlacement`; the last row of draws says which region."""

@@ -78,7 +78,7 @@ class TestBorders:
         assert contains(ring, 1.0, -0.25)
         assert not contains(ring, 1.0, 0.2)
         assert not contains(ring, 1.4, 0.4)
-        with pytest.raises(FieldError, match="inner_radius: expected less than the radius 1"):
+        with pytest.raises(FieldError, match="inner_radius: expected less than the radius, 1 m"):
             Ring(center=(0.0, 0.0), radius=1.0, inner_radius=1.0, color="black")
 
     @pytest.mark.parametrize("vertices", [ARROW, ARROW[::-1]])

@@ -124,7 +124,7 @@ def test_fixed_poses_belong_to_robots_by_number():
 
 
 def test_a_ring_needs_width():
-    with pytest.raises(FieldError, match="inner_radius: expected less than the radius 1"):
+    with pytest.raises(FieldError, match="inner_radius: expected less than the radius, 1 m"):
         DiscPlacement(radius=1.0, inner_radius=1.0)
 
 
@@ -132,7 +132,7 @@ def test_waiting_robots_block_their_places_until_it_is_their_turn():
     """As in the original: robots not yet placed stand where its file put them. Mercators are 0.286 m wide."""
 
     def starts(*overrides):
-        mission = load_mission("aggregation", ["robots=2", "placement={shape: disc, radius: 0.3}", *overrides])
+        mission = load_mission("aggregation", ["robots=2", "placement.radius=0.3", *overrides])
         world = World(mission, load_robot_model("mercator"))
         return np.array([world.instance(seed).swarm.poses[:, :2] for seed in range(200)])
 

@@ -2,11 +2,12 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
 from mercator_design.colours import Colour, rgb
 from mercator_design.jit import jittable
-from mercator_design.loading import FieldError, Length, Positive, Range
+from mercator_design.loading import FieldError, Length, Positive, Range, checked
 from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import Site, Zones, dynamic
@@ -31,6 +32,21 @@ def repaint(floor: FloorTable, table: Array, _poses: Array, time: float) -> None
             table[k, 0] += table[k, 1]
 
 
+def _mistakes(
+    times: tuple[float, ...], colors: tuple[Colour, ...], every: float | None, rows: int
+) -> Iterator[FieldError]:
+    if len(times) != len(colors):
+        yield FieldError("colors", f"expected one for each of {len(times)} times, found {len(colors)}")
+    if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+        yield FieldError("times", "expected each later than the one before")
+    if every is not None and every <= times[-1] - times[0]:
+        yield FieldError("every", f"expected more than the {times[-1] - times[0]:g} s from the first time to the last")
+    if len(times) * rows > _MOST_CHANGES:
+        yield FieldError(
+            "times", f"expected at most {_MOST_CHANGES} changes, found {len(times)} of {rows} zones and tiles"
+        )
+
+
 @dynamic(change=repaint)
 def schedule(
     site: Site,
@@ -41,16 +57,8 @@ def schedule(
     every: Positive | None = None,  # [s] after which all comes again; null: never
 ) -> list[tuple[float, ...]]:
     """At each of `times` [s] the zones take the colour at its place in `colors`; all again `every` so many s."""
-    if len(times) != len(colors):
-        raise FieldError("colors", f"expected one for each of {len(times)} times, found {len(colors)}")
-    if any(later <= earlier for earlier, later in itertools.pairwise(times)):
-        raise FieldError("times", "expected each later than the one before")
-    if every is not None and every <= times[-1] - times[0]:
-        raise FieldError("every", f"expected more than the {times[-1] - times[0]:g} s from the first time to the last")
     rows = site.of(zones)
-    if len(times) * len(rows) > _MOST_CHANGES:
-        found = f"{len(times)} of {len(rows)} zones and tiles"
-        raise FieldError("times", f"expected at most {_MOST_CHANGES} changes, found {found}")
+    checked(_mistakes(times, colors, every, len(rows)))
     again = math.inf if every is None else every
     return [(time, again, float(row), *rgb(colour)) for time, colour in zip(times, colors, strict=True) for row in rows]
 

@@ -156,8 +156,11 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
         advice = "" if is_fine else "; update it with the app Sphero Edu"
         name = firmware_name(processor)
         yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
-    is_low = found.battery < settings.limits.battery_low or found.battery_state in {LOW, CRITICAL}
-    yield Finding("battery", not is_low, words["battery"] + ("; it is low: charge it" if is_low else ""))
+    limits = settings.limits
+    is_critical = found.battery < limits.battery_critical or found.battery_state == CRITICAL
+    is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
+    advice = f"; it is {'critical: no run starts' if is_critical else 'low'}: charge it" if is_low else ""
+    yield Finding("battery", not is_low, words["battery"] + advice)
     yield _of_motors(talk.ask("get_motor_thermal_protection_status"))
     asked, before = round(_LISTEN / _ECHOES), talk.counts("rvr")
     try:

@@ -28,6 +28,11 @@ class Control:
         self._heard, self._late = time.monotonic(), 0.0
         self._refused, self._told_of_refused = 0, -math.inf
 
+    def start(self) -> None:
+        """Start the robot up, listening all the time; errors are those of `Mercator.start`."""
+        self.robot.start()
+        self._heard = time.monotonic()
+
     def await_heartbeat(self) -> None:
         """Wait for the first heartbeat, if the settings want heartbeats.
 
@@ -155,7 +160,7 @@ def in_control(
                 control = Control(robot, watchdog, log)
                 ways_out.callback(control.note_refused)
                 ways_out.enter_context(signals.until_stopped())  # nothing interrupts what is done after that
-                robot.start()
+                control.start()
                 yield control
         except BaseException as error:
             if robot.unrest:

@@ -58,7 +58,8 @@ class LineHealth:
         if not self._looks or now - self._looks[-1].time >= _STEP:
             self._looks.append(look)
         first = self._looks[0]
-        came = look.all - first.all
+        # Until a window is full, what is missing of it counts as whole: one damaged frame of a few says little.
+        came = (look.all - first.all) * max(1.0, WINDOW / max(now - first.time, _STEP))
         self.share = 1.0 - (look.lost - first.lost) / came if came > 0 else 1.0
         worse = matters_below(self.least)
         if self.share < matters_below(worse):  # further up, and for some time, so that notes are few

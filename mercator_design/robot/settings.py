@@ -49,6 +49,11 @@ class Limits:
     stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
     unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
 
+    def __post_init__(self) -> None:
+        if self.battery_low < self.battery_critical:
+            critical = f"battery_critical, {self.battery_critical:g} %"
+            raise FieldError("battery_low", f"expected at least {critical}, found {self.battery_low:g}")
+
 
 def check_key(key: str, place: str) -> None:
     """Make sure that nobody guesses a key of heartbeats.

@@ -105,6 +105,11 @@ def test_a_battery_that_is_low_by_the_word_of_the_rvr(found, devices, monkeypatc
     assert found()[2] == {"battery": "30 %; it is low: charge it"}
 
 
+def test_a_battery_with_which_no_run_starts(found, devices):
+    devices.rvr.level = 4.0
+    assert found()[2] == {"battery": "4 %; it is critical: no run starts: charge it"}
+
+
 def test_lines_that_are_damaged(found, devices, monkeypatch):
     """One byte of a hundred is wrong: three of five packets of the lidar are refused."""
     monkeypatch.setattr(talk, "_TRIES", 20)

@@ -145,3 +145,8 @@ class TestLabels:
 
     def test_of_two_that_are_as_near_the_first(self):
         assert nearest({"white": (2.0, 0.0, 0.0), "black": (0.0, 0.0, 0.0)}, (1.0, 0.0, 0.0)) == "white"
+
+
+def test_a_battery_is_low_before_it_is_critical():
+    with pytest.raises(SettingsError, match=r"limits.battery_low: expected at least battery_critical, 50 %, found 20"):
+        settings("limits: {battery_critical: 50}")

@@ -56,7 +56,7 @@ class TestRace:
         ]  # fmt: skip
         file = read_fsm(folder / "fsm.txt")
         assert (file.header["mission"], file.header["budget"], file.header["seed"]) == ("aggregation", "400", "7")
-        assert file.header["floor"] == "gray, black"
+        assert file.header["floor"] == "black, gray"
         mission = load_mission(folder / "mission.yaml")
         assert (mission.robots, mission.duration, mission.name) == (2, 3.0, "aggregation")
         assert load_robot_model(mission.robot_model) == load_robot_model("mercator")
@@ -114,7 +114,7 @@ class TestRace:
     def test_a_small_budget_works_and_says_what_was_lowered(self, mdesign, tmp_path):
         code, out, _ = mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "r", *QUICK)
         assert code == 0
-        assert "iterations" in next(line for line in out.splitlines() if line.startswith("Note"))
+        assert any("iterations" in line for line in out.splitlines() if line.startswith("Note"))
 
     def test_too_small_a_budget_names_one_that_would_do(self, mdesign, tmp_path):
         code, _, err = mdesign("race", "aggregation", "--budget", 10, "-o", tmp_path / "r", *QUICK)

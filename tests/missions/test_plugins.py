@@ -216,7 +216,7 @@ class TestLoading:
             ("tuple", "tuple cannot be written in YAML"),
             ("tuple[complex, ...]", "complex cannot be written in YAML"),
             ("Mapping[str, set[int]]", "set[int] cannot be written in YAML"),
-            ("Annotated[object, 'a thing']", "object cannot be written in YAML"),
+            ("Annotated[complex, 'a thing']", "complex cannot be written in YAML"),
             ("float | bytes", "bytes cannot be written in YAML"),
             ("[float]", "[<class 'float'>] cannot be written in YAML"),
             ("Bag", "np.ndarray cannot be written in YAML"),

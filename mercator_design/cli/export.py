@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import FILE, naming, put, tell, warn
+from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell, warn
 from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
 
@@ -70,7 +70,7 @@ def irace(
 
 @export.command("irace-log", short_help="Write a race as a log of irace's, for R.")
 @click.argument("directory", type=click.Path(path_type=Path, file_okay=False))
-@click.option("-o", "--output", type=FILE, help="File to write.  [default: irace.Rdata in DIRECTORY]")
+@click.option("-o", "--output", type=OUTPUT_FILE, help="File to write.  [default: irace.Rdata in DIRECTORY]")
 def irace_log(directory: Path, output: Path | None) -> None:
     """Write the race of DIRECTORY as the log that irace would have written, for R: irace's functions, iraceplot.
 

@@ -329,7 +329,7 @@ def test_an_existing_file_is_kept(mdesign, tmp_path):
 def test_a_base_of_one_s_own(calibrate, tmp_path):
     folder = tmp_path / "models"
     folder.mkdir()
-    (folder / "blind.yaml").write_text("schema: 1\nbase: mercator\nlidar: null\nbody: {mass: 3.0}\n")
+    (folder / "blind.yaml").write_text("schema: 1\nbase: mercator\nlidar: null\nneighbours: null\nbody: {mass: 3.0}\n")
     file = write(tmp_path / "still.jsonl", measured())
     sensors, notes, _ = calibrate(file, "--base", folder / "blind.yaml")
     assert "lidar" not in sensors

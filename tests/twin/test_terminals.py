@@ -443,7 +443,7 @@ class TestTheCommand:
         line = ["mercator-robot", main, "twin", "aggregation", "--folder", tmp_path]
         script = tmp_path / "faults.yaml"
         script.write_text("faults: [{kind: silence, at: 1, robot: 3, device: rvr}]")
-        words = f"Error: {script}: faults[0].robot: expected a robot's number, 0 to 2, found 3\n"
+        words = f"Error: {script}:1: faults[0].robot: expected a robot's number, 0 to 2, found 3\n"
         assert run_command(*line, "--faults", script) == (3, "", words)
         (tmp_path / "2").touch()
         words = f"Error: {tmp_path}/2 is there, and is no folder; move it, or choose another folder\n"

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import click
 
 from mercator_design import spelling
-from mercator_design.errors import MercatorError, Signalled, printable, printable_lines
+from mercator_design.errors import MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
 
@@ -84,12 +84,14 @@ def run(command: click.Command, name: str) -> None:
             raise
         _discard(stdout)  # its reader went away, and knows: click has wrapped it, and would exit with 1
         sys.exit(128 + signal.SIGPIPE)
-    except OSError as error:
-        tell(f"Error: {error}")
+    except Exception as error:
+        if lack := lack_of_memory(error):
+            tell(f"Error: not enough memory{f': {lack}' * bool(str(lack))}")
+        elif isinstance(error, OSError):
+            tell(f"Error: {error}")
+        else:
+            raise
         _discard(sys.stdout)
-        sys.exit(1)
-    except MemoryError:
-        tell("Error: not enough memory")
         sys.exit(1)
 
 

@@ -16,6 +16,8 @@ reaches a user is a fault of this program.
 Names, paths and texts that messages quote come from strangers' files: `printable` keeps them from steering a terminal.
 """
 
+import errno
+
 
 def printable(text: str) -> str:
     """A text in one line, with all that a terminal would act on or not show written as an escape."""
@@ -53,6 +55,19 @@ class Signalled(BaseException):
 
 INTERRUPTIONS = (KeyboardInterrupt, Signalled)
 """What the user or the system raises in the main thread to end the program; never the fault of an experiment."""
+
+
+def lack_of_memory(error: BaseException | None) -> BaseException | None:
+    """What of an error, and of those that it came of, says that there was no memory, for a library or a thread, too."""
+    while error is not None:
+        of_system = isinstance(error, OSError) and error.errno == errno.ENOMEM
+        if of_system or isinstance(error, MemoryError) or any(words in str(error) for words in _NO_MEMORY):
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+_NO_MEMORY = ("failed to map segment from shared object", "annot allocate memory", "can't start new thread")
 
 
 class MercatorError(Exception):

@@ -18,6 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+_ROOM = 320 << 20
+"""Bytes of address space with which all of the simulator has been compiled, and more."""
 _DIGEST = 32
 """Bytes of the digest at the end of a file."""
 
@@ -147,6 +149,28 @@ def is_whole(path: Path) -> bool:
     return hashlib.blake2b(data[:-_DIGEST], digest_size=_DIGEST).digest() == data[-_DIGEST:]
 
 
+def _check_room() -> None:
+    """Make sure that there is room to compile, as LLVM would end this process if there is not.
+
+    Raises:
+        MemoryError: There is not.
+    """
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except OSError:  # this is no Linux
+        return
+    if (left := limit - pages * resource.getpagesize()) < _ROOM:
+        raise MemoryError(
+            f"expected {_ROOM >> 20} MiB of address space to compile, found {max(left, 0) >> 20} MiB below the "
+            f"limit of {limit >> 20} MiB (ulimit -v)"
+        )
+
+
 class _Forgiving:
     """A cache in which what cannot be read means recompiling, and a full disk no cache."""
 
@@ -157,10 +181,12 @@ class _Forgiving:
         return getattr(self._cache, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
-        try:
-            return self._cache.load_overload(signature, context)
-        except Exception:  # noqa: BLE001 - as of a file that another version of numba wrote
-            return None
+        found = None
+        with contextlib.suppress(Exception):  # such as what is wrong with a file that another version of numba wrote
+            found = self._cache.load_overload(signature, context)
+        if found is None:
+            _check_room()
+        return found
 
     def save_overload(self, signature: Any, data: Any) -> None:  # noqa: ANN401
         for _ in range(2):

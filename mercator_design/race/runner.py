@@ -19,7 +19,7 @@ from functools import partial
 from itertools import count
 from typing import Generic, Literal, TypeVar
 
-from mercator_design.errors import MercatorError, RaceError
+from mercator_design.errors import MercatorError, RaceError, lack_of_memory
 from mercator_design.race.asking import Asking
 from mercator_design.race.events import Ahead, End, Finished, Iteration, Measured, NewConfiguration, Revised, Tested
 from mercator_design.race.executors import Executor, Failed, Rejected, Stopped, attempt_here
@@ -306,8 +306,14 @@ class Runner(Generic[T]):
 
 
 def is_fatal(result: Measured | Failed, on_failure: OnFailure) -> bool:
-    """Whether a race stops at what came of an experiment."""
-    return on_failure == "stop" and bool(read_result(result)[2]) and not isinstance(error_of(result), Rejected)
+    """Whether a race stops at what came of an experiment.
+
+    That there was no memory says nothing of a configuration: it stops every race, which can then be resumed.
+    """
+    if not read_result(result)[2]:
+        return False
+    error = error_of(result)
+    return (on_failure == "stop" and not isinstance(error, Rejected)) or lack_of_memory(error) is not None
 
 
 def error_of(result: Measured | Failed) -> Exception | None:

@@ -5,6 +5,7 @@ with it if it takes too long or is interrupted.
 """
 
 import contextlib
+import errno
 import math
 import os
 import shlex
@@ -170,6 +171,8 @@ class Target:
                 start_new_session=True,
             )
         except OSError as error:
+            if error.errno in {errno.ENOMEM, errno.EAGAIN}:  # that no process could be made is not its fault
+                raise MemoryError(f"{command[0]}: {error.strerror}") from None
             why = f"{error.filename or command[0]}: {error.strerror}"
             raise TargetFailed(f"cannot be run: {why}; the command was: {shlex.join(command)}") from None
         deadline = time.monotonic() + self.timeout if self.timeout else math.inf

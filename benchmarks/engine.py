@@ -39,7 +39,8 @@ from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.sim.robot_model import Neighbours, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Neighbours
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import World
 

@@ -25,7 +25,8 @@ from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.robot.samples import heading
 from mercator_design.robot.senses import Senses
 from mercator_design.sim.kernel import EVERYTHING
-from mercator_design.sim.robot_model import Neighbours, RobotModel, load_robot_model
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.robot_parts import Neighbours
 from mercator_design.sim.sensing import sense
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.twin.arena import Arena, without_noise

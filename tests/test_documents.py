@@ -14,7 +14,8 @@ from docs.made_part import MadePart
 from mercator_design.cli.record import record
 from mercator_design.fsm import ReferenceModel, parse
 from mercator_design.sim.devices import DEVICES
-from mercator_design.sim.robot_model import Gaussian, Neighbours, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, Neighbours
 from tests.sim.worlds import at, simulator
 
 ROOT = Path(__file__).parents[1]

@@ -16,7 +16,8 @@ from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_o
 from mercator_design.calibration.scenes import SHORTEST, Recording, Scene, Series, read_recording
 from mercator_design.errors import MercatorError
 from mercator_design.robot.samples import STANDARD_GRAVITY
-from mercator_design.sim.robot_model import Ground, RobotModel
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import Ground
 
 Floats = NDArray[np.float64]
 

@@ -34,7 +34,8 @@ from mercator_design.sim.noise import (
     VELOCITY_DRAWS,
     noise,
 )
-from mercator_design.sim.robot_model import (
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import (
     AmbientLight,
     Device,
     DeviceWithAxes,
@@ -47,7 +48,6 @@ from mercator_design.sim.robot_model import (
     LightRing,
     Neighbours,
     Proximity,
-    RobotModel,
 )
 from mercator_design.sim.scene import Scene
 from mercator_design.sim.sensing import ground_under, sense_light, sense_obstacles, sense_robots

@@ -13,7 +13,8 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.reference import Readings
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.labels import as_labelled, simulated_labels
-from mercator_design.sim.robot_model import Neighbours, RobotModel
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import Neighbours
 
 
 def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:

@@ -13,16 +13,8 @@ from mercator_design.seeds import generator
 from mercator_design.sim import scene
 from mercator_design.sim.labels import level_row, simulated_labels
 from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.robot_model import (
-    DiscBody,
-    Gaussian,
-    LightCamera,
-    LightRing,
-    Neighbours,
-    Noise,
-    RobotModel,
-    Uniform,
-)
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import DiscBody, Gaussian, LightCamera, LightRing, Neighbours, Noise, Uniform
 from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])

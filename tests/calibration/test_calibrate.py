@@ -8,7 +8,8 @@ import pytest
 
 from mercator_design.calibration.scenes import read_recording
 from mercator_design.robot.log import FORMAT, to_lines
-from mercator_design.sim.robot_model import Gaussian, Uniform, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, Uniform
 from tests.calibration import recordings
 from tests.calibration.recordings import CENTRES, NOISE, measured, write
 

@@ -13,7 +13,8 @@ from mercator_design.fsm.perception import ground_by_vote, light_direction, near
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, PARTS, Recording
 from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
-from mercator_design.sim.robot_model import (
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import (
     AmbientLight,
     Gaussian,
     LidarNeighbours,
@@ -21,7 +22,6 @@ from mercator_design.sim.robot_model import (
     LightRing,
     Neighbours,
     Uniform,
-    load_robot_model,
 )
 from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights

@@ -8,7 +8,8 @@ from mercator_design import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.doubts import doubts, doubts_of_floor, doubts_of_model
-from mercator_design.sim.robot_model import Gaussian, Neighbours, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, Neighbours
 from tests.sim.worlds import mission
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")

@@ -18,7 +18,8 @@ from mercator_design.missions.trace import Trace
 from mercator_design.missions.zone_distance import border_points, distance_to
 from mercator_design.sim.impossible import doubts_of_angles, doubts_of_mission
 from mercator_design.sim.reach import reach_of
-from mercator_design.sim.robot_model import LightRing, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import LightRing
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mercator_design.fsm import parse
-from mercator_design.sim.robot_model import Gaussian, LightCamera, LightRing, Uniform, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, LightCamera, LightRing, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
 
 MERCATOR = load_robot_model("mercator")

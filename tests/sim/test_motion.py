@@ -15,7 +15,8 @@ from mercator_design.missions.arena import Arena, Box, Polygon, RegularPolygon
 from mercator_design.sim import simulate
 from mercator_design.sim.overlaps import box_overlap
 from mercator_design.sim.placing import first_free
-from mercator_design.sim.robot_model import Drive, Gaussian, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Drive, Gaussian
 from mercator_design.sim.simulate import Simulator
 from tests.sim.worlds import at, mission, simulator
 

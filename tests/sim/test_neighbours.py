@@ -8,7 +8,8 @@ import pytest
 
 from mercator_design.fsm import parse
 from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.sim.robot_model import Gaussian, LidarNeighbours, Neighbours, Uniform, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, LidarNeighbours, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
 
 MERCATOR = load_robot_model("mercator")

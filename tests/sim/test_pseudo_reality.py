@@ -8,7 +8,8 @@ import pytest
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.sim.robot_model import Gaussian, Uniform, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian, Uniform
 from mercator_design.sim.simulate import Simulator
 
 MERCATOR = load_robot_model("mercator")

@@ -37,7 +37,8 @@ from mercator_design.missions.placement import (
 )
 from mercator_design.race import Space
 from mercator_design.sim.reach import reach_of
-from mercator_design.sim.robot_model import (
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import (
     BoxBody,
     DiscBody,
     Drive,
@@ -49,7 +50,6 @@ from mercator_design.sim.robot_model import (
     Neighbours,
     Physics,
     Uniform,
-    load_robot_model,
 )
 from mercator_design.sim.simulate import Simulator
 

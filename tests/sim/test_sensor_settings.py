@@ -6,7 +6,8 @@ import pytest
 
 from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm import parse
-from mercator_design.sim.robot_model import LidarNeighbours, Neighbours, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import LidarNeighbours, Neighbours
 from tests.sim.worlds import at, look, mission, simulator
 
 MERCATOR = load_robot_model("mercator")

@@ -12,7 +12,8 @@ from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.samples import STREAMED
 from mercator_design.robot.ydlidar import Turns, decoder, encode_command
 from mercator_design.sim import devices
-from mercator_design.sim.robot_model import Gaussian, load_robot_model
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Gaussian
 from mercator_design.twin import arena as of_arenas
 from mercator_design.twin import lidar
 from mercator_design.twin.arena import MEASURED, TREADS, without_noise

@@ -5,16 +5,23 @@ A user is told of them; nothing is refused, because what is left may be what is 
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from mercator_design.colours import COLOURS, RGB, Colour
+import numpy as np
+
+from mercator_design.colours import COLOURS, RGB, Colour, ColourName
 from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.perception import gray_level, ground_by_vote
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.reference import Readings
 from mercator_design.missions.mission import Mission
-from mercator_design.sim.labels import as_labelled, simulated_labels
+from mercator_design.sim.labels import floor_labels, label_of, misread, simulated_labels
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Neighbours
+
+_MISREAD = 0.01
+"""Share of the readings of a colour, or of an image."""
+_PIXELS = 2_000
+"""Of an image that are looked at."""
 
 
 def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
@@ -107,23 +114,58 @@ def doubts_of_model(model: RobotModel) -> Iterator[str]:
 
 
 def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
-    """Which colours of a floor (but for its image) are one to some conditions of a robot without noise."""
+    """Whether the labels are those of the floor, and which of its colours robots take for each other."""
     if model.ground is None:
         return
-    labels = simulated_labels(mission.floor, model)
+    labels, place = simulated_labels(mission.floor, model), mission.where("floor")
+    if labels and labels != (expected := floor_labels(mission.floor)):
+        yield _doubt_of_labels(mission, model, labels, expected)
+        labels = expected  # what else is wrong with the floor
     readers = [condition for condition in conditions if "ground" in condition.reads]
     alike: dict[tuple[float, ...], list[str]] = {}
-    for levels, written in mission.floor.colours().items():
-        readings = _readings(model, as_labelled(labels, levels))
+    for levels, colour in mission.floor.colours().items():
+        written = colour if isinstance(colour, str) else str(list(colour))
+        wrong = misread(labels, model.ground, np.array([levels])) if labels else {}
+        if sum(wrong.values()) >= _MISREAD:
+            shares = ", ".join(f"{label} in {100.0 * share:.1f} %" for label, share in wrong.items())
+            noise = f"because of the noise of robot {model.name}"
+            yield f"{place}: {written} counts as {label_of(labels, levels)}, but as {shares} of readings, {noise}"
+            continue
+        readings = _readings(model, COLOURS[label_of(labels, levels)] if labels else levels)
         holds = tuple(
             reader.function(model.reference_model, readings, (1.0, float(label)))
             for reader in readers
             for label in range(len(COLOUR_LABELS))
         )
-        alike.setdefault(holds, []).append(written if isinstance(written, str) else str(list(written)))
+        alike.setdefault(holds, []).append(written)
     for colours in alike.values():
         if len(colours) > 1:
-            yield f"{mission.where('floor')}: no condition of robot {model.name} tells {', '.join(colours)} apart"
+            yield f"{place}: no condition of robot {model.name} tells {', '.join(colours)} apart"
+    yield from _doubts_of_image(mission, model, labels)
+
+
+def _doubt_of_labels(
+    mission: Mission, model: RobotModel, labels: tuple[ColourName, ...], expected: tuple[ColourName, ...]
+) -> str:
+    """Which colours of the floor are not among the labels of a robot model, and the other way round."""
+    missing = [name for name in expected if name not in labels]
+    absent = [name for name in labels if name not in expected]
+    facts = [f"{name} counts as {label_of(labels, COLOURS[name])}" for name in missing]
+    facts += [f"{', '.join(absent)} {'is' if len(absent) == 1 else 'are'} not on the floor"] if absent else []
+    floor = f"the floor of {mission.name} has {', '.join(expected)}"
+    return f"{model.where('ground.labels')}: {floor}, the labels are {', '.join(labels)}: {'; '.join(facts)}"
+
+
+def _doubts_of_image(mission: Mission, model: RobotModel, labels: tuple[ColourName, ...]) -> Iterator[str]:
+    """Whether many pixels of a floor's image are between two labels."""
+    image = mission.floor.image
+    if image is None or model.ground is None or not labels:
+        return
+    pixels = np.random.default_rng(0).choice(image.pixels.reshape(-1, 3), _PIXELS)
+    share = sum(misread(labels, model.ground, pixels).values())
+    if share >= _MISREAD:
+        counts = f"{100.0 * share:.1f} % of the readings of the image count as another colour than they should"
+        yield f"{mission.where('floor.image')}: {counts}, because of the noise of robot {model.name}"
 
 
 def _readings(model: RobotModel, levels: RGB) -> Readings:

@@ -1,6 +1,7 @@
 """Which colours the robots of a mission tell apart on its floor: the labels of their ground sensors."""
 
 import itertools
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,34 +11,71 @@ from mercator_design.fsm.perception import nearest_label
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Floor
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import Gaussian, Ground
+
+_READINGS = 2_000
+"""Drawn of each colour, to see what noise makes of it."""
 
 
 def simulated_labels(floor: Floor, model: RobotModel) -> tuple[ColourName, ...]:
     """The labels in the order of COLOURS; none if readings of the ground count as measured."""
-    return robot_labels(floor, model) if model.ground is not None and model.ground.labels else ()
+    return robot_labels(floor, model) if model.ground is not None and model.ground.labels is not None else ()
 
 
 def robot_labels(floor: Floor, model: RobotModel) -> tuple[ColourName, ...]:
     """The labels that a robot on the floor has, in the order of COLOURS: those of its model, or of the floor."""
     chosen = model.ground.labels if model.ground is not None else None
-    names = chosen if isinstance(chosen, tuple) and chosen else _shown(floor)
-    return tuple(name for name in COLOURS if name in names)
+    return _in_order(chosen) if isinstance(chosen, tuple) else floor_labels(floor)
 
 
-def _shown(floor: Floor) -> set[ColourName]:
-    """The named colours that a floor may show; levels and pixels of an image count as the nearest of LABELS."""
+def floor_labels(floor: Floor) -> tuple[ColourName, ...]:
+    """The named colours that a floor may show, in the order of COLOURS.
+
+    Levels and pixels of an image count as the nearest of LABELS.
+    """
     written = floor.colours()
     names: set[ColourName] = {colour for colour in written.values() if isinstance(colour, str)}
     levels = np.array([rgb for rgb, colour in written.items() if not isinstance(colour, str)]).reshape(-1, 3)
     names |= _nearest(levels)
     if floor.image is not None:
         names |= _nearest(floor.image.pixels.reshape(-1, 3))
-    return names
+    return _in_order(names)
 
 
-def as_labelled(labels: tuple[ColourName, ...], levels: RGB) -> RGB:
-    """The colour that a reading counts as; itself without labels."""
-    return COLOURS[labels[nearest_label(level_row(labels), *levels)]] if labels else levels
+def _in_order(names: Collection[ColourName]) -> tuple[ColourName, ...]:
+    return tuple(name for name in COLOURS if name in names)
+
+
+def label_of(labels: tuple[ColourName, ...], levels: RGB) -> ColourName:
+    """The label that a reading counts as."""
+    return labels[nearest_label(level_row(labels), *levels)]
+
+
+def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.generic]) -> dict[ColourName, float]:
+    """What noise makes of colours: the share of readings that count as another label than they would without it.
+
+    Args:
+        labels: Of the device.
+        device: A robot's ground sensors, which all see the same colour at a time.
+        colours: (n, 3) red, green and blue of what they see, each as often as the others; n is at most 2000.
+
+    Returns:
+        The labels that readings count as by mistake, each with the share of all readings, the most frequent first.
+    """
+    if device.noise is None:
+        return {}
+    noise, seen = device.noise, np.resize(colours, (_READINGS, 3)).astype(np.float64)
+    shape, rng = (_READINGS, len(device.positions), 3), np.random.default_rng(0)
+    draws = (
+        rng.normal(0.0, noise.sd, shape)
+        if isinstance(noise, Gaussian)
+        else rng.uniform(-noise.half_width, noise.half_width, shape)
+    )
+    measured = np.clip(np.floor(seen[:, np.newaxis] + noise.mean + draws + 0.5), 0.0, 255.0).mean(axis=1)
+    table = level_row(labels).reshape(-1, 3)
+    exact, found = (np.sum((each[:, np.newaxis] - table) ** 2, axis=2).argmin(axis=1) for each in (seen, measured))
+    counts = np.bincount(found[found != exact], minlength=len(labels))
+    return {labels[k]: float(counts[k]) / _READINGS for k in np.argsort(-counts, kind="stable") if counts[k]}
 
 
 def level_row(names: tuple[ColourName, ...]) -> NDArray[np.float64]:

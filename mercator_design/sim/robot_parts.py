@@ -165,6 +165,10 @@ class Ground:
     labels: Literal["floor"] | tuple[ColourName, ...] | None = None  # colours a reading counts as; floor: the floor's
     noise: Noise = None  # on each channel, 0 to 255, which is then rounded; if gray, on the brightness, not rounded
 
+    def __post_init__(self) -> None:
+        if self.labels == ():
+            raise FieldError("labels", "expected at least one colour, found []; null keeps readings as measured")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbours:

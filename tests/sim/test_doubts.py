@@ -1,19 +1,29 @@
 """What a user is told of though it is valid: settings, conditions and colours that make no difference."""
 
 import dataclasses
+import math
+import statistics
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
+from PIL import Image
 
 from mercator_design import shipped
+from mercator_design.cli import cli
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.doubts import doubts, doubts_of_floor, doubts_of_model
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.sim.robot_parts import Gaussian, Neighbours
+from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
 SEEKER = parse("--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 6 --p0x0 0.5 --l0x0 2 --s1 1")
+
+
+def with_ground(**changes):
+    return dataclasses.replace(MERCATOR, ground=dataclasses.replace(MERCATOR.ground, **changes))
 
 
 def painted(*colours, background="gray", dynamics="[]"):
@@ -77,6 +87,101 @@ class TestColours:
 
     def test_a_robot_without_ground_sensors_is_not_asked(self):
         assert apart(dataclasses.replace(EPUCK, ground=None), "red") == []
+
+
+class TestLabels:
+    """Of a robot model's own, against the colours of a floor."""
+
+    @pytest.mark.parametrize(
+        ("labels", "facts"),
+        [
+            (("orange",), "are orange: black counts as orange; gray counts as orange; orange is not on the floor"),
+            (("red", "black"), "are black, red: gray counts as black; red is not on the floor"),
+            (("gray",), "are gray: black counts as gray"),
+            (
+                ("black", "white", "gray", "red"),
+                "are black, white, gray, red: white, red are not on the floor",
+            ),
+        ],
+    )
+    def test_that_are_not_those_of_the_floor_are_told_once(self, labels, facts):
+        (text,) = doubts_of_floor(painted("black"), with_ground(labels=labels))
+        assert text == f"{MERCATOR.where('ground.labels')}: the floor of mission has black, gray, the labels {facts}"
+
+    @pytest.mark.parametrize("labels", [("gray", "black"), ("black", "gray"), "floor", None])
+    def test_that_are_those_of_the_floor(self, labels):
+        assert list(doubts_of_floor(painted("black"), with_ground(labels=labels))) == []
+
+    def test_what_else_is_wrong_with_the_floor_is_told(self):
+        found = doubts_of_floor(painted("black", "[250, 0, 0]", "red"), with_ground(labels=("black", "gray")))
+        assert [text.rpartition(": ")[2] for text in found] == [
+            "red counts as gray",
+            "no condition of robot mercator tells [250, 0, 0], red apart",
+        ]
+
+    @pytest.mark.parametrize(
+        "arguments", [("validate",), ("evaluate", "--fsm-config", "--nstates 1 --s0 1", "-n", "1")]
+    )
+    def test_a_user_is_told(self, tmp_path, arguments):
+        (tmp_path / "robot.yaml").write_text("base: mercator\nground: {labels: [orange]}\n")
+        text = (
+            shipped.missions()["aggregation"].read_text().replace("robot_model: mercator", "robot_model: ./robot.yaml")
+        )
+        (tmp_path / "m.yaml").write_text(text)
+        verb, *more = arguments
+        file = ["--mission", str(tmp_path / "m.yaml")] if more else [str(tmp_path / "m.yaml")]
+        result = CliRunner().invoke(cli, [verb, *file, *more])
+        assert result.exit_code == 0, result.output
+        assert result.stderr.count("orange is not on the floor") == 1
+        assert "apart" not in result.stderr
+
+
+class TestLevelsBetweenLabels:
+    def told(self, *colours, model=MERCATOR, background="black"):
+        return list(doubts_of_floor(painted(*colours, background=background), model))
+
+    def test_the_share_that_flips(self):
+        """Normal noise of 5 a channel across the middle of black and gray, 63.5: 0.87 away, as 42.7 or 43.1 %."""
+        for level, label, other in ((64, "gray", "black"), (63, "black", "gray")):
+            (text,) = self.told("gray", f"[{level}, {level}, {level}]")
+            place = f"mission:8: floor: [{level}, {level}, {level}] counts as {label}, but as {other} in "
+            assert text.startswith(place)
+            assert text.endswith(" % of readings, because of the noise of robot mercator")
+            share = float(text.removeprefix(place).split()[0])
+            expected = 100.0 * (1.0 - statistics.NormalDist().cdf(0.5 * math.sqrt(3.0) / 5.0))
+            assert abs(share - expected) < 6.0  # drawn once for all: 1.1 points are one standard deviation
+
+    def test_colours_that_noise_does_not_reach(self):
+        assert self.told("gray") == []
+        assert self.told("[80, 80, 80]", "gray") == [
+            "mission:8: floor: no condition of robot mercator tells [80, 80, 80], gray apart"
+        ]
+
+    def test_a_robot_without_noise(self):
+        assert "no condition" in self.told("gray", "[64, 64, 64]", model=with_ground(noise=None))[0]
+
+    def test_several_sensors_see_better(self):
+        one, many = (with_ground(noise=Gaussian(sd=5.0), positions=((0.0, 0.0),) * number) for number in (1, 16))
+        assert "% of readings" in self.told("gray", "[70, 70, 70]", model=one)[0]
+        assert "% of readings" not in self.told("gray", "[70, 70, 70]", model=many)[0]
+
+    def test_uniform_noise_with_a_mean(self):
+        """All of a level of 60 is read between 62 and 72."""
+        (text,) = self.told("gray", "[60, 60, 60]", model=with_ground(noise=Uniform(mean=7.0, half_width=5.0)))
+        assert "[60, 60, 60] counts as black, but as gray in " in text
+        assert float(text.partition(" as gray in ")[2].split()[0]) > 90.0
+
+    def test_a_picture_whose_colours_are_between_labels(self, tmp_path):
+        def told_of(shades):
+            pixels = np.repeat(np.resize(np.array(shades, dtype=np.uint8), (20, 20))[..., np.newaxis], 3, axis=2)
+            Image.fromarray(pixels).save(tmp_path / "floor.png")
+            image = f"{{background: white, image: {{path: {tmp_path / 'floor.png'}, size: [2, 2]}}}}"
+            return list(doubts_of_floor(mission(robots=2, floor=image), MERCATOR))
+
+        assert told_of([0, 127, 20, 100]) == []
+        (text,) = told_of([0, 127, 64, 127])
+        assert "floor.image: " in text
+        assert "% of the readings of the image count as another colour than they should" in text
 
 
 class TestModules:

@@ -11,6 +11,7 @@ from mercator_design import shipped
 from mercator_design.cli import cli
 from mercator_design.colours import COLOURS
 from mercator_design.design import Designer
+from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.missions.mission import load_mission
@@ -18,7 +19,7 @@ from mercator_design.report.summary import describe
 from mercator_design.robot.settings import Settings, nearest
 from mercator_design.schema import FieldError
 from mercator_design.sim.doubts import dead_transitions
-from mercator_design.sim.labels import as_labelled, robot_labels, simulated_labels
+from mercator_design.sim.labels import robot_labels, simulated_labels
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 from tests.sim.worlds import mission, simulator
@@ -120,8 +121,14 @@ class TestLabelsOfAFloor:
         model = load_robot_model("mercator-argos")
         assert robot_labels(load_mission("aggregation").floor, model) == ("black", "gray")
 
-    def test_without_labels_a_reading_is_itself(self):
-        assert as_labelled((), (1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+    def test_an_empty_list_is_refused(self, tmp_path):
+        (tmp_path / "robot.yaml").write_text("base: mercator\nground:\n  labels: []\n")
+        with pytest.raises(MissionError) as error:
+            load_robot_model(str(tmp_path / "robot.yaml"))
+        assert str(error.value) == (
+            f"{tmp_path / 'robot.yaml'}:3: ground.labels: expected at least one colour, found []; null keeps readings "
+            "as measured"
+        )
 
     @pytest.mark.parametrize(
         "changes", [{"gray": True}, {"gray": True, "labels": ("black", "white")}], ids=["floor", "own"]

@@ -11,8 +11,10 @@ Where the race is: mdesign runs show DIRECTORY, from any machine that sees its f
 
 import argparse
 import json
+import signal
 import time
 from pathlib import Path
+from types import FrameType
 
 
 def main() -> None:
@@ -31,6 +33,8 @@ def main() -> None:
         from dask_jobqueue import SLURMCluster
     except ModuleNotFoundError:
         raise SystemExit("docs/slurm.py needs: pip install '.[dask]'") from None
+    for number in (signal.SIGINT, signal.SIGTERM):  # dask_jobqueue has set a handler of SIGINT
+        signal.signal(number, leave)
     cluster = SLURMCluster(
         cores=given.cores,
         processes=given.cores,  # one experiment each, so that a worker that dies takes no other with it
@@ -45,11 +49,20 @@ def main() -> None:
     if given.dry_run:
         print(cluster.job_script(), end="")
         return
-    cluster.scale(jobs=given.jobs)
-    Path(given.scheduler_file).write_text(json.dumps({"type": "Scheduler", "address": cluster.scheduler_address}))
-    print(f"{cluster.scheduler_address}: {given.jobs} jobs of {given.cores} workers are asked for; Ctrl-C ends them")
-    while True:
-        time.sleep(60)
+    with cluster:  # which cancels its jobs at the end
+        cluster.scale(jobs=given.jobs)
+        Path(given.scheduler_file).write_text(json.dumps({"type": "Scheduler", "address": cluster.scheduler_address}))
+        print(
+            f"{cluster.scheduler_address}: {given.jobs} jobs of {given.cores} workers are asked for; Ctrl-C ends them",
+            flush=True,
+        )
+        while True:
+            time.sleep(60)
+
+
+def leave(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - as signal handlers are called
+    """End the program, with the exit code that shells give to a signal."""
+    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

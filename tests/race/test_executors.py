@@ -1,6 +1,7 @@
 """What holds of everything that runs experiments: one class of tests for all, and what some of them can besides."""
 
 import contextlib
+import importlib.util
 import logging
 import os
 import re
@@ -20,6 +21,11 @@ from mercator_design.race.executors import Failed, ProcessExecutor, Stopped, Thr
 from mercator_design.race.record import Record
 from tests.race.racing import measure, runner, undisturbed
 from tests.race.test_target import gone
+
+needs_jobqueue = pytest.mark.skipif(
+    importlib.util.find_spec("dask_jobqueue") is None,  # importing it here would take SIGINT from pytest
+    reason="dask_jobqueue is not installed",
+)
 
 
 def square(x):
@@ -392,8 +398,8 @@ class TestDask:
         with pytest.raises(RaceError, match=r"tcp://127.0.0.1:9: expected a Dask scheduler there"):
             DaskExecutor("tcp://127.0.0.1:9", timeout=0.5)
 
+    @needs_jobqueue
     def test_slurm_s_script(self, tmp_path):
-        pytest.importorskip("dask_jobqueue")
         command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--dry-run"]
         done = subprocess.run(
             [*command, "--cores", "8", "--partition", "short"], capture_output=True, text=True, check=True, cwd=tmp_path
@@ -401,6 +407,24 @@ class TestDask:
         lines = done.stdout.splitlines()
         assert {"#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --requeue"} <= set(lines)
         assert re.search(r"dask_worker tcp://\S+ .*--nthreads 1 .*--nworkers 8 --nanny", lines[-1])
+
+    @needs_jobqueue
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_slurm_s_jobs_end_with_what_asked_for_them(self, tmp_path, number):
+        for name, does in {"sbatch": 'echo "Submitted batch job 7"', "scancel": 'echo "$@" >> cancelled'}.items():
+            (tmp_path / name).write_text(f"#!/bin/sh\n{does}\n")
+            (tmp_path / name).chmod(0o755)
+        command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--jobs", "1", "--cores", "1"]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+            env={**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"},
+        ) as process:  # fmt: skip
+            assert "1 jobs of 1 workers are asked for" in process.stdout.readline()
+            process.send_signal(number)
+            _, told = process.communicate(timeout=60)
+        assert process.returncode == 128 + number
+        assert "Traceback" not in told
+        assert (tmp_path / "cancelled").read_text() == "7\n"
 
 
 def process_of(_):

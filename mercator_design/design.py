@@ -99,6 +99,7 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
+        MissionError: if the mission cannot be (`Simulator.refuse_impossible`).
         RaceError: if the budget is too small.
     """
 
@@ -115,6 +116,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():
                 simulator.check_module(module, flavour)
+        simulator.refuse_impossible()
         self.simulator = simulator
         self.flavour = flavour
         self.method = method

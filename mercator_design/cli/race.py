@@ -185,8 +185,8 @@ def _new_folder(
     from mercator_design.sim.simulate import Simulator
 
     simulator = Simulator(load_mission(mission, overrides))
-    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
     warn_of_mission(simulator, refuse=True)
+    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
     warn_of_doubts(simulator, flavour)
     simulator.rehearse(announce=tell)
     request = Request(mission=mission, set=overrides, flavour=flavour, method=method, **how)

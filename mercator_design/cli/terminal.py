@@ -10,7 +10,7 @@ from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
 from mercator_design.command import tell, warn
-from mercator_design.errors import MissionError, Signalled
+from mercator_design.errors import Signalled
 
 if TYPE_CHECKING:
     from mercator_design.fsm.pfsm import Pfsm
@@ -30,13 +30,9 @@ def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
     Raises:
         MissionError: of what cannot be, if that is to be refused.
     """
-    from mercator_design.sim.impossible import doubts_of_mission
-
-    found = doubts_of_mission(simulator.mission, simulator.robot_model)
-    warn(doubt.message for doubt in found if not (refuse and doubt.is_impossible))
-    impossible = [doubt.message for doubt in found if doubt.is_impossible]
-    if refuse and impossible:
-        raise MissionError(*impossible)
+    warn(doubt.message for doubt in simulator.doubts if not (refuse and doubt.is_impossible))
+    if refuse:
+        simulator.refuse_impossible()
 
 
 def terminal_width() -> int | None:

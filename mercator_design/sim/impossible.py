@@ -1,12 +1,13 @@
 """What a mission asks that cannot be, or is hardly meant: zones outside the walls or out of reach, angles in degrees,
 a score that cannot differ.
 
-What cannot be is refused where a mission is checked and raced, and else told; the rest is told.
+What cannot be is refused where a mission is checked and raced (`Simulator.refuse_impossible`), and else told; the rest
+is told. Each cause is told once, with what follows from it.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Doubt:
 
     message: str
     is_impossible: bool = False
+    explains_score: bool = False  # why all scores are the same, if they are
 
 
 def doubts_of_mission(mission: Mission, model: RobotModel) -> list[Doubt]:
@@ -47,20 +49,27 @@ def doubts_of_mission(mission: Mission, model: RobotModel) -> list[Doubt]:
     if reach is None or not reach.reached.any():
         return found
     floor = mission.realise_floor(generator(0, "floor"))
-    found += _zones(mission, model, floor, reach)
-    found += _shared(mission, floor, reach)
-    found += _score(mission, floor, reach)
-    return found
+    places = [*_zones(mission, model, floor, reach), *_shared(mission, floor, reach)]
+    return found + (_with_score(mission, places) if score_can_differ(mission, reach) is False else places)
 
 
 def doubts_of_angles(record: Mission | RobotModel) -> Iterator[Doubt]:
-    """Which angles look as if they were degrees."""
+    """Which angles look as if they were degrees.
+
+    Small degrees are valid radians. But hardly anybody writes an angle of more than half a turn as a whole number of
+    radians.
+    """
     for annotation, value, path in values_in(type(record), record):
-        marks = getattr(annotation, "__metadata__", ())
-        if any(isinstance(mark, Radians) for mark in marks) and abs(value) > 2.0 * math.pi + 1e-9:
-            turn = f"{value:g} rad is more than a whole turn"
-            meant = f"angles are in radians, {value:g} degrees are {math.radians(value):.4g}"
-            yield Doubt(f"{record.where(path)}: {turn}; {meant}")
+        if not any(isinstance(mark, Radians) for mark in getattr(annotation, "__metadata__", ())):
+            continue
+        if abs(value) > 2.0 * math.pi + 1e-9:
+            what = "is more than a whole turn"
+        elif abs(value) > math.pi and value == round(value):
+            what = "is more than half a turn, and a whole number"
+        else:
+            continue
+        meant = f"angles are in radians, {value:g} degrees are {math.radians(value):.4g}"
+        yield Doubt(f"{record.where(path)}: {value:g} rad {what}; {meant}")
 
 
 def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
@@ -77,11 +86,13 @@ def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach)
         outside = _share_outside(mission, floor, rows)
         if not any((reach.touched(floor, row) & reach.inside).any() for row in rows):
             told = ", and the objective counts on it" if is_counted else ""
-            yield Doubt(f"{place}: {called} lies outside the walls{told}", is_impossible=is_counted)
+            message = f"{place}: {called} lies outside the walls{told}"
+            yield Doubt(message, is_impossible=is_counted, explains_score=is_counted)
         elif not any(_is_reached(reach, floor, row) for row in rows):
             yield Doubt(
                 f"{place}: no robot can reach {called}: from where they start, there is no way for the centre of a "
-                f"robot that is {size:.3g} m wide"
+                f"robot that is {size:.3g} m wide",
+                explains_score=is_counted,
             )
         elif outside > (_MUCH_OUTSIDE if is_counted else _MOST_OUTSIDE):
             yield Doubt(f"{place}: {100.0 * outside:.0f} % of {called} lie outside the walls")
@@ -117,23 +128,26 @@ def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Doubt
     if share > _MUCH_SHARED:
         place = mission.where("objective.nests")
         words = "the nests are sources, too" if share == 1.0 else f"{100.0 * share:.0f} % of the nests are sources, too"
-        yield Doubt(f"{place}: {words}: a robot there is at a source, and brings nothing home")
+        message = f"{place}: {words}: a robot there is at a source, and brings nothing home"
+        yield Doubt(message, explains_score=share == 1.0)
 
 
-def _score(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
-    """Of an objective that gives the same whatever the robots do."""
-    if score_can_differ(mission, reach) is not False:
-        return
-    place, objective = mission.where("objective"), mission.objective
-    function = OBJECTIVES[objective.name]
-    if not is_by_zones(function):
-        yield Doubt(f"{place}: in {TRACES} made-up experiments every score was the same, whatever the robots did")
-        return
-    zone_rows = mission.floor.zone_rows()
-    names = dict.fromkeys(name for _, name in zone_references(function, objective.parameters))
-    away = [name for name in names if not any(_is_reached(reach, floor, row) for row in zone_rows[name])]
-    why = f"as they cannot reach {', '.join(away)}" if away else "wherever they go"
-    yield Doubt(f"{place}: every score is the same, whatever the robots do, {why}", is_impossible=True)
+def _with_score(mission: Mission, places: list[Doubt]) -> list[Doubt]:
+    """Doubts about places, and that every score is the same: said of each that explains it, else of the objective."""
+    is_proved = is_by_zones(OBJECTIVES[mission.objective.name])
+    same = (
+        "every score is the same, whatever the robots do"
+        if is_proved
+        else f"in {TRACES} made-up experiments every score was the same, whatever the robots did"
+    )
+    if not any(doubt.explains_score for doubt in places):
+        return [*places, Doubt(f"{mission.where('objective')}: {same}", is_impossible=is_proved)]
+    return [
+        replace(doubt, message=f"{doubt.message}; so {same}", is_impossible=is_proved or doubt.is_impossible)
+        if doubt.explains_score
+        else doubt
+        for doubt in places
+    ]
 
 
 def _is_reached(reach: Reach, floor: FloorTable, row: int) -> bool:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pymunk
@@ -22,6 +24,9 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World
+
+if TYPE_CHECKING:
+    from mercator_design.sim.impossible import Doubt
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +52,22 @@ class Simulator:
         self.mission = mission
         self.robot_model = robot_model or robot_model_of(mission)
         self._world = World(mission, self.robot_model)
+
+    @cached_property
+    def doubts(self) -> "tuple[Doubt, ...]":
+        """What of the mission cannot be, or is hardly meant, for these robots."""
+        from mercator_design.sim.impossible import doubts_of_mission  # takes long to import: scipy.ndimage
+
+        return tuple(doubts_of_mission(self.mission, self.robot_model))
+
+    def refuse_impossible(self) -> None:
+        """Make sure that the mission can be: called by all that race or validate it.
+
+        Raises:
+            MissionError: with a message for each of `doubts` that says that it cannot.
+        """
+        if impossible := [doubt.message for doubt in self.doubts if doubt.is_impossible]:
+            raise MissionError(*impossible)
 
     def instance(self, seed: int) -> Instance:
         """The starting situation of a seed, with the robot model that holds in it."""

@@ -2,13 +2,18 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design import shipped
+from mercator_design.cli import cli
+from mercator_design.design import Designer
+from mercator_design.errors import MissionError
 from mercator_design.mission_sampler import sample_mission
 from mercator_design.missions import plugins
 from mercator_design.missions.floor import Disc, Floor, HalfPlane, PolygonZone, Rectangle, Ring
@@ -20,6 +25,7 @@ from mercator_design.sim.impossible import doubts_of_angles, doubts_of_mission
 from mercator_design.sim.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import LightRing
+from mercator_design.sim.simulate import Simulator
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
 
@@ -172,6 +178,19 @@ class TestAngles:
         (found,) = told(f"arena.obstacles[0].angle={angle:.17f}")
         assert found == TestReach.NO_WAY or angle == 0.0
 
+    @pytest.mark.parametrize(
+        ("angle", "is_told"),
+        [("5", True), ("-4.0", True), ("6", True), ("3", False), ("-1", False), ("4.5", False), ("5.0001", False)],
+    )
+    def test_small_degrees_are_told_where_they_are_whole_numbers_beyond_half_a_turn(self, angle, is_told):
+        doors = opened(1.0).replace("size: [0.05", f"angle: {angle}, size: [0.05", 1)
+        found = [message for message, _ in told(doors) if "angles are in radians" in message]
+        assert len(found) == is_told
+        if is_told:
+            number = f"{float(angle):g}"
+            what = f"{number} rad is more than half a turn, and a whole number; angles are in radians, {number} degrees"
+            assert f": arena.obstacles[0].angle: {what} are " in found[0]
+
     def test_of_a_robot_model(self):
         ring = LightRing(angles=(0.0, 45.0), height=0.1)
         (found,) = doubts_of_angles(dataclasses.replace(MERCATOR, light=ring))
@@ -185,34 +204,50 @@ class TestAngles:
 
 
 class TestScores:
+    SAME = "; so every score is the same, whatever the robots do"
+
     def test_of_zones_out_of_reach(self):
-        (zone, score) = told("objective.zones=[source]")
-        assert zone == TestReach.NO_WAY
-        assert score == (
-            "m.yaml:12: objective: every score is the same, whatever the robots do, as they cannot reach source",
-            True,
-        )
+        """The cause is told once, with what follows."""
+        assert told("objective.zones=[source]") == [(TestReach.NO_WAY[0] + self.SAME, True)]
 
     def test_trips_to_a_place_out_of_reach(self):
         found = told("objective={name: trips, sources: [source], nests: [nest], direction: maximise}")
-        assert found[-1][0].endswith("every score is the same, whatever the robots do, as they cannot reach source")
-        assert found[-1][1]
+        assert found == [(TestReach.NO_WAY[0] + self.SAME, True)]
+
+    def test_zones_outside_the_walls(self):
+        outside = "m.yaml:10: floor.zones[1]: zone 'source' lies outside the walls, and the objective counts on it"
+        away = [opened(1.0), "floor.zones[1].center=[5, 0]"]
+        ((message, is_impossible),) = told(*away, "objective.zones=[source]")
+        assert (message, is_impossible) == (outside + self.SAME, True)
+        assert told(*away, "objective.zones=[source, nest]") == [(outside, True)]
+
+    def test_two_zones_out_of_reach_are_two_causes(self):
+        found = told("floor.zones[0].center=[5, 0]", "objective.zones=[nest, source]")
+        assert [impossible for _, impossible in found] == [True, True]
+        assert all(message.endswith(self.SAME) for message, _ in found)
+
+    def test_another_objective_on_a_zone_out_of_reach(self):
+        shared = "objective={name: network_share, zones: [source], radius: 0.5, sight: 0.1, direction: maximise}"
+        ((message, is_impossible),) = told(shared)
+        assert message == (
+            TestReach.NO_WAY[0] + "; so in 49 made-up experiments every score was the same, whatever the robots did"
+        )
+        assert not is_impossible
 
     def test_a_zone_that_is_everywhere(self):
         everywhere = "{name: nest, shape: half_plane, point: [-5, 0], normal: [1, 0], color: red}"
         (found,) = told(opened(1.0), f"floor.zones[0]={everywhere}")
-        assert found[0].endswith("objective: every score is the same, whatever the robots do, wherever they go")
+        assert found[0].endswith("m.yaml:12: objective: every score is the same, whatever the robots do")
         assert found[1]
         assert told(opened(1.0), f"floor.zones[0]={everywhere.replace('-5', '-1.8')}") == []
 
     def test_source_and_nest_in_one_place(self):
         trips = "objective={name: trips, sources: [source], nests: [nest], direction: maximise}"
         assert told(opened(1.0), trips) == []
-        shared, score = told(opened(1.0), trips, "floor.zones[1].center=[-1.5, 0]")
-        assert (
-            "objective.nests: the nests are sources, too: a robot there is at a source, and brings nothing" in shared[0]
-        )
-        assert score[1]
+        (shared,) = told(opened(1.0), trips, "floor.zones[1].center=[-1.5, 0]")
+        words = "the nests are sources, too: a robot there is at a source, and brings nothing home"
+        assert shared[0].endswith(f": objective.nests: {words}{self.SAME}")
+        assert shared[1]
         (half,) = told(opened(1.0), trips, "floor.zones[1].center=[-1.2, 0]")
         assert "% of the nests are sources, too" in half[0]
         assert not half[1]
@@ -306,6 +341,42 @@ class TestScores:
                 trace = Trace(poses=poses, states=states, floor=table, zone_rows=rows, control_period=0.5)
                 scores.add(mission.objective(trace))
             assert len(scores) == 1
+
+
+class TestRefused:
+    """What cannot be is refused by all that race, in one place: where a designer is made."""
+
+    OUTSIDE = "floor.zones[0].center=[5, 0]"
+    WHAT = "floor.zones[0]: zone 'spot' lies outside the walls, and the objective counts on it"
+
+    def test_by_a_designer(self):
+        simulator = Simulator(load_mission("aggregation", [self.OUTSIDE]))
+        with pytest.raises(MissionError, match=re.escape(self.WHAT)):
+            Designer(simulator, budget=100, seed=1)
+
+    @pytest.mark.parametrize("verb", [("race", "--budget", "60"), ("export", "irace", "-o", "there")])
+    def test_on_the_command_line(self, tmp_path, monkeypatch, verb):
+        monkeypatch.chdir(tmp_path)
+        text = shipped.missions()["aggregation"].read_text()
+        (tmp_path / "m.yaml").write_text(
+            text.replace("center: [0, 0]\n      radius: 0.5", "center: [5, 0]\n      radius: 1")
+        )
+        with pytest.raises(MissionError, match=re.escape(f"m.yaml:22: {self.WHAT}")):
+            CliRunner().invoke(cli, [*verb, "m.yaml"], catch_exceptions=False)
+        assert [each.name for each in tmp_path.iterdir()] == ["m.yaml"]
+
+    def test_when_a_race_is_resumed(self, tmp_path, monkeypatch):
+        """As one that a version began which did not look."""
+        folder = str(tmp_path / "run")
+        mission = ["--set", "duration=1", "--set", self.OUTSIDE]
+        with monkeypatch.context() as patch:
+            patch.setattr(Simulator, "refuse_impossible", lambda _: None)
+            begun = CliRunner().invoke(
+                cli, ["race", "aggregation", *mission, "--budget", "30", "-o", folder, "-j", "1"]
+            )
+        assert begun.exit_code == 0, begun.output
+        with pytest.raises(MissionError, match=re.escape(f"{folder}/mission.yaml:22: {self.WHAT}")):
+            CliRunner().invoke(cli, ["race", "--resume", folder, "--budget", "60", "-j", "1"], catch_exceptions=False)
 
 
 _point = st.tuples(st.floats(-2, 2), st.floats(-2, 2))

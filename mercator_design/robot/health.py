@@ -37,9 +37,13 @@ class LineHealth:
             least: Share below which nothing that is told can be relied on.
         """
         self.least = least
+        self._is_noted, self._ill = False, -math.inf
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin to count anew. Trouble that was told of is still the same trouble when it is seen again."""
         self.share = 1.0
         self._looks: deque[_Look] = deque()
-        self._is_noted, self._ill = False, -math.inf
 
     @property
     def is_broken(self) -> bool:
@@ -55,6 +59,8 @@ class LineHealth:
         look = _Look(now, lost, received)
         while self._looks and self._looks[0].time < now - WINDOW:
             self._looks.popleft()
+        if not self._looks:
+            self._ill = now  # how the line was until now is not known
         if not self._looks or now - self._looks[-1].time >= _STEP:
             self._looks.append(look)
         first = self._looks[0]

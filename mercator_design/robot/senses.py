@@ -82,6 +82,12 @@ class Senses:
         self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self.neighbours: list[tuple[float, float]] = []
+        least: dict[DeviceName, float] = {
+            "rvr": limits.rvr_whole,
+            "lidar": limits.lidar_whole,
+            "proximity": limits.proximity_whole,
+        }
+        self.lines = {device: LineHealth(share) for device, share in least.items()}
         self.forget()
 
     def take(self, event: Event, now: float) -> bool:
@@ -113,16 +119,11 @@ class Senses:
 
     def forget(self) -> None:
         """Begin anew, without a sample."""
-        limits = self._settings.limits
         self.samples: dict[str, Sample] = {}
         self.sweep = Sweep(self._settings.lidar_angle)
         self.sight = 0
-        least: dict[DeviceName, float] = {
-            "rvr": limits.rvr_whole,
-            "lidar": limits.lidar_whole,
-            "proximity": limits.proximity_whole,
-        }
-        self.lines = {device: LineHealth(share) for device, share in least.items()}
+        for line in self.lines.values():
+            line.forget()
 
     def readings(self, now: float) -> Readings:
         """What the robot perceives at a time [s]; what no sensor tells any more is neutral."""

@@ -40,6 +40,22 @@ def test_damage_is_told_when_it_begins_to_matter_and_when_it_is_over():
     assert look(line, since, 2.0, 0.0)[0] == [False]
 
 
+def test_the_same_trouble_is_told_once_though_the_counts_begin_anew():
+    """As when a program was held up: what is told is the same trouble until the line was well for a while."""
+    line = LineHealth(0.8)
+    said, (now, _, _) = look(line, (0.0, 0.0, 0.0), 3.0, 0.15)
+    assert said == [True]
+    for _ in range(3):
+        line.forget()
+        assert (line.share, line.is_broken) == (1.0, False)
+        said, (now, _, _) = look(line, (now + 8.0, 0.0, 0.0), 3.0, 0.15)
+        assert said == []
+    line.forget()
+    said, since = look(line, (now + 8.0, 0.0, 0.0), 4.0, 0.0)
+    assert said == []  # it has not been seen for long enough that it is well
+    assert look(line, since, 2.0, 0.0)[0] == [False]
+
+
 def test_a_line_breaks_within_the_window():
     line = LineHealth(0.8)
     _, since = look(line, (0.0, 0.0, 0.0), 5.0, 0.0)

@@ -32,6 +32,17 @@ def test_a_damaged_line_is_silent_before_neighbours_are_missed_for_long(rate):
     assert all(cycle.is_silent for cycle in cycles)
 
 
+def test_a_damaged_line_is_noted_once_though_the_robot_senses_anew():
+    senses, now, notes = Senses(Settings(), (), {}), 0.0, []
+    for _ in range(4):
+        for k in range(1, 31):
+            now += 0.1
+            counts = {"rvr": Counts(), "lidar": Counts(), "proximity": Counts(200 * k, 60 * k, k)}
+            notes += senses.look(now, counts)
+        senses.forget()
+    assert len(notes) == 1
+
+
 def test_what_is_not_needed_and_damaged_is_neutral():
     senses = Senses(Settings(limits=Limits(proximity_whole=0.5)), (), {})
     senses.take(Distances((200, *(65535,) * 7)), 0.1)

@@ -7,13 +7,15 @@ lidar's last turn alone and kept nothing of the one before; in how many control 
 after how long a run that needs the lidar would end.
 
 With `--frames` it damages what the RVR and the hub send in the same way, and prints of how many frames that were
-damaged the checksum is right nevertheless.
+damaged the checksum is right nevertheless. Then it damages commands to drive on their way to the RVR, and its answers,
+and prints what share is answered, how many commands are refused as damaged, and how many are obeyed with other speeds.
 """
 
 import argparse
 import math
 import random
 import re
+import struct
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.framing import Counts
+from mercator_design.robot.rvr_messages import DAMAGED, Error
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.samples import STREAMED
 from mercator_design.robot.senses import Senses
@@ -31,7 +34,7 @@ from mercator_design.robot.settings import Settings
 from mercator_design.robot.sweep import Sweep
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.twin.arena import Arena, without_noise
-from mercator_design.twin.faults import Flip, Script
+from mercator_design.twin.faults import Flip, Lose, Script
 from mercator_design.twin.twin import Twin
 
 RATES = (0.0, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
@@ -45,6 +48,7 @@ _FRAMES: dict[FrameDevice, re.Pattern[bytes]] = {
 _TICK, _CYCLE, _BEGIN = 0.01, 10, 2.0  # [s], ticks, [s] until all is heard
 _AROUND = ((0.45, 0.3), (0.55, 2.4), (0.6, -1.7))  # distance [m] and bearing [rad] of the others
 _CIRCLES = 0.1, 0.13  # [m/s] of their treads
+_SPEEDS = (0.0, 0.3, -0.3, 0.15, -0.12, 0.21)  # [m/s] of commands to drive
 
 
 class Cycle(NamedTuple):
@@ -144,6 +148,60 @@ def print_passed(frames: int) -> None:
             print(f"| {device} | {100.0 * rate:g} % | {100.0 * whole:.1f} % | {wrong} of {frames} |")
 
 
+class Commanded(NamedTuple):
+    """What becomes of commands to drive.
+
+    answered: Share that is answered with success.
+    refused: How many are refused as damaged.
+    wrong: How many are obeyed with other speeds.
+    """
+
+    answered: float
+    refused: int
+    wrong: int
+
+
+def commanded(fault: Flip | Lose, commands: int) -> Commanded:
+    """What becomes of commands to drive, and of their answers, on a damaged line."""
+    host, device, chance = rvr.Host(), rvr.Device(), random.Random(1)
+
+    def damaged(sent: bytes) -> bytes:
+        return b"".join(fault.damaged(byte, chance) for byte in sent)
+
+    answered = refused = wrong = 0
+    for _ in range(commands):
+        left, right = chance.choices(_SPEEDS, k=2)
+        sent = host.send("drive_tank_si_units", reply=rvr.Flags.ANSWER, left_velocity=left, right_velocity=right)
+        for heard in device.receive(damaged(sent)):
+            error = heard.error if isinstance(heard, rvr.Unknown) else Error.SUCCESS
+            if not isinstance(heard, rvr.Unknown) and heard.name == "drive_tank_si_units":
+                told = heard.values.values()
+                if not all(math.isfinite(value) for value in told):
+                    error = Error.BAD_DATA_VALUE
+                else:
+                    wrong += [*told] != [_single(left), _single(right)]
+            for said in host.receive(damaged(device.answer(heard.frame, error))):
+                if isinstance(said, rvr.Response):
+                    answered += not said.error
+                    refused += said.error in DAMAGED
+    return Commanded(answered / commands, refused, wrong)
+
+
+def _single(value: float) -> float:
+    """As the line carries it."""
+    return float(struct.unpack(">f", struct.pack(">f", value))[0])
+
+
+def print_commanded(commands: int) -> None:
+    print("\n| bytes | answered | refused as damaged | obeyed with other speeds |\n|---|---|---|---|")
+    for rate in (0.001, 0.005, 0.01, 0.02):
+        faults: tuple[Flip | Lose, ...] = tuple(kind(at=0.0, robot=0, device="rvr", rate=rate) for kind in (Flip, Lose))
+        for fault, words in zip(faults, ("with a flipped bit", "lost"), strict=True):
+            found = commanded(fault, commands)
+            row = [f"{100.0 * rate:g} % {words}", f"{100.0 * found.answered:.1f} %"]
+            print(f"| {' | '.join([*row, *(f'{count} of {commands}' for count in found[1:])])} |")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--seconds", type=float, default=60.0, help="For each rate.")
@@ -151,6 +209,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.frames is not None:
         print_passed(given.frames)
+        print_commanded(given.frames)
         return
     seconds: float = given.seconds
     print("| bytes with a flipped bit | others | whole | perceived | true number in | last turn alone | a run ends |")

@@ -174,7 +174,7 @@ class _Run(ExportedLog):
                     name: {"age": age, **_named(name, values)} for name, (age, *values) in event["sensed"].items()
                 }
                 event["lines"] = {
-                    name: dict(zip(LINES[name], values, strict=True))
+                    name: dict(zip(LINES[name], values, strict=False))
                     for name, values in (event.get("lines") or {}).items()
                 }
             yield event

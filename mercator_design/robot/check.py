@@ -8,7 +8,7 @@ from typing import Any
 
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.framing import Counts
-from mercator_design.robot.health import CRITICAL, LOOSE, LOW, SIDES, matters_below
+from mercator_design.robot.health import CRITICAL, LOW, SIDES, matters_below, percent
 from mercator_design.robot.install import NAMED, RULES
 from mercator_design.robot.mercator import PERIOD
 from mercator_design.robot.multiflex import Distances
@@ -171,9 +171,11 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
             talk.attend(time.monotonic() + _ECHOES)
     finally:
         end_streaming(talk)
-    yield _of_line("rvr", settings, before, talk.counts("rvr"))
-    is_fine = echoes >= asked * matters_below(settings.limits.rvr_whole)
-    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back" + ("" if is_fine else f"; {LOOSE}"))
+    yield _of_line("rvr", settings, talk, before)
+    least = settings.limits.rvr_whole
+    is_fine = echoes >= asked * matters_below(least)  # as a run tells of; commands are answered as these are
+    advice = "" if is_fine else f"; a run stops below {percent(least)}; {talk.remedy_of_damage('rvr')}"
+    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
 
 
 def _of_motors(heat: Mapping[str, Any]) -> Finding:
@@ -183,16 +185,16 @@ def _of_motors(heat: Mapping[str, Any]) -> Finding:
     return Finding("motors", not hot, f"{temperatures} degrees{advice}")
 
 
-def _of_line(
-    device: DeviceName, settings: Settings, before: Counts, after: Counts, swept: Swept | None = None
-) -> Finding:
-    """How much of what a device said between two counts has arrived whole."""
-    received, lost, refused = (later - earlier for earlier, later in zip(before, after, strict=True))
+def _of_line(device: DeviceName, settings: Settings, talk: Talk, before: Counts, swept: Swept | None = None) -> Finding:
+    """How much of what a device has said since a count has arrived whole."""
+    received, lost, refused = (later - earlier for earlier, later in zip(before, talk.counts(device), strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
     whole = 1.0 - missing / max(of_all, 1)
-    is_fine = whole >= matters_below(getattr(settings.limits, f"{device}_whole"))
+    least: float = getattr(settings.limits, f"{device}_whole")
+    is_fine = whole >= matters_below(least)
     words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
-    return Finding(f"{device}'s line", is_fine, words + ("" if is_fine else f"; {LOOSE}"))
+    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {talk.remedy_of_damage(device)}"
+    return Finding(f"{device}'s line", is_fine, words + advice)
 
 
 def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
@@ -209,9 +211,10 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
             readings.append(sum(distance > 0.0 for _, distance in turn))
 
     talk = Talk([line], take)
-    facts = start_lidar(talk, line)
-    yield Finding("lidar", is_fine=True, words=facts["lidar"])
-    if "lidar_health" in facts:
+    started = start_lidar(talk, line)
+    facts = started.words()
+    yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
+    if started.warning is not None:
         words = f"{facts['lidar_health']}; take its power away for a moment"
         yield Finding("lidar's health", is_fine=False, words=words)
     try:
@@ -223,7 +226,7 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
     finally:
         stop_lidar(talk, line)
     swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
-    yield _of_line("lidar", settings, before, talk.counts("lidar"), swept)
+    yield _of_line("lidar", settings, talk, before, swept)
     rate = _rate(times)
     is_fine = rate >= _LEAST_TURNS
     advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
@@ -254,7 +257,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     times.clear()
     before = talk.counts("proximity")
     talk.attend(time.monotonic() + _LISTEN)
-    yield _of_line("proximity", settings, before, talk.counts("proximity"))
+    yield _of_line("proximity", settings, talk, before)
     rate = _rate(times)
     is_fine = rate >= _LEAST_DISTANCES
     advice = "" if is_fine else f"; {talk.remedy('proximity')}"

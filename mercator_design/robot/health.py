@@ -1,4 +1,7 @@
-"""How well the robot is: what of a line arrives whole; the RVR's battery and motors. Without input, output or clock."""
+"""How well the robot is: what of a line arrives whole; the RVR's battery and motors. Without input, output or clock.
+
+Of each line it is counted what comes. Of that to the RVR also what arrives there, by its answers to commands.
+"""
 
 import math
 from collections import deque
@@ -12,10 +15,12 @@ WINDOW = 2.0
 """[s] over which it is counted what arrives whole."""
 _CALM = 5.0  # [s] for which a line must be well again
 _STEP = 0.1  # [s] between looks that are remembered
-
-
-LOOSE = "is a cable loose, too long, or beside one of a motor?"
-"""What to look at if a line is damaged."""
+ANSWERS_WINDOW = 5.0
+"""[s] over which it is counted which commands are answered: longer, as there are some 14 a second."""
+FEWEST_ANSWERS = 40
+"""Commands of a window that count as answered if there are fewer."""
+IN_TIME = 0.3
+"""[s] after which a command that is not answered counts as lost."""
 
 
 class _Look(NamedTuple):
@@ -27,16 +32,18 @@ class _Look(NamedTuple):
 class LineHealth:
     """Which share of what a device sends arrives whole.
 
-    share: In the last WINDOW, 0 to 1; 1 if nothing came.
+    share: In the last window, 0 to 1; 1 if nothing came.
     """
 
-    def __init__(self, least: float) -> None:
+    def __init__(self, least: float, window: float = WINDOW, fewest: float = 0.0) -> None:
         """Begin with a line of which nothing is known.
 
         Args:
             least: Share below which nothing that is told can be relied on.
+            window: Time over which it is counted [s].
+            fewest: How much is counted at least; what is missing of it counts as whole.
         """
-        self.least = least
+        self.least, self._window, self._fewest = least, window, fewest
         self._is_noted, self._ill = False, -math.inf
         self.forget()
 
@@ -57,7 +64,7 @@ class LineHealth:
             True if damage begins to matter with this look, False if it ceases to, else None.
         """
         look = _Look(now, lost, received)
-        while self._looks and self._looks[0].time < now - WINDOW:
+        while self._looks and self._looks[0].time < now - self._window:
             self._looks.popleft()
         if not self._looks:
             self._ill = now  # how the line was until now is not known
@@ -65,7 +72,8 @@ class LineHealth:
             self._looks.append(look)
         first = self._looks[0]
         # Until a window is full, what is missing of it counts as whole: one damaged frame of a few says little.
-        came = (look.all - first.all) * max(1.0, WINDOW / max(now - first.time, _STEP))
+        came = (look.all - first.all) * max(1.0, self._window / max(now - first.time, _STEP))
+        came = max(came, self._fewest)
         self.share = 1.0 - (look.lost - first.lost) / came if came > 0 else 1.0
         worse = matters_below(self.least)
         if self.share < matters_below(worse):  # further up, and for some time, so that notes are few
@@ -74,6 +82,43 @@ class LineHealth:
             self._is_noted = not self._is_noted
             return self._is_noted
         return None
+
+
+class Answers:
+    """Which commands are answered in time; those that are not were lost on their way, or their answers were.
+
+    all: Commands of which that is known.
+    lost: Of these, those without a sound answer in time.
+    repeated: Commands that were sent again because the answer said that they were damaged.
+    """
+
+    def __init__(self) -> None:
+        self.all = self.lost = self.repeated = 0
+        self._awaited: dict[int, float] = {}  # when each was sent [s], by its number, the latest last
+
+    def send(self, number: int, now: float) -> None:
+        """A command that is to be answered is sent at a time [s]."""
+        self._awaited.pop(number, None)
+        self._awaited[number] = now
+
+    def take(self, number: int, *, is_damaged: bool) -> None:
+        """The answer to a command has come; it may say that the command was damaged."""
+        if self._awaited.pop(number, None) is not None:
+            self.all += 1
+            self.lost += is_damaged
+
+    def look(self, now: float) -> None:
+        """Count as lost what has not been answered by a time [s] and should be."""
+        for number, sent in list(self._awaited.items()):
+            if now - sent <= IN_TIME:
+                return
+            del self._awaited[number]
+            self.all += 1
+            self.lost += 1
+
+    def forget(self) -> None:
+        """Await no answer any more, as nobody has listened for a while."""
+        self._awaited.clear()
 
 
 def matters_below(least: float) -> float:
@@ -87,6 +132,11 @@ _HOT, _TOO_HOT = 1, 2  # of a motor
 SIDES = ("left", "right")
 """Of motors, by their numbers."""
 _RECOVERED = 2  # [%] above the limit, from which on a battery is no longer low
+
+
+def percent(share: float) -> str:
+    """Of a share, for people."""
+    return f"{100.0 * share:.0f} %"
 
 
 def charge(percentage: int) -> str:

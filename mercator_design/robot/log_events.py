@@ -6,6 +6,7 @@ What they mean: log.py, recording.py.
 import json
 from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from mercator_design import schema
@@ -22,6 +23,7 @@ _LARGEST = 1e9  # number, of any unit
 _LONGEST = 1e6  # [s], eleven days
 _YEARS = range(1970, 2100)
 _FURTHEST = 1e10  # [s] between two clocks
+_FEWEST_OF_RVR = 4  # numbers of its line
 
 
 class _Form(NamedTuple):
@@ -107,6 +109,12 @@ def _is_lines(value: Any) -> bool:  # noqa: ANN401
     )
 
 
+def _is_line(name: str, value: Any) -> bool:  # noqa: ANN401
+    """Logs of older versions do not tell how the RVR answered."""
+    lengths = {len(LINES[name]), _FEWEST_OF_RVR if name == "rvr" else len(LINES[name])}
+    return isinstance(value, list) and len(value) in lengths and all(map(_is_number, value))
+
+
 def _is_aged_sample(sensor: str, value: Any) -> bool:  # noqa: ANN401
     return (
         sensor in _SENSED
@@ -131,13 +139,14 @@ _SAMPLES: Mapping[str, _Form] = {
 _SENSED = {**_SAMPLES, "lidar": _list("nothing", _is_number, 0)}
 
 LINES: Mapping[str, tuple[str, ...]] = {
-    "rvr": ("whole", "received", "lost", "refused"),
+    "rvr": ("whole", "received", "lost", "refused", "answered", "commands", "unanswered", "repeated"),
     "lidar": ("whole", "received", "lost", "refused", "readings"),
     "proximity": ("whole", "received", "lost", "refused"),
 }
 """What is told of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
-no sound frame, beginnings of frames among these; readings of the last turn."""
-_LINES = {name: _list(f"{len(values)} numbers", _is_number, len(values)) for name, values in LINES.items()}
+no sound frame, beginnings of frames among these; readings of the last turn. Of the RVR the share of commands that it
+answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
+_LINES = {name: _Form(f"{len(values)} numbers", partial(_is_line, name)) for name, values in LINES.items()}
 
 _START = {"robot": _TEXT, "time": _Form(f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}", _is_moment)}
 _STARTS: Mapping[Kind, Mapping[str, _Form]] = {

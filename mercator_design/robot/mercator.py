@@ -12,14 +12,14 @@ from mercator_design.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.framing import Counts
-from mercator_design.robot.health import RvrHealth, charge
+from mercator_design.robot.health import ANSWERS_WINDOW, FEWEST_ANSWERS, LineHealth, RvrHealth, charge, percent
 from mercator_design.robot.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.rvr import Notification, Response
-from mercator_design.robot.rvr_messages import lights
+from mercator_design.robot.rvr_messages import DAMAGED, lights
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.safety import Brake
 from mercator_design.robot.samples import STREAMED
-from mercator_design.robot.senses import Senses
+from mercator_design.robot.senses import Senses, Stale
 from mercator_design.robot.settings import Settings
 from mercator_design.robot.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
 from mercator_design.robot.sweep import LEAST_READINGS
@@ -33,9 +33,9 @@ POLL = 1.0
 """[s] between questions after battery and motors."""
 
 _BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
-_UNANSWERED = 2  # times that it was asked
 _SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _NOTES = 100
+_DRIVE = "drive_tank_si_units"
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
@@ -70,9 +70,10 @@ class Mercator:
         self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
         self._settings = settings
         self._is_blind = self._do_commands_end = False
-        self._polled, self._unanswered = -math.inf, 0
+        self._polled = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self._health = RvrHealth(settings.limits)
+        self._answered = LineHealth(settings.limits.rvr_whole, ANSWERS_WINDOW, FEWEST_ANSWERS)
         self.facts: dict[str, Any] = {}
         self.unrest = ""
         self.notes: deque[tuple[str, bool]] = deque(maxlen=_NOTES)
@@ -121,10 +122,28 @@ class Mercator:
         self._look(time.monotonic())
 
     def _look(self, now: float) -> None:
-        """Look at a time [s] how much of what the devices send arrives whole, and whether a tread is stuck."""
-        for text in self.senses.look(now, self._counts()):
-            self.note(text, matters=True)
+        """Look at a time [s] how much arrives whole of what the devices send and hear, and whether a tread is stuck."""
+        for device, text, is_worse in self.senses.look(now, self._counts()):
+            remedy = f"; {self._talk.remedy_of_damage(device)}" if is_worse else ""
+            self.note(f"{device}: {text}{remedy}", matters=True)
+        self._look_at_answers(now)
         self._health.look(now)
+
+    def _look_at_answers(self, now: float) -> None:
+        """Look at a time [s] whether the RVR answers commands, as what is damaged on its way is not answered.
+
+        Raises:
+            Stopped: if too few are answered.
+        """
+        answers, line = self._talk.answers, self._answered
+        answers.look(now)
+        is_worse = line.look(now, answers.lost, answers.all)
+        found, least = f"{percent(line.share)} of the commands to it are answered", percent(line.least)
+        if line.is_broken:
+            raise Stopped(f"rvr: only {found}; the limit is {least}; {self._talk.remedy_of_damage('rvr')}")
+        if is_worse is not None:
+            worse = f"only {found}; below {least} the robot stops; {self._talk.remedy_of_damage('rvr')}"
+            self.note(f"rvr: {worse if is_worse else f'{found} again'}", matters=True)
 
     def _counts(self) -> dict[DeviceName, Counts]:
         return {device: self._talk.counts(device) for device in self._devices}
@@ -132,11 +151,14 @@ class Mercator:
     def lines(self) -> dict[DeviceName, list[float]]:
         """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
 
-        Of the lidar's the readings of its last turn, too.
+        Of the lidar's the readings of its last turn, too; of the RVR's the share of commands that were answered, and of
+        commands how many were sent, not answered, and repeated.
         """
         found: dict[DeviceName, list[float]] = {
             device: [round(self.senses.lines[device].share, 4), *count] for device, count in self._counts().items()
         }
+        answers = self._talk.answers
+        found["rvr"] += [round(self._answered.share, 4), answers.all, answers.lost, answers.repeated]
         if "lidar" in found:
             found["lidar"].append(self.senses.sight)
         return found
@@ -161,10 +183,11 @@ class Mercator:
 
     def stale(self, now: float) -> dict[str, str]:
         """The samples that are needed and too old at a time [s], by name: what people should know of each."""
-        return {
-            name: f"{name}: {found.words}; {found.remedy or self._talk.remedy(found.device)}"
-            for name, found in self.senses.stale(now).items()
-        }
+        return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
+
+    def _remedy(self, found: Stale) -> str:
+        talk = self._talk
+        return talk.remedy_of_damage(found.device) if found.is_damaged else talk.remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
@@ -181,23 +204,19 @@ class Mercator:
         """Ask after battery and motors if that was long ago: keeps the RVR awake, and tells whether it still hears.
 
         Raises:
-            Stopped: if it does not answer, or the port is lost.
+            Stopped: if the port is lost.
         """
         if time.monotonic() - self._polled > POLL:
-            if self._unanswered == _UNANSWERED:
-                raise Stopped(f"rvr: it does not answer any more; {self._talk.remedy('rvr')}")
             self._polled = time.monotonic()
-            self._unanswered += 1
-            self._talk.tell("get_battery_voltage_state")
-            self._talk.tell("get_battery_percentage")
-            self._talk.tell("get_motor_thermal_protection_status")
+            for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):
+                self._talk.send("rvr", self._talk.counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
         """Give lamps, of rvr_messages.LIGHTS, their colours."""
         now = time.monotonic()
         if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
             self._shown = now, colours
-            self._talk.tell("set_all_leds", **lights(colours))
+            self._talk.send("rvr", self._talk.counted("set_all_leds", **lights(colours)))
 
     def close(self) -> None:
         """Stop the wheels, then all else; nothing is raised, but `unrest` says if the RVR does not obey any more."""
@@ -231,7 +250,7 @@ class Mercator:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             talk.ask(name, processor, **values)
         if self._lidar is not None:
-            self.facts |= start_lidar(talk, self._lidar)
+            self.facts |= start_lidar(talk, self._lidar).words()
         if self._has_hub:
             start_hub(talk)
         self._until_all_is_told()
@@ -248,6 +267,8 @@ class Mercator:
 
     def _until_all_is_told(self) -> None:
         self.senses.forget()  # what the lines bring while devices are started may be of before
+        self._talk.answers.forget()
+        self._answered.forget()
 
         def is_told() -> bool:
             now = time.monotonic()
@@ -296,7 +317,7 @@ class Mercator:
             return None
 
     def _drive_command(self, left: float, right: float) -> bytes:
-        return self._talk.command("drive_tank_si_units", left_velocity=left, right_velocity=right)
+        return self._talk.counted(_DRIVE, left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
         if self._talk.is_ending:
@@ -306,12 +327,14 @@ class Mercator:
             self._note_sight()
         match event:
             case Response():
-                self._unanswered = 0
                 if event.error:
                     self.note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
-                if event.name == "drive_tank_si_units" and event.error:
-                    raise Stopped(f"rvr: it does not drive: {words(event.error)}")
+                if event.name == _DRIVE and event.error in DAMAGED:
+                    self._talk.answers.repeated += self.brake.repeat()
+                elif event.name == _DRIVE and event.error:
+                    port = self._talk.port("rvr")
+                    raise Stopped(f"rvr: it does not drive: {words(event.error)}; switch it off and on (rvr on {port})")
             case Notification():
                 told = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
                 self.note(f"rvr: {' '.join(told).replace('_', ' ')}")

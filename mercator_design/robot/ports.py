@@ -257,10 +257,14 @@ def _usb_name(port: ListPortInfo) -> str:
 
 
 class Line:
-    """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost."""
+    """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost.
+
+    device: Whose port it is.
+    port: Its name.
+    """
 
     def __init__(self, device: DeviceName, port: serial.Serial) -> None:
-        self.device = device
+        self.device, self.port = device, str(port.name)
         self._port = port
 
     def fileno(self) -> int:
@@ -291,4 +295,4 @@ class Line:
         try:
             yield
         except OSError as error:
-            raise Stopped(f"{self.device}: {self._port.name} is lost: {error}") from None
+            raise Stopped(f"{self.device}: {self.port} is lost: {error}") from None

@@ -45,6 +45,10 @@ class Error(IntEnum):
     TARGET_UNAVAILABLE = 0x0A
 
 
+DAMAGED = frozenset({Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE})
+"""Why a command is refused that was damaged on its way although its checksum is right: none is sent with such data."""
+
+
 class Layout:
     """The values of a message in their order on the wire, big-endian, from a text like "u8 speed, u16 heading".
 

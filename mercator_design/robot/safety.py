@@ -60,6 +60,7 @@ class Brake:
         """
         self._write, self._drive, self._zero, self._limit = write, drive, zero, limit
         self._lock = threading.RLock()
+        self._latest: tuple[float, float] | None = None  # speeds that were told, and may be told again
         self._due = math.inf  # when the next command must have come
         self.why = ""
 
@@ -84,12 +85,32 @@ class Brake:
             self.look()  # who was suspended may get here before the watchdog does
             if self.why:
                 raise Stopped(self.why)
-            self._write(self._drive(left, right))
-            self.look()
-            if self.why:  # a stop that did not wait for this command
-                self.stop(self.why)
-            elif self._due < math.inf:
+            self._send(left, right)
+            self._latest = left, right
+            if not self.why and self._due < math.inf:
                 self.arm()
+
+    def repeat(self) -> bool:
+        """Send the latest command again, once, as it was damaged on its way; not if something has stopped the wheels.
+
+        This is no sign that the control loop goes on: it does not put off when the next command must come.
+
+        Returns:
+            Whether it was sent.
+        """
+        with self._lock:
+            self.look()
+            if self.why or self._latest is None:
+                return False
+            (left, right), self._latest = self._latest, None
+            self._send(left, right)
+        return True
+
+    def _send(self, left: float, right: float) -> None:
+        self._write(self._drive(left, right))
+        self.look()
+        if self.why:  # a stop that did not wait for this command
+            self.stop(self.why)
 
     def check(self, left: float, right: float) -> None:
         """Stop the wheels if a speed [m/s] is out of range or not a number."""

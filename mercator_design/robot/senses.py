@@ -13,7 +13,7 @@ from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings
 from mercator_design.robot.framing import Counts
-from mercator_design.robot.health import LOOSE, LineHealth
+from mercator_design.robot.health import LineHealth, percent
 from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.samples import Sample, converted, heading
 from mercator_design.robot.settings import Settings, nearest
@@ -31,12 +31,23 @@ class Stale(NamedTuple):
 
     device: Which device should have told it.
     words: What is wrong with it.
-    remedy: What to look at, if that is known; else it depends on what else the device said.
+    is_damaged: Whether too little of the line arrives whole.
     """
 
     device: DeviceName
     words: str
-    remedy: str = ""
+    is_damaged: bool = False
+
+
+class Whole(NamedTuple):
+    """How much arrives whole of what a device sends, when that begins to matter, or ceases to.
+
+    is_worse: Whether it begins to.
+    """
+
+    device: DeviceName
+    words: str
+    is_worse: bool
 
 
 DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
@@ -106,16 +117,16 @@ class Senses:
             self.sight = sum(map(bool, self.sweep.ranges()))
         return ends
 
-    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[str]:
+    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Whole]:
         """Look at a time [s] how much arrives whole, by what came over each line so far; what people should know."""
         for device, count in counts.items():
             line = self.lines[device]
             lost, received = (self.sweep.swept.lost, self.sweep.swept.all) if device == "lidar" else count[1::-1]
             is_worse = line.look(now, lost, received)
             if is_worse is not None:
-                whole = f"{_percent(line.share)} of what it sends arrives whole"
-                consequence = f"; below {_percent(line.least)} it counts as silent; {LOOSE}"
-                yield f"{device}: only {whole}{consequence}" if is_worse else f"{device}: {whole} again"
+                whole = f"{percent(line.share)} of what it sends arrives whole"
+                worse = f"only {whole}; below {percent(line.least)} it counts as silent"
+                yield Whole(device, worse if is_worse else f"{whole} again", is_worse)
 
     def forget(self) -> None:
         """Begin anew, without a sample."""
@@ -189,10 +200,6 @@ class Senses:
             elif age > limit:
                 stale[name] = Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
             elif line.is_broken:
-                found = f"only {_percent(line.share)} of what the {device} sends arrives whole"
-                stale[name] = Stale(device, f"{found}; the limit is {_percent(line.least)}", LOOSE)
+                found = f"only {percent(line.share)} of what the {device} sends arrives whole"
+                stale[name] = Stale(device, f"{found}; the limit is {percent(line.least)}", is_damaged=True)
         return stale
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"

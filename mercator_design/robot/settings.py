@@ -41,7 +41,7 @@ class Limits:
     rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
     proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
-    rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; below it is silent
+    rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; and of commands to it
     proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are much of it
     lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
     battery_low: Percentage = 20.0  # [%] of charge below which people are told; also if the RVR says that it is low

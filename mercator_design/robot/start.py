@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex
@@ -14,6 +14,8 @@ from mercator_design.robot.talk import Talk
 from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
 
 _ERROR = 2  # health of a lidar
+_READS = 5  # times that a lidar is asked until two answers are the same
+S = TypeVar("S", Health, DeviceInfo)
 _WAKING = 2.0  # [s] that the RVR may take to wake up
 
 
@@ -33,6 +35,27 @@ class Rvr(NamedTuple):
         """The same for people, by name."""
         versions = {firmware_name(of): ".".join(map(str, version)) for of, version in self.firmware.items()}
         return versions | {"battery": charge(self.battery)}
+
+
+class Lidar(NamedTuple):
+    """What a lidar says of itself.
+
+    info: What device it is; None if no two answers were the same.
+    warning: The code of what it warns of; None if it warns of nothing.
+    """
+
+    info: DeviceInfo | None
+    warning: int | None
+
+    def words(self) -> dict[str, str]:
+        """The same for people, by name."""
+        info = self.info
+        facts = {"lidar": "model and firmware could not be read for sure: each answer was another"}
+        if info is not None:
+            facts["lidar"] = f"model {info.model}, firmware {info.firmware[0]}.{info.firmware[1]}, serial {info.serial}"
+        if self.warning is not None:
+            facts["lidar_health"] = f"a warning, {self.warning:#x}"
+        return facts
 
 
 def firmware_name(processor: Processor) -> str:
@@ -77,24 +100,33 @@ def rest_rvr(talk: Talk) -> None:
     talk.tell("disable_notifications_and_active_commands")
 
 
-def start_lidar(talk: Talk, line: Line) -> dict[str, Any]:
-    """Start the lidar's motor and its scan: what device it is, and what it warns of.
+def start_lidar(talk: Talk, line: Line) -> Lidar:
+    """Start the lidar's motor and its scan: what it says of itself.
 
     Raises:
-        RobotError: if it does not answer, or has an error.
+        RobotError: if it does not answer, has an error, or its health cannot be read for sure.
     """
     stop_lidar(talk, line)
     line.set_dtr(high=True)
-    health = talk.exchange("lidar", partial(encode_command, "health"), Health)
+    health = _agreed(talk, "health", Health)
+    if health is None:
+        raise RobotError(f"lidar: each time it answers another health; {talk.remedy_of_damage('lidar')}")
     if health.status == _ERROR:
         raise RobotError(f"lidar: it reports an error, {health.error_code:#x}; take its power away for a moment")
-    info = talk.exchange("lidar", partial(encode_command, "device_info"), DeviceInfo)
+    info = _agreed(talk, "device_info", DeviceInfo)
     talk.exchange("lidar", partial(encode_command, "scan"), ScanStarted)
-    major, minor = info.firmware
-    facts = {"lidar": f"model {info.model}, firmware {major}.{minor}, serial {info.serial}"}
-    if health.status:
-        facts["lidar_health"] = f"a warning, {health.error_code:#x}"
-    return facts
+    return Lidar(info, health.error_code if health.status else None)
+
+
+def _agreed(talk: Talk, command: str, kind: type[S]) -> S | None:
+    """What the lidar answers to a command twice, as its answers have no checksum; None if no two are the same."""
+    heard: list[S] = []
+    for _ in range(_READS):
+        said = talk.exchange("lidar", partial(encode_command, command), kind)
+        if said in heard:
+            return said
+        heard.append(said)
+    return None
 
 
 def stop_lidar(talk: Talk, line: Line) -> None:

@@ -9,10 +9,11 @@ from typing import Any, TypeAlias, TypeVar
 from mercator_design.errors import RobotError
 from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.framing import Counts
+from mercator_design.robot.health import Answers
 from mercator_design.robot.multiflex import Acknowledgement
 from mercator_design.robot.ports import DeviceName, Line
 from mercator_design.robot.rvr import Flags, Notification, Response, Unknown
-from mercator_design.robot.rvr_messages import Error, Processor, Value
+from mercator_design.robot.rvr_messages import DAMAGED, Error, Processor, Value
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted
 
@@ -38,6 +39,12 @@ _REMEDIES_OF_HEARD: Mapping[DeviceName, str] = {
     "cable loose, or is this computer too busy?",
     "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy?",
 }
+_REMEDIES_OF_DAMAGED: Mapping[DeviceName, str] = {
+    "rvr": "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud "
+    "whatever its clock (enable_uart=1)?",
+    "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which speaks at 128000 baud?",
+    "proximity": "is its USB cable loose, too long, or beside one of a motor?",
+}
 _JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
 
 Said: TypeAlias = Response | Notification | Health | DeviceInfo | ScanStarted | Acknowledgement
@@ -49,6 +56,7 @@ class Talk:
     """The devices' lines.
 
     said: Answers and notifications, the latest last.
+    answers: Of the RVR, to commands that are `counted`.
     is_ending: Whether a line that is lost is no matter any more.
     """
 
@@ -64,6 +72,7 @@ class Talk:
         self._take = take
         self._host, self._lidar, self._hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
         self.said: deque[Said] = deque(maxlen=_REMEMBERED)
+        self.answers = Answers()
         self.is_ending = False
         self._understood: set[DeviceName] = set()
         self._sent = b""  # the latest
@@ -82,12 +91,18 @@ class Talk:
         """A command to the RVR, which answers if it refuses, or if it is asked something."""
         return self._host.send(name, target=target, reply=Flags.ANSWER | Flags.ONLY_ERRORS, **values)
 
+    def counted(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
+        """A command that the RVR answers in any case: from now on the answer is awaited, and counted."""
+        command = self._host.send(name, target=target, reply=Flags.ANSWER, **values)
+        self.answers.send(self._host.seq, time.monotonic())
+        return command
+
     def tell(self, name: str, target: Processor | None = None, /, **values: Value) -> None:
         """Tell the RVR something; errors are those of `send`."""
         self.send("rvr", self.command(name, target, **values))
 
     def ask(self, name: str, target: Processor | None = None, /, **values: Value) -> Mapping[str, Any]:
-        """What the RVR answers to a command.
+        """What the RVR answers to a command; one that was damaged on its way is repeated.
 
         Raises:
             RobotError: if it does not, or refuses.
@@ -100,7 +115,10 @@ class Talk:
             asked.add(self._host.seq)
             return sent
 
-        response = self.exchange("rvr", command, Response, lambda response: response.seq in asked)
+        for _ in range(_TRIES):
+            response = self.exchange("rvr", command, Response, lambda response: response.seq in asked)
+            if response.error not in DAMAGED:
+                break
         if response.error:
             raise RobotError(f"rvr: {name} was refused: {words(response.error)}")
         return response.values
@@ -128,8 +146,19 @@ class Talk:
         """Of what a device has said so far."""
         return {"rvr": self._host.counts, "lidar": self._lidar.counts, "proximity": self._hub.counts}[device]
 
+    def port(self, device: DeviceName) -> str:
+        """The name of a device's port."""
+        return self._lines[device].port
+
     def remedy(self, device: DeviceName) -> str:
-        """What to look at if a device says nothing, or nothing that makes sense."""
+        """What to look at if a device says nothing, or nothing that makes sense, and at which port."""
+        return f"{self._remedy(device)} ({device} on {self.port(device)})"
+
+    def remedy_of_damage(self, device: DeviceName) -> str:
+        """What to look at if too little of what a device says, or hears, arrives whole, and at which port."""
+        return f"{_REMEDIES_OF_DAMAGED[device]} ({device} on {self.port(device)})"
+
+    def _remedy(self, device: DeviceName) -> str:
         if device == "rvr" and self._is_joined:
             return _JOINED
         remedy = (_REMEDIES_OF_HEARD if device in self._understood else _REMEDIES)[device]
@@ -189,6 +218,8 @@ class Talk:
                 self._understood.add(line.device)
             elif event.frame.encode() == self._sent:
                 self._is_joined = True
+            if isinstance(event, Response):
+                self.answers.take(event.seq, is_damaged=event.error in DAMAGED)
             if isinstance(event, Said):
                 self.said.append(event)
             self._take(event, now)

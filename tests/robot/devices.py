@@ -67,7 +67,9 @@ class Devices(Surroundings):
     torn: The same, of one byte of a hundred.
     noisy: Names of lines on which twice as much comes between frames, and makes no sense.
     wrong_baud: Names of lines on which nothing that a device tells makes sense.
+    misheard: Names of lines on which three bytes of a hundred that a device hears have a wrong bit.
     instead: By name of a command, what answers it in place of the RVR, which does not obey it: values, or an `error`.
+    once: The same, of the next command of that name only.
     is_stuck: Whether the lidar's motor does not turn.
     suspended: A lock; while a test has it, no device does anything.
     commands: That the RVR heard: time [s], name, values.
@@ -78,7 +80,7 @@ class Devices(Surroundings):
     def __init__(self):
         super().__init__()
         self.silent, self.deaf, self.joined, self.unplugged, self.damaged, self.wrong_baud = (set() for _ in range(6))
-        self.torn, self.noisy = set(), set()
+        self.torn, self.noisy, self.misheard, self.once = set(), set(), set(), {}
         self.instead, self.is_stuck, self.suspended = {}, False, threading.Lock()
         self.commands, self.lidar_commands, self.log = [], [], []
         self._told, self._is_over, self._stack = deque(), False, contextlib.ExitStack()
@@ -102,6 +104,7 @@ class Devices(Surroundings):
             yield by_hand(lambda line=line: line in self.unplugged, PortLoss, device=line)
             yield by_hand(lambda line=line: line in self.damaged, Flip, device=line, direction="from_robot", rate=1e-3)
             yield by_hand(lambda line=line: line in self.torn, Flip, device=line, direction="from_robot", rate=1e-2)
+            yield by_hand(lambda line=line: line in self.misheard, Flip, device=line, direction="to_robot", rate=0.03)
             yield by_hand(lambda line=line: line in self.wrong_baud, WrongBaud, device=line, direction="from_robot")
 
     def __enter__(self):
@@ -187,8 +190,9 @@ class Devices(Surroundings):
         if isinstance(command, Unknown):  # damaged on its way, but its checksum is right
             return usual(command)
         self.commands.append((time.monotonic(), command.name, command.values))
-        if command.name in self.instead:
-            return self.rvr._line.answer(command.frame, **self.instead[command.name])
+        instead = self.once.pop(command.name, None) or self.instead.get(command.name)
+        if instead is not None:
+            return self.rvr._line.answer(command.frame, **instead)
         if command.name == "wake":
             self.rvr._notify("did_wake")
         return usual(command)

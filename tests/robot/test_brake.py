@@ -118,6 +118,48 @@ def test_before_it_is_armed_commands_need_not_follow_each_other(wire, brake):
     assert wire.sent == [b"0 0"] * 2
 
 
+class TestRepeat:
+    """Of a command that was damaged on its way."""
+
+    def test_the_latest_once(self, wire, brake):
+        assert not brake.repeat()  # there is none yet
+        brake.drive(0.1, 0.1)
+        brake.drive(0.2, 0.1)
+        assert (brake.repeat(), brake.repeat()) == (True, False)
+        brake.drive(0.2, 0.3)
+        assert brake.repeat()
+        assert wire.sent == [b"0.1 0.1", b"0.2 0.1", b"0.2 0.1", b"0.2 0.3", b"0.2 0.3"]
+
+    def test_nothing_after_a_stop(self, wire, brake):
+        brake.drive(0.1, 0.1)
+        brake.stop("SIGTERM")
+        assert not brake.repeat()
+        assert wire.sent == [b"0.1 0.1", b"zero", b"zero"]
+
+    def test_a_stop_while_it_is_being_sent_has_the_last_word(self, wire, brake):
+        brake.drive(0.1, 0.1)
+        wire.during = lambda: brake.stop("SIGTERM")
+        brake.repeat()
+        assert wire.sent[-2:] == [b"zero"] * 2
+
+    def test_it_is_no_sign_that_the_loop_goes_on(self, wire, brake):
+        brake.arm()
+        brake.drive(0.1, 0.1)
+        time.sleep(0.7 * STALL)
+        brake.repeat()
+        time.sleep(0.5 * STALL)
+        brake.look()
+        assert brake.why.startswith("the control loop stalled")
+        assert wire.sent[-2:] == [b"zero"] * 2
+
+    def test_a_loop_that_has_stalled_repeats_nothing(self, wire, brake):
+        brake.arm()
+        brake.drive(0.1, 0.1)
+        time.sleep(STALL + 0.02)
+        assert not brake.repeat()
+        assert wire.sent == [b"0.1 0.1", b"zero", b"zero"]
+
+
 @pytest.mark.parametrize("is_finished", [False, True])
 def test_a_stop_in_the_middle_of_a_frame_is_heard(is_finished):
     """The line took a part of a command to drive, then what stops; and then the rest, or nothing any more."""

@@ -13,6 +13,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
+from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet
 from mercator_design.twin import hub
 from tests.robot.devices import CLEAR, Devices
 
@@ -117,8 +118,9 @@ def test_lines_that_are_damaged(found, devices, monkeypatch):
     devices.noisy = {"rvr", "proximity"}
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's line", "lidar's line", "proximity's line"}
-    words = r"\d\d\.\d % arrives whole; \d+ of \d+ bytes lost, \d+ frames refused; is a cable loose"
-    assert all(re.match(words, line) for line in wrong.values())
+    words = r"\d\d\.\d % arrives whole; \d+ of \d+ bytes lost, \d+ frames refused; "
+    words += r"to a run it is silent below \d0 %; is its (USB )?cable loose, .*\((rvr|lidar|proximity) on /.*\)"
+    assert all(re.fullmatch(words, line) for line in wrong.values()), wrong
 
 
 def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices, monkeypatch):
@@ -126,7 +128,50 @@ def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices, monkeyp
     devices.instead["echo"] = {"error": 8}
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's echoes"}
-    assert wrong["rvr's echoes"].startswith("0 of 10 came back; is a cable loose")
+    assert wrong["rvr's echoes"].startswith("0 of 10 came back; a run stops below 80 %; is its cable loose")
+
+
+def lidar_answers(devices, monkeypatch, *damaged):
+    """Its first answers after its device info, or its health; then the true ones."""
+    answers, usual = list(damaged), devices.lidar._obey
+
+    def obey(command, now):
+        said = usual(command, now)
+        kinds = {"device_info": DeviceInfo, "health": Health}
+        is_next = bool(said and answers) and isinstance(answers[0], kinds.get(command, Packet))
+        return answers.pop(0).encode() if is_next else said
+
+    monkeypatch.setattr(devices.lidar, "_obey", obey)
+
+
+WRONG = [DeviceInfo(6 + k, (1, 4), 1, "2026112100000000") for k in range(1, 6)]
+
+
+@pytest.mark.parametrize("damaged", [WRONG[:1], WRONG[:3]])
+def test_what_the_lidar_is_is_what_it_says_twice(found, devices, monkeypatch, damaged):
+    """Its answers have no checksum."""
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    lidar_answers(devices, monkeypatch, *damaged)
+    _, fine, _, _ = found()
+    assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
+
+
+def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command, devices, monkeypatch, tmp_path):
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    lidar_answers(devices, monkeypatch, *WRONG)
+    _, fine, _, _ = found()
+    assert fine["lidar"] == "model and firmware could not be read for sure: each answer was another"
+    lidar_answers(devices, monkeypatch, *WRONG)
+    _, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
+    assert any(row.startswith("look   lidar  ") for row in out.splitlines())
+
+
+def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    lidar_answers(devices, monkeypatch, Health(2, 0x400))
+    assert found()[2] == {}
+    lidar_answers(devices, monkeypatch, *(Health(k % 3, k) for k in range(1, 6)))
+    assert found()[2]["lidar"].startswith("each time it answers another health; is its cable loose")
 
 
 def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devices, tmp_path, monkeypatch):

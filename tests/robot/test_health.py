@@ -5,7 +5,7 @@ import random
 import pytest
 
 from mercator_design.errors import Stopped
-from mercator_design.robot.health import WINDOW, LineHealth, RvrHealth
+from mercator_design.robot.health import ANSWERS_WINDOW, FEWEST_ANSWERS, IN_TIME, WINDOW, Answers, LineHealth, RvrHealth
 from mercator_design.robot.settings import Limits
 
 
@@ -82,6 +82,66 @@ def test_notes_of_a_share_that_varies_by_chance_are_few():
         now, lost, came = now + 0.1, lost + (draws.random() < 0.1), came + 1.0
         said.append(line.look(now, lost, came))
     assert sum(each is not None for each in said) < 60
+
+
+class TestAnswers:
+    def test_what_is_answered_in_time_is_not_lost(self):
+        answers = Answers()
+        for number in range(10):
+            answers.send(number, 0.1 * number)
+        for number in range(8):
+            answers.take(number, is_damaged=number == 3)
+        answers.look(0.79 + IN_TIME)
+        assert (answers.all, answers.lost) == (8, 1)  # of the last two it is not known yet
+        answers.look(0.81 + IN_TIME)
+        assert (answers.all, answers.lost) == (9, 2)
+        answers.take(8, is_damaged=False)  # too late
+        answers.take(77, is_damaged=True)  # to something else
+        assert (answers.all, answers.lost) == (9, 2)
+
+    def test_a_number_that_comes_again_is_the_new_command_s(self):
+        answers = Answers()
+        answers.send(1, 0.0)
+        answers.send(2, 0.1)
+        answers.send(1, 0.2)
+        answers.look(0.15 + IN_TIME)
+        assert (answers.all, answers.lost) == (1, 1)
+
+    def test_what_nobody_listened_for_is_not_lost(self):
+        answers = Answers()
+        answers.send(1, 0.0)
+        answers.forget()
+        answers.look(10.0)
+        assert (answers.all, answers.lost) == (0, 0)
+
+    @staticmethod
+    def run(seconds, lost, draws, line):
+        """Fourteen commands a second; when the line is broken [s], and how often something was told."""
+        told = missed = 0
+        for cycle in range(round(14 * seconds)):
+            missed += draws.random() < lost
+            told += line.look(cycle / 14, missed, cycle + 1) is not None
+            if line.is_broken:
+                return cycle / 14, told
+        return seconds, told
+
+    def test_one_command_in_twenty_may_be_lost_for_ten_minutes(self):
+        """Of 70 in a window 15 would have to be: a chance of 2e-6 a window, of which there are 120."""
+        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        assert self.run(600.0, 0.05, random.Random(3), line)[0] == 600.0
+
+    @pytest.mark.parametrize(("lost", "within"), [(1.0, 1.1), (0.5, 3.5), (0.3, 10.0)])
+    def test_a_robot_that_hears_too_little_is_stopped(self, lost, within):
+        """The commands that are lost are those of the seed."""
+        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        assert self.run(60.0, lost, random.Random(3), line)[0] < within
+
+    def test_a_few_lost_commands_of_few_say_little(self):
+        """Three a second, as of a robot at rest: not those that one question after the battery makes."""
+        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        for second in range(20):
+            assert line.look(second, 3.0 * (second >= 10), 3.0 * second) is None
+        assert not line.is_broken
 
 
 def heat(left, right, left_state, right_state):

@@ -188,6 +188,7 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         (3, {"readings": [0.5] * 11}, "cycle.readings: expected a list of 10 numbers, found another list"),
         (3, {"draws": [1.0] * DRAWS}, "cycle.draws: expected"),
         (3, {"sensed": {"position": [0.1, None, 0.0]}}, "cycle.sensed: expected the age and values of samples"),
+        (3, {"lines": {"rvr": [1.0] * 5}}, "cycle.lines: expected numbers by line"),
         (CYCLES + 2, {"why": None}, "end.why: expected text, found none"),
     ],
 )

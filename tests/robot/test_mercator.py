@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from collections import deque
 from contextlib import closing, contextmanager
 
 import pytest
@@ -14,7 +15,7 @@ from mercator_design.robot import mercator, ports, start, talk
 from mercator_design.robot.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.multiflex import Distances
 from mercator_design.robot.ports import DEVICES, PortNames, open_ports
-from mercator_design.robot.rvr import Response
+from mercator_design.robot.rvr import Device, Response
 from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.rvr_streaming import StreamData
 from mercator_design.robot.samples import STREAMED, converted
@@ -229,7 +230,7 @@ class TestStart:
         assert set(PREPARATIONS) <= set(names)
         assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 4 + [{}] * 2 + [{"is_enabled": True}]
         assert not devices.drives()
-        assert devices.lidar_commands[:5] == ["force_stop", "stop", "health", "device_info", "scan"]
+        assert devices.lidar_commands[:7] == ["force_stop", "stop", *["health"] * 2, *["device_info"] * 2, "scan"]
 
     @pytest.mark.parametrize(
         ("prepare", "is_seen"),
@@ -385,13 +386,71 @@ def test_a_lidar_that_sees_nothing_is_noted(devices):
 
 def test_of_commands_that_are_refused_one_matters():
     """A response with an error has no values."""
-    robot, stopped = Mercator(Settings(), (None, None, None), SENSES, {}), []
+    robot, stopped = Mercator(Settings(), (Port(), None, None), SENSES, {}), []
     for name in COMMANDS:
         try:
-            robot._take(Response(name, Processor.NORDIC, {}, 7, 1), 0.0)
-        except Stopped:
-            stopped.append(name)
-    assert stopped == ["drive_tank_si_units"]
+            robot._take(Response(name, Processor.NORDIC, {}, 4, 1), 0.0)
+        except Stopped as error:
+            stopped.append(str(error))
+    assert stopped == ["rvr: it does not drive: restricted; switch it off and on (rvr on /dev/serial0)"]
+
+
+class Port:
+    """That takes all, and is never read."""
+
+    name = "/dev/serial0"
+
+    def __init__(self):
+        self.written = []
+
+    def write(self, data):
+        self.written.append(data)
+
+
+@pytest.mark.parametrize("error", [5, 7])
+def test_a_command_to_drive_that_was_damaged_is_repeated(error):
+    """Once; and nothing is after a stop."""
+    port = Port()
+    robot = Mercator(Settings(), (port, None, None), SENSES, {})
+    refused = Response("drive_tank_si_units", Processor.ST, {}, error, 1)
+    robot.drive(Wheels(0.5, -0.5))
+    for _ in range(3):
+        robot._take(refused, 0.0)
+    assert [Device().receive(data)[0].values for data in port.written] == [
+        {"left_velocity": pytest.approx(0.15), "right_velocity": pytest.approx(-0.15)}
+    ] * 2
+    assert robot.lines()["rvr"][-1] == 1
+    robot.drive(Wheels(0.5, -0.5))
+    robot.brake.stop("SIGTERM")
+    sent = len(port.written)
+    robot._take(refused, 0.0)
+    assert len(port.written) == sent
+
+
+def test_an_rvr_that_answers_too_little_stops_the_robot():
+    """Nothing is read of this port; the message names it, and what to look at."""
+    robot, notes = Mercator(Settings(), (Port(), None, None), SENSES, {}), []
+    now = time.monotonic()
+    for _ in range(9):
+        robot.drive(Wheels(0.5, -0.5))
+    robot._look_at_answers(now + 0.1)
+    assert robot.notes == deque()
+    with pytest.raises(Stopped) as stopped:
+        robot._look_at_answers(now + 4.5)
+    assert str(stopped.value) == (
+        "rvr: only 78 % of the commands to it are answered; the limit is 80 %; is its cable loose, too long, or beside "
+        "one of a motor, and is this computer's UART at 115200 baud whatever its clock (enable_uart=1)? "
+        "(rvr on /dev/serial0)"
+    )
+    robot = Mercator(Settings(), (Port(), None, None), SENSES, {})
+    robot.report(lambda _: None, notes.append)
+    for _ in range(5):
+        robot.drive(Wheels(0.5, -0.5))
+    robot._look_at_answers(now + 0.1)
+    robot._look_at_answers(now + 4.5)
+    assert [note.partition("; is its cable")[0] for note in notes] == [
+        "rvr: only 88 % of the commands to it are answered; below 80 % the robot stops"
+    ]
 
 
 def test_lamps_are_set_again(devices, monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.damaged_lines import perceived
 from mercator_design.robot.framing import Counts
 from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.senses import Senses
+from mercator_design.robot.senses import Senses, Whole
 from mercator_design.robot.settings import Limits, Settings
 
 
@@ -54,10 +54,8 @@ def test_what_is_not_needed_and_damaged_is_neutral():
     senses.take(Distances((200, *(65535,) * 7)), 1.9)
     assert senses.readings(1.9)[:2] == near[:2]
     notes = [*senses.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
-    assert notes == [
-        "proximity: only 29 % of what it sends arrives whole; below 50 % it counts as silent; "
-        "is a cable loose, too long, or beside one of a motor?"
-    ]
+    words = "only 29 % of what it sends arrives whole; below 50 % it counts as silent"
+    assert notes == [Whole("proximity", words, is_worse=True)]
     assert near[:2] != (0.0, 0.0)
     assert senses.readings(2.0)[:2] == (0.0, 0.0)
     assert senses.stale(2.0).keys() == {"attitude"}

@@ -2,6 +2,7 @@
 
 import socket
 import threading
+import time
 
 import pytest
 
@@ -16,7 +17,7 @@ from mercator_design.robot.talk import Talk
 class Line:
     """To an RVR that has all commands, and answers as a test says."""
 
-    device = "rvr"
+    device, port = "rvr", "/dev/serial0"
 
     def __init__(self):
         self._here, self._there = socket.socketpair()
@@ -95,6 +96,40 @@ def test_an_answer_to_an_earlier_question_is_none(talk, line):
     assert talk.ask("enable_color_detection", is_enabled=False) == {}
 
 
+@pytest.mark.parametrize("error", [Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE])
+def test_a_question_that_was_damaged_on_its_way_is_asked_again(talk, line, error):
+    answers = [error, error, Error.SUCCESS]
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, answers[len(commands) - 1])
+    assert talk.ask("enable_color_detection", is_enabled=True) == {}
+    assert len(line.commands) == 3
+
+
+def test_one_that_is_refused_is_not(talk, line):
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, Error.RESTRICTED)
+    with pytest.raises(RobotError, match="enable_color_detection was refused: restricted"):
+        talk.ask("enable_color_detection", is_enabled=True)
+    assert len(line.commands) == 1
+
+
+def test_one_that_never_arrives_whole_is_given_up(talk, line):
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, Error.BAD_DATA_LENGTH)
+    with pytest.raises(RobotError, match="enable_color_detection was refused: bad data length"):
+        talk.ask("enable_color_detection", is_enabled=True)
+    assert len(line.commands) == 5
+
+
+def test_commands_that_are_counted_are_answered_or_lost(talk, line):
+    errors = iter([Error.SUCCESS, Error.BAD_DATA_LENGTH, Error.RESTRICTED])
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, next(errors)) if len(commands) < 4 else b""
+    for _ in range(4):
+        talk.send("rvr", talk.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
+        talk.attend(0.0)
+    talk.answers.look(time.monotonic())
+    assert (talk.answers.all, talk.answers.lost) == (3, 1)
+    talk.answers.look(time.monotonic() + 1.0)
+    assert (talk.answers.all, talk.answers.lost) == (4, 2)
+
+
 def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(talk, line):
     stranger = Host(seq=77).send("wake")
     line.answer = lambda _commands: stranger
@@ -109,14 +144,18 @@ def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(talk, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, percentage=87)
     talk.ask("get_battery_percentage")
     line.answer = lambda _commands: b""
-    with pytest.raises(RobotError, match=r"^rvr: no answer; it was heard before: has it still power, [^(]*\?$"):
+    with pytest.raises(
+        RobotError, match=r"^rvr: no answer; it was heard before: has it still power, [^(]*\? \(rvr on /dev/serial0\)$"
+    ):
         talk.ask("get_battery_percentage")
 
 
 def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(talk, line):
     noise = b"\x00\xf8\x1c"
     line.answer = lambda _commands: noise
-    with pytest.raises(RobotError, match=r"\(15 bytes from it make no sense: another device, or another baud rate\)$"):
+    with pytest.raises(
+        RobotError, match=r"\(15 bytes from it make no sense: another device, or another baud rate\) \(rvr on "
+    ):
         talk.ask("get_battery_percentage")
     line.answer = lambda commands: noise + line.robot.answer(commands[-1].frame, percentage=87)
     talk.ask("get_battery_percentage")

@@ -118,8 +118,7 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # references to every array that is passed on would take two thirds of the time.
         options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
-        if folder is not None:
-            entry._cache = kernel_cache.keep_whole(entry._cache)  # noqa: SLF001 - numba offers no other way in
+        entry._cache = kernel_cache.keep_whole(entry._cache)  # noqa: SLF001 - numba offers no other way in
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
 

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-_ROOM = 320 << 20
-"""Bytes of address space with which all of the simulator has been compiled, and more."""
+from mercator_design import address_space
+
 _DIGEST = 32
 """Bytes of the digest at the end of a file."""
 
@@ -96,8 +96,10 @@ def _is_trusted(group: int) -> bool:
 
 
 def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
-    """Let numba's cache of one function load what is whole alone, and never raise."""
-    files = cache._cache_file  # noqa: SLF001 - numba offers no other way in
+    """Let numba's cache of one function load what is whole alone, and raise for nothing but a lack of memory."""
+    files = getattr(cache, "_cache_file", None)  # numba offers no other way in
+    if files is None:  # nothing is cached
+        return _Forgiving(cache)
     kind: Any = type(files)
 
     class Whole(kind):  # type: ignore[misc]  # as said above
@@ -149,30 +151,11 @@ def is_whole(path: Path) -> bool:
     return hashlib.blake2b(data[:-_DIGEST], digest_size=_DIGEST).digest() == data[-_DIGEST:]
 
 
-def _check_room() -> None:
-    """Make sure that there is room to compile, as LLVM would end this process if there is not.
-
-    Raises:
-        MemoryError: There is not.
-    """
-    import resource
-
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY:
-        return
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except OSError:  # this is no Linux
-        return
-    if (left := limit - pages * resource.getpagesize()) < _ROOM:
-        raise MemoryError(
-            f"expected {_ROOM >> 20} MiB of address space to compile, found {max(left, 0) >> 20} MiB below the "
-            f"limit of {limit >> 20} MiB (ulimit -v)"
-        )
-
-
 class _Forgiving:
-    """A cache in which what cannot be read means recompiling, and a full disk no cache."""
+    """A cache in which what cannot be read means recompiling, and a full disk no cache.
+
+    Where LLVM would end this process, as there is no memory for it, MemoryError is raised.
+    """
 
     def __init__(self, cache: Any) -> None:  # noqa: ANN401
         self._cache = cache
@@ -181,11 +164,12 @@ class _Forgiving:
         return getattr(self._cache, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
+        address_space.require(address_space.TO_LOAD, "to load machine code")
         found = None
         with contextlib.suppress(Exception):  # such as what is wrong with a file that another version of numba wrote
             found = self._cache.load_overload(signature, context)
         if found is None:
-            _check_room()
+            address_space.require(address_space.TO_COMPILE, "to compile")
         return found
 
     def save_overload(self, signature: Any, data: Any) -> None:  # noqa: ANN401

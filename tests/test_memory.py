@@ -4,10 +4,11 @@ import os
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from mercator_design import kernel_cache
+from mercator_design import address_space, kernel_cache
 from mercator_design.errors import lack_of_memory
 from mercator_design.race.events import Measured
 from mercator_design.race.executors import ProcessExecutor, ThreadExecutor
@@ -19,45 +20,91 @@ from tests.race.racing import measure, runner, undisturbed
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 EVALUATE = ["evaluate", "--fsm-config", "--nstates 1 --s0 0 --rwm0 7", "--mission", "aggregation", "-n", "2", "-j", "2"]
 RACE = ["race", "aggregation", "--budget", "60", "--method", "irace", "--set", "robots=2", "--set", "duration=3"]
+BELOW = (300_000, 450_000, 475_000, 524_287)
+SIZES = [*BELOW, *range(525_000, 1_200_001, 25_000)]
 
 
-def limited(arguments, kib):
+def limited(arguments, kib, cache=None):
     """A command that may have so much address space."""
 
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (kib * 1024, kib * 1024))
 
+    environment = {**os.environ, **({"XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": ""} if cache else {})}
     return subprocess.run(
-        [*MDESIGN, *arguments], capture_output=True, text=True, check=False, preexec_fn=limit
+        [*MDESIGN, *arguments], capture_output=True, text=True, check=False, preexec_fn=limit, env=environment
     )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def race(tmp_path_factory):
+    """The folder of a race."""
+    folder = tmp_path_factory.mktemp("race") / "folder"
+    subprocess.run([*MDESIGN, *RACE, "-o", folder], capture_output=True, check=True)
+    return str(folder)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
-@pytest.mark.parametrize(
-    ("arguments", "sizes"),
-    [
-        pytest.param(EVALUATE, (300_000, 450_000)),
-        pytest.param(EVALUATE, range(300_000, 1_200_001, 50_000), marks=pytest.mark.slow),
-        pytest.param(RACE, range(300_000, 1_200_001, 50_000), marks=pytest.mark.slow),
-    ],
-)
-def test_a_limit_of_address_space(tmp_path, monkeypatch, arguments, sizes):
-    monkeypatch.chdir(tmp_path)
-    for size in sizes:
-        done = limited(arguments, size)
-        assert "Traceback" not in done.stderr, size
-        assert done.returncode in (0, 1), (size, done.stderr)
-        assert done.returncode == 0 or "Error: not enough memory" in done.stderr, size
+class TestALimitOfAddressSpace:
+    @pytest.mark.parametrize("arguments", [EVALUATE, RACE, ["runs", "list"], ["validate", "aggregation"]])
+    def test_in_which_libraries_have_no_room(self, tmp_path, monkeypatch, arguments):
+        monkeypatch.chdir(tmp_path)
+        for size in BELOW:
+            done = limited(arguments, size)
+            assert (done.returncode, done.stdout) == (1, "")
+            assert done.stderr == (
+                "Error: not enough memory: expected a limit of address space of 512 MiB at least, found "
+                f"{size // 1024} MiB (ulimit -v)\n"
+            )
+            assert not list(tmp_path.iterdir())
 
+    def test_in_which_what_needs_no_libraries_runs(self):
+        assert limited(["bundle", "--help"], 300_000).returncode == 0
 
-def test_no_room_to_compile(monkeypatch):
-    """Where LLVM would end this process."""
-    kernel_cache._check_room()
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (1 << 20, 1 << 20))
-    with pytest.raises(
-        MemoryError, match="expected 320 MiB of address space to compile, found 0 MiB below the limit of 1"
-    ):
-        kernel_cache._check_room()
+    @pytest.mark.slow
+    @pytest.mark.parametrize("is_cached", [True, False])
+    @pytest.mark.parametrize("arguments", [EVALUATE, RACE, ["runs", "show"]])
+    def test_of_any_size(self, tmp_path, monkeypatch, race, arguments, is_cached):
+        monkeypatch.chdir(tmp_path)
+        for size in SIZES:
+            cache = None if is_cached else tmp_path / f"cache {size}"
+            done = limited([*arguments, race] if arguments[0] == "runs" else arguments, size, cache)
+            assert "Traceback" not in done.stderr, size
+            assert done.returncode in (0, 1), (size, done.stderr)
+            assert done.returncode == 0 or "Error: not enough memory" in done.stderr, size
+        assert done.returncode == 0
+
+    def test_nothing_is_loaded_or_compiled_in_too_little(self, monkeypatch):
+        """LLVM would end this process."""
+
+        class Cache:
+            def load_overload(self, *_):
+                loads.append(None)
+
+        loads = []
+        cache = kernel_cache.keep_whole(Cache())
+        assert cache.load_overload(None, None) is None
+        assert len(loads) == 1
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        for more, what, tried in (
+            (-used, "64 MiB of address space to load machine code", 0),
+            (96 << 20, "320 MiB of address space to compile", 1),
+        ):
+            loads.clear()
+            monkeypatch.setattr(resource, "getrlimit", lambda _, limit=used + more: (limit, limit))
+            with pytest.raises(MemoryError, match=f"expected {what}, found .* MiB below the limit of"):
+                cache.load_overload(None, None)
+            assert len(loads) == tried
+
+    def test_blas_has_one_thread(self, monkeypatch):
+        """Each would reserve memory."""
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", "")
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+        address_space.prepare_for_libraries()
+        assert "OPENBLAS_NUM_THREADS" not in os.environ
+        monkeypatch.setattr(resource, "getrlimit", lambda _: (1 << 40, 1 << 40))
+        address_space.prepare_for_libraries()
+        assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
 
 
 def test_what_is_a_lack_of_memory():

@@ -7,7 +7,7 @@ the output was not read to its end. Heavy modules are imported by the verb that 
 
 import click
 
-from mercator_design import __version__
+from mercator_design import __version__, address_space
 from mercator_design.cli import (
     bundle,
     calibrate,
@@ -36,7 +36,8 @@ def main() -> None:
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="mdesign")
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> None:
     """Design control software for swarms of Mercator robots.
 
     \b
@@ -44,6 +45,8 @@ def cli() -> None:
     75 terminated (resume the race), 130 interrupted, 141 the output was
     not read to its end.
     """  # noqa: D301 - click reads the control character
+    if context.invoked_subcommand not in {"bundle", "deploy"}:  # which compute nothing
+        address_space.prepare_for_libraries()
 
 
 for _verb in (

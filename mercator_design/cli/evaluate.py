@@ -12,8 +12,6 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from mercator_design.cli.inputs import Given
     from mercator_design.fsm.pfsm import Pfsm
     from mercator_design.sim.simulate import Simulator
@@ -84,7 +82,7 @@ def evaluate(
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
         warn_of_doubts(simulator, pfsm.flavour, pfsm)
-        simulator.rehearse(announce=tell)
+    simulator.rehearse(announce=_ignore if cost_alone else tell)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
 
@@ -119,5 +117,5 @@ def _controller(
     return pfsm, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
 
 
-def _ignore(doubts: "Iterable[str]") -> None:
-    """Say nothing of them."""
+def _ignore(told: object) -> None:
+    """Say nothing of it."""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mercator_design.address_space import prepare_for_libraries
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, put, tell
@@ -44,6 +45,7 @@ def twin(
     FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it. Where that is permitted, it runs before all that is
     less urgent; it says so if it is late nevertheless.
     """
+    prepare_for_libraries()
     try:
         from mercator_design.jit import announced
         from mercator_design.missions.mission import load_mission

@@ -1,0 +1,56 @@
+"""Whether a process may still take the memory that libraries need, where a limit is set (`ulimit -v`).
+
+Python raises MemoryError where there is none. OpenBLAS and LLVM, below numpy, scipy and numba, end the process. So what
+they need was measured, and is asked for before they do.
+"""
+
+import os
+import resource
+from pathlib import Path
+
+TO_IMPORT = 512 << 20
+"""Bytes of address space in which all that a verb imports has its place: 430 MiB were measured."""
+TO_LOAD = 64 << 20
+"""Bytes more for machine code from a cache, with all that LLVM sets up first: 35 MiB were measured."""
+TO_COMPILE = 320 << 20
+"""Bytes more for compiling all of the simulator: 210 MiB were measured."""
+
+
+def prepare_for_libraries() -> None:
+    """Under a limit, make sure that libraries can be imported; to be called before numpy is.
+
+    Raises:
+        MemoryError: They cannot.
+    """
+    if (limit := _limit()) is None:
+        return
+    if limit < TO_IMPORT:
+        raise MemoryError(
+            f"expected a limit of address space of {TO_IMPORT >> 20} MiB at least, found {limit >> 20} MiB (ulimit -v)"
+        )
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it reserves memory for each, of which there may be many
+
+
+def require(needed: int, purpose: str) -> None:
+    """Make sure that so many bytes can be taken.
+
+    Raises:
+        MemoryError: They cannot.
+    """
+    if (limit := _limit()) is None:
+        return
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except OSError:  # this is no Linux
+        return
+    if (left := limit - pages * os.sysconf("SC_PAGE_SIZE")) < needed:
+        raise MemoryError(
+            f"expected {needed >> 20} MiB of address space {purpose}, found {max(left, 0) >> 20} MiB below the "
+            f"limit of {limit >> 20} MiB (ulimit -v)"
+        )
+
+
+def _limit() -> int | None:
+    """The limit of address space in bytes; None if there is none."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if limit == resource.RLIM_INFINITY else limit

@@ -26,8 +26,7 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.missions.mission import parse_mission
-from mercator_design.sim.impossible import doubts_of_mission
-from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.doubts import doubts
 from mercator_design.sim.simulate import Simulator
 
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -137,12 +136,16 @@ def read_mission(number: int) -> str:
     if number % _DEEPLY or mission.arena.area > 100.0 or mission.robots > 50:
         return "read"
     try:
-        Simulator(mission).instance(0)
-        doubts = doubts_of_mission(mission, load_robot_model(mission.robot_model))
+        simulator = Simulator(mission)
+        simulator.instance(0)
+        doubtful = [
+            *simulator.doubts,
+            *doubts(mission, simulator.robot_model, FLAVOURS[number // _DEEPLY % len(FLAVOURS)]),
+        ]
     except MissionError as error:
         _check_places(error)
         return "set up, refused"
-    return "set up, doubtful" if doubts else "set up"
+    return "set up, doubtful" if doubtful else "set up"
 
 
 def _check_places(error: MissionError) -> None:

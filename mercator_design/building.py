@@ -124,7 +124,7 @@ class _Mistakes(list[str]):
 
     any = False
 
-    def build(self, node: Node, kind: Kind, way: Way) -> Any:  # noqa: ANN401
+    def build(self, node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
         """What `build` gives, or _WRONG."""
         try:
             return build(node, kind, way)
@@ -178,8 +178,7 @@ def _union(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
     """The alternative of the node's form: the dataclass its tag names, or the first kind to fit."""
     kinds = [kind for kind in typing.get_args(base) if schema.form(kind) is type(node.content)]
     if len(kinds) > 1 and all(schema.is_record(kind) for kind in kinds):
-        key, tagged = schema.tags(kinds)
-        return build(node, tagged[_word(node, key, tagged, way)], way)
+        return _alternative(node, kinds, way)
     if len(kinds) == 1 and kinds[0] is not types.NoneType:
         return build(node, kinds[0], way)
     for kind in sorted(kinds, key=lambda kind: kind is not types.NoneType):  # `null` is text only if quoted
@@ -188,6 +187,34 @@ def _union(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
         except Fault:
             continue
     return _WRONG
+
+
+def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa: ANN401 - one of the kinds
+    """The dataclass that the node's tag names; if the tag is wrong, what else is wrong is found by the nearest one."""
+    (key, tagged), wrong = schema.tags(kinds), _Mistakes()
+    specification, holders = _of_any(kinds, key)
+    word, node = _tagged(node, key, tagged, specification, way, wrong)
+    if not wrong.any:
+        return build(node, tagged[word], way)
+    if word:
+        wrong.build(node, tagged[word], way)
+    else:
+        _entries(node, specification, holders, way, wrong)
+    raise Fault(*wrong)
+
+
+def _of_any(kinds: list[Kind], tag: str) -> tuple[Specification, dict[str, Holder]]:
+    """The keys of several dataclasses, and one that has each; the tag, and what they disagree on, may be anything."""
+    specification: Specification = {}
+    holders: dict[str, Holder] = {}
+    for name in dict.fromkeys(name for kind in kinds for name in schema.fields_of(kind)):
+        having = [kind for kind in kinds if name in schema.fields_of(kind)]
+        annotations, defaults = zip(*(schema.fields_of(kind)[name] for kind in having), strict=True)
+        is_one = name != tag and all(each == annotations[0] for each in annotations)
+        is_needed = is_one and len(having) == len(kinds) and all(map(_is_missing, defaults))
+        specification[name] = (annotations[0] if is_one else object, dataclasses.MISSING if is_needed else None)
+        holders[name] = having[0]
+    return specification, holders
 
 
 def _record(node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
@@ -201,13 +228,11 @@ def _record(node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
     else:
         field, rule = keywords
         fields = {name: entry for name, entry in fields.items() if name != field}
-        try:
-            word = _word(node, rule.key, rule.functions, way)
-        except Fault as fault:  # which its keys cannot be read without
-            wrong.note(*fault.args)
+        word, node = _tagged(node, rule.key, rule.functions, fields, way, wrong)
+        if not word:  # which its other keys cannot be read without
             del fields[rule.key]
             _entries(node, fields, holders, way, wrong, complete=False)
-            raise Fault(*wrong) from None
+            raise Fault(*wrong)
         function = rule.functions[word]
         parameters = schema.parameters_of(function)
         holders |= dict.fromkeys(parameters, function)
@@ -280,17 +305,41 @@ def _entries(
     return values
 
 
-def _word(node: Node, key: str, known: Collection[str], way: Way | None) -> str:
-    """The value of `key`, which must be one of the known words."""
-    item, place, expected = node.child(key), Way(way, key), f"expected {schema.one_of(list(known))}"
-    if item is None:
-        raise Fault(message(node, place, f"missing key; {expected}"))
+def _tagged(
+    node: Node, key: str, words: Collection[str], keys: Collection[str], way: Way | None, wrong: _Mistakes
+) -> tuple[str, Node]:
+    """The word of a mapping's tag, and the mapping.
+
+    If the tag is wrong, it is the nearest word, and the mapping has that one; if none is near, it is empty.
+
+    Args:
+        node: The mapping.
+        key: Of the tag.
+        words: That it may be.
+        keys: That the mapping may have.
+        way: To the mapping.
+        wrong: Where it is noted that the tag is wrong.
+    """
+    assert isinstance(node.content, dict)  # noqa: S101 - as the caller has seen
+    expected, spelt = f"expected {schema.one_of(list(words))}", node.key(key)
+    if spelt not in node.content:
+        unknown = [word for word in node.content if spelling.find(word, keys) is None]
+        spelt = next((word for word in unknown if _nearest(word, keys) == key), "")
+        if not spelt:
+            wrong.note(message(node, Way(way, key), f"missing key; {expected}"))
+            return "", node
+        wrong.note(message(node.content[spelt], Way(way, spelt), f"unknown key; did you mean '{key}'?"))
+    item = node.content[spelt]
+    text = item.content if isinstance(item.content, str) else ""
+    word = spelling.find(text, words)
     if item.content is None:  # which was told
-        raise Fault
-    word = spelling.find(item.content, known) if isinstance(item.content, str) else None
-    if word is None:
-        raise Fault(message(item, place, f"{expected}, found {item.found}{_did_you_mean(item, known)}"))
-    return word
+        wrong.note()
+    elif word is None:
+        wrong.note(message(item, Way(way, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
+    word = word or _nearest(text, words)
+    item = dataclasses.replace(item, content=word or item.content)
+    content = {key if each == spelt else each: item if each == spelt else node.content[each] for each in node.content}
+    return word, dataclasses.replace(node, content=content)
 
 
 def _expected(kind: Kind, way: Way | None) -> str:

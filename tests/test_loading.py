@@ -241,6 +241,7 @@ heavy: yes
             "a.yaml:1: anchors and aliases (&, *) are not understood; write the value out",
             "a.yaml:3: zones[0].radius: missing key; expected a number > 0",
             "a.yaml:4: zones[1].shape: expected one of round, square, found \"sqare\"; did you mean 'square'?",
+            "a.yaml:4: zones[1].size: missing key; expected [a number, a number]",
             'a.yaml:5: zones[2].turn: expected a number or free, found "x"',
             'a.yaml:6: zones[3].radius: expected a number > 0, found "-1"',
             "a.yaml:6: zones[3].name: expected text: letters, digits, spaces and . _ + -, at most 100 or null, "
@@ -260,11 +261,48 @@ heavy: yes
     def test_a_misspelt_key_is_not_missed_too(self):
         assert complaint("zones: [{shape: round, raduis: 1}]").count("\n") == 0
 
-    def test_what_refers_to_a_wrong_word_is_left_alone(self):
-        assert complaint("law: {name: grwo, rate: x, sign: y}").split("\n") == [
+    def test_what_a_wrong_word_has_beside_it_is_read_as_the_nearest_has_it(self):
+        assert complaint("law: {name: grwo, rate: x, sign: y, stpes: 3}").split("\n") == [
             "a.yaml:1: law.name: expected one of grow, shrink, found \"grwo\"; did you mean 'grow'?",
+            'a.yaml:1: law.rate: expected a number >= 0 and <= 1, found "x"',
+            'a.yaml:1: law.sign: expected one of plus, minus, found "y"',
+            "a.yaml:1: law.stpes: unknown key; did you mean 'steps'?",
+        ]
+        assert complaint("zones: [{shape: sqare, size: [1, 2], turm: 1}, {shape: Round, radius: 0}]").split("\n") == [
+            "a.yaml:1: zones[0].shape: expected one of round, square, found \"sqare\"; did you mean 'square'?",
+            "a.yaml:1: zones[0].turm: unknown key; did you mean 'turn'?",
+            "a.yaml:1: zones[1].shape: expected one of round, square, found \"Round\"; did you mean 'round'?",
+            'a.yaml:1: zones[1].radius: expected a number > 0, found "0"',
+        ]
+
+    def test_what_refers_to_a_word_that_is_near_to_none_is_left_alone(self):
+        assert complaint("law: {name: zzz, rate: x, sign: y, any: 1}").split("\n") == [
+            'a.yaml:1: law.name: expected one of grow, shrink, found "zzz"',
             'a.yaml:1: law.sign: expected one of plus, minus, found "y"',
         ]
+
+    def test_keys_of_any_kind_are_read_if_the_tag_is_near_to_none(self):
+        assert complaint("zones: [{shape: 7, radius: -1, size: 3, nmae: x, foo: 1}, {radius: x}]").split("\n") == [
+            'a.yaml:1: zones[0].shape: expected one of round, square, found "7"',
+            'a.yaml:1: zones[0].radius: expected a number > 0, found "-1"',
+            'a.yaml:1: zones[0].size: expected [a number, a number], found "3"',
+            "a.yaml:1: zones[0].nmae: unknown key; did you mean 'name'?",
+            "a.yaml:1: zones[0].foo: unknown key; known: shape, radius, name, size, turn",
+            "a.yaml:1: zones[1].shape: missing key; expected one of round, square",
+            'a.yaml:1: zones[1].radius: expected a number > 0, found "x"',
+        ]
+
+    def test_a_misspelt_key_of_a_tag(self):
+        assert complaint("zones: [{shpe: round, raduis: 1}]\nlaw: {nmae: shrink, factors: []}").split("\n") == [
+            "a.yaml:1: zones[0].shpe: unknown key; did you mean 'shape'?",
+            "a.yaml:1: zones[0].raduis: unknown key; did you mean 'radius'?",
+            "a.yaml:2: law.nmae: unknown key; did you mean 'name'?",
+            "a.yaml:2: law.factors: expected a list of at least 1, found a list of 0",
+        ]
+
+    def test_siblings_of_what_has_a_wrong_tag_are_read(self):
+        found = complaint("zones: [{shape: rond, radius: 1}, {shape: round, radius: -1}]\nwieght: 1").split("\n")
+        assert [each.split(": ")[1] for each in found] == ["zones[0].shape", "zones[1].radius", "wieght"]
 
     @pytest.mark.parametrize(
         "text", ["note: *a", "values: {a: *a}", "color: [1, 2, *a]", "zones: [*a]", "*a", "law: {name: *a}", "law: *a"]

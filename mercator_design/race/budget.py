@@ -108,11 +108,12 @@ def plan(
         )
     if fitting == wanted:
         return Plan(iterations=wanted, survivors=survivors, configurations=None, least=needed(1), note=None)
+    further = "" if iterations else ", and more follow while budget is left"
     return Plan(
         iterations=fitting,
         survivors=survivors,
         configurations=2 * survivors,
         least=needed(1),
         note=f"a budget of {budget} is planned for {fitting} instead of {wanted} iterations, with at most "
-        f"{2 * survivors} configurations in each; {needed(wanted)} experiments would allow all",
+        f"{2 * survivors} configurations in each{further}; {needed(wanted)} experiments would allow all {wanted}",
     )

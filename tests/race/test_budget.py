@@ -1,8 +1,14 @@
+from dataclasses import replace
+
 import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race.budget import n_iterations, plan
+from mercator_design.race.iterated import IteratedRace
+from mercator_design.race.options import RaceOptions
+from mercator_design.race.space import Space
 
+NUMBERS = Space.from_text("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
 DEFAULTS = {"mu": 5, "each_test": 1, "n_new": 1, "elitist": True}
 
 
@@ -17,10 +23,27 @@ def test_from_iraces_least_budget_on_the_plan_is_iraces(n_variable, least):
     assert fewer.iterations < enough.iterations
     assert fewer.survivors == enough.survivors
     assert fewer.configurations == 2 * enough.survivors
-    assert f"{least} experiments would allow all" in str(fewer.note)
+    assert f"{least} experiments would allow all {enough.iterations}" in str(fewer.note)
 
 
 def test_a_budget_for_no_iteration_is_refused_with_the_one_that_would_do():
     assert plan(60, n_variable=149, **DEFAULTS).iterations == 1
     with pytest.raises(RaceError, match=r"expected at least 60 experiments for 149 parameters \(1350 .*\), found 59"):
         plan(59, n_variable=149, **DEFAULTS)
+
+
+@pytest.mark.parametrize(("iterations", "goes_on"), [(None, True), (4, False)])
+def test_the_note_of_fewer_iterations_says_whether_more_may_follow(iterations, goes_on):
+    """As irace does, a race goes on after the planned iterations unless the user says how many there are."""
+    options = replace(RaceOptions.irace(), iterations=iterations)
+    race = IteratedRace(NUMBERS, budget=100, seed=1, options=options)
+    (note,) = race.notes
+    assert note.startswith(
+        "a budget of 100 is planned for 2 instead of 4 iterations, with at most 8 configurations in "
+    )
+    assert (", and more follow while budget is left" in note) is goes_on
+    while batch := race.ask():
+        race.tell([(configuration - 3.0) ** 2 + 0.1 * instance for configuration, instance in batch])
+    made = sum(not summary.postselection for summary in race.iterations)
+    assert (made > 2) is goes_on
+    assert made >= 2

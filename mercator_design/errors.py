@@ -115,7 +115,14 @@ class ProtocolError(MercatorError):
 
 
 class RobotError(MercatorError):
-    """A device of the robot cannot be used."""
+    """A device of the robot cannot be used.
+
+    device: Which, of the ports of robot.yaml, with which the message begins; empty if it is not of one device.
+    """
+
+    def __init__(self, message: str, *more: str, device: str = "") -> None:
+        super().__init__(f"{device}: {message}" if device else message, *more)
+        self.device = device
 
 
 class SettingsError(RobotError):

@@ -1,12 +1,14 @@
 """mdesign deploy: control software on many robots."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, NumberRange, put, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, NumberRange, put, read_controller, tell
 from mercator_design.errors import RobotError, printable
+from mercator_design.fsm.text import FsmFile
 
 if TYPE_CHECKING:
     from mercator_design.fleet.deploy import Fleet, Result
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--start", is_flag=True, help="Run FSM on all robots together, if all that was before went well on all.")
 @click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
 @click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
+@WITHOUT
 @FLAVOUR
 @LENIENT
 @click.option("--stop", is_flag=True, help="Instead, stop what runs on the robots.")
@@ -45,6 +48,7 @@ def deploy(
     start: bool,
     duration: float | None,
     dry_run: bool,
+    without: tuple[str, ...],
     flavour: str | None,
     lenient: bool,
     stop: bool,
@@ -63,6 +67,8 @@ def deploy(
         raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
     if fsm is None and (flavour is not None or lenient):
         raise click.UsageError("--flavour and --lenient are of FSM")
+    if without and not (start or check):
+        raise click.UsageError("--without is of --start and --check")
 
     from mercator_design.fleet import deploy as do
     from mercator_design.robot.settings import CONTROL_PERIOD, control_period_of
@@ -71,15 +77,18 @@ def deploy(
     results = []
     cycle = CONTROL_PERIOD
     if fsm is not None:
-        cycle = control_period_of(read_controller(fsm, flavour, lenient=lenient).header)
+        file = read_controller(fsm, flavour, lenient=lenient)
+        cycle = control_period_of(file.header)
+        _refuse_what_is_needed(without, file)
     if not ends:
         results += _shown(do.copy(fleet, fsm, timeout))
+    left_out = [f"--without={device}" for device in without]
     if check and all(each.is_done for each in results):
-        _check(fleet, timeout)
+        _check(fleet, timeout, left_out)
     if start and all(each.is_done for each in results):
         given = {"duration": duration, "flavour": flavour}
         options = [f"--{name}={value}" for name, value in given.items() if value is not None]
-        options += ["--dry-run"] * dry_run + ["--lenient"] * lenient
+        options += ["--dry-run"] * dry_run + ["--lenient"] * lenient + left_out
         _start(fleet, options, timeout, cycle)
     if stop:
         results += _shown(do.stop(fleet, timeout))
@@ -90,10 +99,22 @@ def deploy(
         raise RobotError(f"{len(failed)} of {len(fleet.robots)} robots failed")
 
 
-def _check(fleet: "Fleet", timeout: float) -> None:
+def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
+    """Refuse to go without devices that the PFSM needs; a robot whose own settings need one refuses that itself."""
+    from mercator_design.fsm import ReferenceModel
+    from mercator_design.robot.senses import why_device_is_needed
+    from mercator_design.robot.settings import reference_model_of
+
+    model = reference_model_of(file.header, ReferenceModel())
+    for device in without:
+        if why := why_device_is_needed(device, file.pfsm.reads, model):
+            raise click.UsageError(f"--without {device}: {why}")
+
+
+def _check(fleet: "Fleet", timeout: float, options: list[str]) -> None:
     from mercator_design.fleet.check import check, table, wrong
 
-    checked = check(fleet, timeout)
+    checked = check(fleet, timeout, options)
     for row in table(checked):
         put(printable(row))
     for row in (found := [*wrong(checked)]):

@@ -1,11 +1,12 @@
 """What is wrong with any of the robots, side by side: batteries, lines and clocks in one table."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 
 from mercator_design.clocks import PROBE, Clock, from_line, probe
+from mercator_design.command import LEFT_OUT
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
 from mercator_design.fleet.ssh import Conversation, Robot, hear
 
@@ -21,7 +22,7 @@ _DEVICES = {"battery": "rvr", "rvr": "rvr", "lidar": "lidar", "hub": "proximity"
 _CHECK = f"""
 {BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
-exec python3 {PROGRAM} check --json
+exec python3 {PROGRAM} check --json "$@"
 """
 
 
@@ -60,24 +61,30 @@ class Checked:
         found = by_name.get(COLUMNS[column]) or by_name.get(_DEVICES[column])
         if found is None:
             return "?"
+        if found.words == LEFT_OUT:
+            return "left out"
         value = found.words.partition(";")[0] if found.what == COLUMNS[column] else "not found"
         return value if found.is_fine else f"{value} WRONG"
 
 
-def check(fleet: Fleet, timeout: float) -> list[Checked]:
+def check(fleet: Fleet, timeout: float, options: Iterable[str] = ()) -> list[Checked]:
     """Run `mercator-robot check` on all robots at the same time, and compare their clocks with this computer's.
 
     Args:
         fleet: The robots, to which the program has been copied.
         timeout: For all of it [s].
+        options: Of `mercator-robot check`.
 
     Raises:
         RobotError: if there is no ssh.
     """
+    options = [*options]
     checked = {robot.name: Checked(robot) for robot in fleet.robots}
     end = time.monotonic() + timeout
     with ExitStack() as stack:
-        robots = {robot.name: stack.enter_context(closing(Conversation(robot, _CHECK))) for robot in fleet.robots}
+        robots = {
+            robot.name: stack.enter_context(closing(Conversation(robot, _CHECK, options))) for robot in fleet.robots
+        }
         due = 0.0
         while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
             if time.monotonic() >= due:

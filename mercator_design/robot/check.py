@@ -2,10 +2,11 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mercator_design.command import LEFT_OUT
 from mercator_design.robot.findings import Finding, Look, of_devices
 from mercator_design.robot.framing import Counts
 from mercator_design.robot.health import CRITICAL, LOW, SIDES, matters_below, percent
@@ -37,15 +38,17 @@ _ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, a
 _OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
-def check(settings: Settings) -> Iterator[Finding]:
-    """Look at all that a run needs, of which nothing moves but the lidar."""
+def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+    """Look at all that a run needs, of which nothing moves but the lidar; devices `without` are left alone."""
     yield check_clock(time.time())
     kernel = _text(_KERNEL)
     yield check_console(settings.ports.rvr, kernel)
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
-    yield from check_names(settings.ports)
-    yield from of_devices(settings, _DEVICES)
+    yield from check_names(settings.ports, without)
+    yield from of_devices(settings, {device: look for device, look in _DEVICES.items() if device not in without})
+    for device in without:
+        yield Finding(device, is_fine=True, words=LEFT_OUT)
 
 
 def _text(path: Path) -> str:
@@ -128,9 +131,9 @@ def check_programs(port: str) -> Finding:
     return Finding("other programs", not found, "; ".join(sorted(found)) or "none that takes ports")
 
 
-def check_names(names: PortNames) -> Iterator[Finding]:
-    """Whether a port's name may be another device's after the next start."""
-    for device in NAMED:
+def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+    """Whether a port's name may be another device's after the next start, but for devices `without`."""
+    for device in [each for each in NAMED if each not in without]:
         name = getattr(names, device)
         if rivals := sharing(name):
             words = f"{name} may be any of {rivals}, as they come: name it so in robot.yaml, or install names for them"

@@ -28,8 +28,6 @@ PortName = Annotated[
 ]
 DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
-OPTIONAL: tuple[DeviceName, ...] = ("lidar", "proximity")
-"""Devices without which a robot can run a PFSM that does not need them."""
 BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
 _OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")
@@ -83,7 +81,7 @@ def open_ports(names: PortNames, without: Collection[DeviceName] = ()) -> Iterat
             found = find_port(device, name)
             path = os.path.realpath(found)
             if (other := devices.setdefault(path, device)) != device:
-                raise RobotError(f"{device}: {name} is {path}, the port of {other} already")
+                raise RobotError(f"{name} is {path}, the port of {other} already", device=device)
             ports.append(stack.enter_context(open_port(device, found)))
         yield Ports(*ports)
 
@@ -101,8 +99,10 @@ def find_port(device: DeviceName, name: str) -> str:
     if len(found) == 1:
         return str(found[0].device)
     if found:
-        raise RobotError(f"{device}: expected one {name}, found {_listed(found)}; name it by serial number or path")
-    raise RobotError(f"{device}: {name} is not connected; connected are {_listed(connected)}")
+        raise RobotError(
+            f"expected one {name}, found {_listed(found)}; name it by serial number or path", device=device
+        )
+    raise RobotError(f"{name} is not connected; connected are {_listed(connected)}", device=device)
 
 
 def usb_port(device: DeviceName, name: str) -> ListPortInfo:
@@ -116,9 +116,9 @@ def usb_port(device: DeviceName, name: str) -> ListPortInfo:
     found = ports.get(Path(path).resolve())
     if found is None:
         wrong = "is not a USB device" if Path(path).exists() else "is not connected"
-        raise RobotError(f"{device}: {path} {wrong}; connected are {_listed(ports.values())}")
+        raise RobotError(f"{path} {wrong}; connected are {_listed(ports.values())}", device=device)
     if rivals := sharing(name):
-        raise RobotError(f"{device}: which of {rivals} is it? Name it so in robot.yaml")
+        raise RobotError(f"which of {rivals} is it? Name it so in robot.yaml", device=device)
     return found
 
 
@@ -165,12 +165,12 @@ def _open(device: DeviceName, name: str) -> serial.Serial:
     try:
         port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
     except OSError as error:
-        raise RobotError(f"{device}: {path}: {_wrong(path, error)}") from None
+        raise RobotError(f"{path}: {_wrong(path, error)}", device=device) from None
     except termios.error as error:
-        raise RobotError(f"{device}: {path} is lost: {error.args[-1]}") from None
+        raise RobotError(f"{path} is lost: {error.args[-1]}", device=device) from None
     if users := _users(path):
         port.close()
-        raise RobotError(f"{device}: {path}: {_in_use(users)}")
+        raise RobotError(f"{path}: {_in_use(users)}", device=device)
     return port
 
 
@@ -295,4 +295,4 @@ class Line:
         try:
             yield
         except OSError as error:
-            raise Stopped(f"{self.device}: {self.port} is lost: {error}") from None
+            raise Stopped(f"{self.port} is lost: {error}", device=self.device) from None

@@ -1,15 +1,18 @@
 """A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
 
+import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
 
 from mercator_design.colours import STATE_COLOURS
-from mercator_design.fsm import Controller, to_text
+from mercator_design.command import DEVICES_LEFT_OUT
+from mercator_design.errors import RobotError
+from mercator_design.fsm import Controller, Pfsm, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
@@ -19,6 +22,7 @@ from mercator_design.robot.log import Log, finite, plain
 from mercator_design.robot.mercator import Mercator
 from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.rvr_messages import LIGHTS
+from mercator_design.robot.senses import why_device_is_needed
 from mercator_design.robot.service import notify, until_stopping
 from mercator_design.robot.settings import Settings, control_period_of
 
@@ -62,15 +66,31 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], 
         FsmError: if the header of the PFSM's file tells of a floor, a speed or the like that this robot has not.
         Signalled: if a signal came.
     """
-    log, pfsm = Log(path), what.file.pfsm
     header = what.file.header
     settings = settings.as_raced(header)
+    with _telling_who_is_needed(what.file.pfsm, settings):
+        _run(settings, what, path, tell, together or AtOnce())
+
+
+@contextlib.contextmanager
+def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
+    """Add to what is wrong with a device whether the PFSM can go without it."""
+    try:
+        yield
+    except RobotError as error:
+        if error.device in DEVICES_LEFT_OUT:
+            why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
+            error.add_note(why or f"the PFSM does not need what it tells: --without {error.device} runs it without")
+        raise
+
+
+def _run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], begins: AtOnce) -> None:
+    log, pfsm, header = Log(path), what.file.pfsm, what.file.header
     labels = settings.labels_of(header)
     if header.get("control software", control_digest()) != control_digest():
         tell(
             "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
         )
-    begins = together or AtOnce()
     with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):

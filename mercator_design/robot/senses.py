@@ -4,14 +4,14 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from mercator_design.colours import COLOURS, RGB, ColourName
 from mercator_design.errors import RobotError
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.perception import perceive, proximity_weight
-from mercator_design.fsm.reference import Readings
+from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.robot.framing import Counts
 from mercator_design.robot.health import LineHealth, percent
 from mercator_design.robot.ports import DeviceName
@@ -54,6 +54,23 @@ DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "
 """Which device each of the senses is of that modules read."""
 
 
+def why_needed(reads: Collection[str], model: ReferenceModel) -> dict[str, str]:
+    """The senses that a PFSM needs which reads some of modules.SENSES, and why, for people."""
+    needed = {sense: f"the PFSM reads {sense}" for sense in sorted(reads)}
+    if model.neighbour_obstacle_range > 0.0 and "proximity" in needed:
+        constant = f"neighbour_obstacle_range of the reference model is {model.neighbour_obstacle_range:g}"
+        needed.setdefault("neighbours", f"the PFSM reads proximity, and neighbours are obstacles too, as {constant}")
+    return needed
+
+
+def why_device_is_needed(device: str, reads: Collection[str], model: ReferenceModel) -> str:
+    """Why a PFSM cannot go without a device, for people; empty if it can."""
+    for sense, why in why_needed(reads, model).items():
+        if DEVICE_OF.get(sense) == device:
+            return f"{why}; the {device} tells {sense}"
+    return ""
+
+
 class Senses:
     """The senses of a robot.
 
@@ -77,10 +94,8 @@ class Senses:
             RobotError: if the robot lacks a sense.
         """
         limits, model = settings.limits, settings.reference_model
-        needed = set(reads)
-        if model.neighbour_obstacle_range > 0.0 and "proximity" in needed:
-            needed.add("neighbours")  # which are obstacles, too
-        if lacking := sorted(needed - set(DEVICE_OF)):
+        needed = why_needed(set(reads), model)
+        if lacking := sorted(needed.keys() - DEVICE_OF.keys()):
             raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
         sources: dict[str, tuple[str, float, DeviceName]] = {
             "proximity": ("proximity", limits.proximity, "proximity"),

@@ -147,7 +147,7 @@ class Settings:
             raise FsmError(
                 f"maximum speed in the header: expected at most limits.speed, {limit:g} m/s, found {speed:g}"
             )
-        model = _told(header, "reference model", ReferenceModel, self.reference_model)
+        model = reference_model_of(header, self.reference_model)
         for name, own, raced, usual in zip(model._fields, self.reference_model, model, ReferenceModel(), strict=True):
             if own not in {raced, usual}:
                 place = f"reference model in the header: {name}"
@@ -187,6 +187,16 @@ def control_period_of(header: Mapping[str, str]) -> float:
         FsmError: if the robot cannot do it.
     """
     return float(_told(header, "control period", _PERIOD, CONTROL_PERIOD))
+
+
+def reference_model_of(header: Mapping[str, str], usual: ReferenceModel) -> ReferenceModel:
+    """The constants that the header of an fsm.txt tells; if it tells none, the usual.
+
+    Raises:
+        FsmError: if they are none.
+    """
+    model: ReferenceModel = _told(header, "reference model", ReferenceModel, usual)
+    return model
 
 
 def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:

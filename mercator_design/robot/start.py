@@ -110,9 +110,10 @@ def start_lidar(talk: Talk, line: Line) -> Lidar:
     line.set_dtr(high=True)
     health = _agreed(talk, "health", Health)
     if health is None:
-        raise RobotError(f"lidar: each time it answers another health; {talk.remedy_of_damage('lidar')}")
+        raise RobotError(f"each time it answers another health; {talk.remedy_of_damage('lidar')}", device="lidar")
     if health.status == _ERROR:
-        raise RobotError(f"lidar: it reports an error, {health.error_code:#x}; take its power away for a moment")
+        code = f"{health.error_code:#x}"
+        raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
     info = _agreed(talk, "device_info", DeviceInfo)
     talk.exchange("lidar", partial(encode_command, "scan"), ScanStarted)
     return Lidar(info, health.error_code if health.status else None)
@@ -144,7 +145,7 @@ def start_hub(talk: Talk) -> None:
     for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
         said = talk.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
         if not said.ok:
-            raise RobotError(f"proximity: command {command.code:#x} was refused")
+            raise RobotError(f"command {command.code:#x} was refused", device="proximity")
 
 
 def end_streaming(talk: Talk) -> None:

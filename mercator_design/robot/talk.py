@@ -140,7 +140,7 @@ class Talk:
             self.send(device, command())
             if self.until(lambda: bool(found()), _ANSWER):
                 return found()[0]
-        raise RobotError(f"{device}: no answer; {self.remedy(device)}")
+        raise RobotError(f"no answer; {self.remedy(device)}", device=device)
 
     def counts(self, device: DeviceName) -> Counts:
         """Of what a device has said so far."""

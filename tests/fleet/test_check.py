@@ -50,6 +50,16 @@ def test_a_table_of_batteries_lines_and_clocks_and_what_is_wrong(deploy, robots,
     assert not any(devices.drives() for devices in robots)
 
 
+def test_a_device_that_is_left_out_is_not_looked_at(deploy, robots, field):
+    for devices in robots:
+        devices.unplugged.add("lidar")
+    _, out, _ = deploy("--check", "--without", "lidar")
+    rows = [cells(row) for row in out.splitlines()[3:5]]
+    assert [(row[0], row[3]) for row in rows] == [("r1", "left out"), ("r2", "left out")]
+    assert "lidar:" not in out
+    assert not any(devices.lidar_commands for devices in robots)
+
+
 @pytest.mark.slow
 def test_nothing_starts_if_something_is_wrong(deploy, robots, field):
     robots[1].rvr.level = 9.0

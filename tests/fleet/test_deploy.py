@@ -142,6 +142,9 @@ def test_an_fsm_of_another_flavour_that_is_run_as_it_was_checked(deploy, field):
         ["--stop", "--start"],
         ["--stop", "--lenient"],
         ["fsm.txt", "--duration", "5"],
+        ["fsm.txt", "--without", "lidar"],
+        ["--stop", "--without", "lidar"],
+        ["--check", "--without", "rvr"],
     ],
 )
 def test_wrong_usage(deploy, field, arguments):

@@ -101,6 +101,28 @@ def test_if_one_is_not_ready_none_moves_and_it_is_told_which_and_why(deploy, rob
     assert all(is_idle(field / name) for name in ("r1", "r2"))
 
 
+def test_they_start_without_a_device_that_the_pfsm_does_not_need(deploy, robots, field):
+    """Else it is refused before anything is copied."""
+    for devices in robots:
+        devices.unplugged.add("lidar")
+    (field / "calls").unlink()
+    code, _, err = deploy("fsm.txt", "--start", "--without", "lidar")
+    assert (code, "Error: --without lidar: the PFSM reads neighbours; the lidar tells neighbours\n" in err) == (2, True)
+    assert not (field / "calls").exists()
+    (field / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20\n")
+    for _ in range(ATTEMPTS):
+        code, out, err = deploy("fsm.txt", "--start", "--duration", "1", "--without", "lidar")
+        if "too busy?" not in err:  # refused, as it should be
+            break
+    assert code == 0, (out, err)
+    for devices in robots:
+        devices.when(devices.is_let_go)
+        assert devices.drives()
+        assert devices.lidar_commands == []
+    (start, *_) = read(max((field / "r1/mercator/logs").glob("*.jsonl")))
+    assert start["without"] == ["lidar"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, number):

@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 import sys
+from collections import deque
 from pathlib import Path
 
 import pytest
@@ -132,19 +133,19 @@ def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices, monkeyp
 
 
 def lidar_answers(devices, monkeypatch, *damaged):
-    """Its first answers after its device info, or its health; then the true ones."""
-    answers, usual = list(damaged), devices.lidar._obey
+    """What it answers first to who asks for its device info, or its health; then the truth."""
+    answers, usual = deque(damaged), devices.lidar._obey
 
     def obey(command, now):
         said = usual(command, now)
         kinds = {"device_info": DeviceInfo, "health": Health}
         is_next = bool(said and answers) and isinstance(answers[0], kinds.get(command, Packet))
-        return answers.pop(0).encode() if is_next else said
+        return answers.popleft().encode() if is_next else said
 
     monkeypatch.setattr(devices.lidar, "_obey", obey)
 
 
-WRONG = [DeviceInfo(6 + k, (1, 4), 1, "2026112100000000") for k in range(1, 6)]
+WRONG = [DeviceInfo(6 + k, (1, 4), 1, "2026112100000000") for k in range(1, 100)]
 
 
 @pytest.mark.parametrize("damaged", [WRONG[:1], WRONG[:3]])
@@ -170,7 +171,7 @@ def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices, monkeypat
     monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
     lidar_answers(devices, monkeypatch, Health(2, 0x400))
     assert found()[2] == {}
-    lidar_answers(devices, monkeypatch, *(Health(k % 3, k) for k in range(1, 6)))
+    lidar_answers(devices, monkeypatch, *(Health(k % 3, k) for k in range(1, 100)))
     assert found()[2]["lidar"].startswith("each time it answers another health; is its cable loose")
 
 
@@ -184,6 +185,23 @@ def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devic
     (row,) = [line for line in out.splitlines() if "sight" in line]
     assert row.startswith("look   lidar's sight")
     assert "0 readings in a turn; is there nothing at its height, or does its laser fail?" in row
+
+
+@pytest.mark.parametrize("left_out", [["lidar"], ["proximity", "lidar"]])
+def test_devices_that_are_left_out(found, robot_command, devices, tmp_path, monkeypatch, left_out):
+    """They are not touched, and neither they nor the names of their ports can be wrong."""
+    monkeypatch.setattr(checking, "_DEVICES", {**checking._DEVICES, "rvr": lambda _settings, _line: iter(())})
+    devices.unplugged |= set(left_out)
+    found()
+    options = [word for device in left_out for word in ("--without", device)]
+    code, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml", *options)
+    rows = [line for line in out.splitlines() if line[7:].startswith(("lidar", "proximity", "hub"))]
+    assert code == 0, out
+    assert [row for row in rows if "left out" in row] == [
+        f"ok     {each:<26} left out, by --without" for each in left_out
+    ]
+    assert any(row[7:].startswith("hub") for row in rows) == ("proximity" not in left_out)
+    assert devices.lidar_commands == []
 
 
 def test_each_device_by_itself(found, devices, monkeypatch):

@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import os
+import pty
 import re
 import resource
 import signal
@@ -14,14 +15,19 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.command import DEVICES_LEFT_OUT
 from mercator_design.errors import MercatorError, Signalled
 from mercator_design.robot import swarm
 from mercator_design.robot.cli import cli
 from mercator_design.robot.cli.options import new_file
+from mercator_design.robot.ports import DEVICES
 from mercator_design.robot.swarm import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
 
 ROOT = Path(__file__).parents[2]
-GO = "--nstates 1 --s0 0 --rwm0 20"
+GO = "--nstates 1 --s0 1"
+NEAR = "--nstates 1 --s0 0 --rwm0 20"
+"""Reads proximity."""
+NEIGHBOURS = "--nstates 1 --s0 2 --att0 2"
 
 
 @pytest.fixture
@@ -107,6 +113,44 @@ class TestRun:
         code, _, err = robot_command("run", fsm, "--robot", settings, "-o", log)
         assert (code, err.startswith("Error: rvr: /dev/no_such_port: no such port")) == (1, True), err
         assert not log.exists()
+
+    @pytest.mark.parametrize(
+        ("pfsm", "constants", "words"),
+        [
+            (GO, "", "the PFSM does not need what it tells: --without lidar runs it without"),
+            (NEAR, "", "the PFSM does not need what it tells: --without lidar runs it without"),
+            (NEIGHBOURS, "", "the PFSM reads neighbours; the lidar tells neighbours"),
+            (
+                NEAR,
+                "reference_model: {neighbour_obstacle_range: 0.5}",
+                "the PFSM reads proximity, and neighbours are obstacles too, as neighbour_obstacle_range of the "
+                "reference model is 0.5; the lidar tells neighbours",
+            ),
+        ],
+    )
+    def test_a_device_that_is_missing_or_left_out(self, robot_command, fsm, tmp_path, pfsm, constants, words):
+        """Whether the PFSM can go without it is told, and --without is refused for the same reason."""
+        fsm.write_text(pfsm)
+        settings = tmp_path / "robot.yaml"
+        rvr, terminal = pty.openpty()
+        settings.write_text(f"ports: {{rvr: {os.ttyname(terminal)}, lidar: /dev/no_such_port}}\n{constants}")
+        code, _, err = robot_command("run", fsm, "--robot", settings, "-o", tmp_path / "log.jsonl")
+        os.close(rvr)
+        os.close(terminal)
+        said = err.splitlines()[-1]
+        assert (code, said.startswith("Error: lidar: /dev/no_such_port: no such port")) == (1, True), err
+        assert said.endswith(f"; {words}")
+        code, _, err = robot_command("run", fsm, "--robot", settings, "--without", "lidar")
+        is_refused = "--without lidar runs" not in words
+        assert (code, err.endswith(f"Error: --without lidar: {words}\n")) == (2 if is_refused else 1, is_refused), err
+
+    def test_what_was_raced_may_need_a_device(self, robot_command, fsm):
+        fsm.write_text(f'# reference model: {{"neighbour_obstacle_range": 0.4}}\n{NEAR}')
+        code, _, err = robot_command("run", fsm, "--without", "lidar")
+        assert (code, "the PFSM reads proximity, and neighbours are obstacles too" in err) == (2, True), err
+
+    def test_what_can_be_left_out_is_a_device(self):
+        assert set(DEVICES) - {"rvr"} == set(DEVICES_LEFT_OUT)
 
     def test_where_its_log_is(self, tmp_path, monkeypatch):
         """Robots that begin in the same second in the same folder have a log each; a folder with a slash is made."""

@@ -5,12 +5,14 @@ from collections.abc import Iterable
 import click
 
 from mercator_design.clocks import answer, day_of, from_line, to_line
+from mercator_design.command import WITHOUT
 from mercator_design.errors import RobotError
 from mercator_design.robot.channel import Channel
 from mercator_design.robot.check import check as findings
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.findings import Finding
+from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.settings import Settings
 
 
@@ -22,15 +24,16 @@ from mercator_design.robot.settings import Settings
     is_flag=True,
     help="Print a line of JSON for each finding, and answer who asks for the clock, as `mdesign deploy --check` does.",
 )
-def check(settings: Settings, as_json: bool) -> None:
+@WITHOUT
+def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) -> None:
     """Look at the clock, the console, and each device by itself, and say what is wrong and what to do.
 
     The wheels are not touched; the lidar turns for some seconds. Exit code 1 if something is wrong.
     """
     if as_json:
-        _tell(findings(settings))
+        _tell(findings(settings, without))
     else:
-        show(findings(settings))
+        show(findings(settings, without))
 
 
 def _tell(found: Iterable[Finding]) -> None:

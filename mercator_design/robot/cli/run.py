@@ -1,18 +1,20 @@
 """mercator-robot run: a PFSM on the robot."""
 
+import contextlib
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, read_controller, tell
+from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, OutputFile, read_controller, tell
 from mercator_design.errors import FsmError
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
 from mercator_design.robot.joint import AtOnce, Joint
-from mercator_design.robot.ports import OPTIONAL, DeviceName
+from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.runner import Run
 from mercator_design.robot.runner import run as drive
-from mercator_design.robot.senses import DEVICE_OF
+from mercator_design.robot.senses import why_device_is_needed
 from mercator_design.robot.settings import Settings
 
 
@@ -29,12 +31,7 @@ from mercator_design.robot.settings import Settings
 @click.option(
     "-o", "--log", type=OutputFile(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
 )
-@click.option(
-    "--without",
-    type=click.Choice(OPTIONAL),
-    multiple=True,
-    help="Leave this device alone, as one that is broken; not if the PFSM reads what it tells. May be repeated.",
-)
+@WITHOUT
 @click.option(
     "--await-start",
     is_flag=True,
@@ -62,18 +59,25 @@ def run(
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
     path = new_file(log, "run", settings.name)
-    without = tuple(dict.fromkeys(without))
-    for sense in sorted(file.pfsm.reads):
-        if (device := DEVICE_OF.get(sense)) in without:
-            raise click.UsageError(f"--without {device}: the PFSM reads {sense}, which {device} tells")
+    with _naming_its_header(fsm):
+        model = settings.as_raced(file.header).reference_model
+    for device in without:
+        if why := why_device_is_needed(device, file.pfsm.reads, model):
+            raise click.UsageError(f"--without {device}: {why}")
     what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run, without=without)
     if dry_run:
         tell("Dry run: the wheels do not turn.")
     for device in without:
         tell(f"Without {device}: it is left alone, and what it would tell is neutral.")
-    with naming_in_the_end(path, "log", tell):
-        try:
-            drive(settings, what, path, tell, Joint() if await_start else AtOnce())
-        except FsmError as error:  # of its header
-            raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None
+    with naming_in_the_end(path, "log", tell), _naming_its_header(fsm):
+        drive(settings, what, path, tell, Joint() if await_start else AtOnce())
         tell("The duration is over.")
+
+
+@contextlib.contextmanager
+def _naming_its_header(fsm: Path) -> Iterator[None]:
+    """What is wrong with the header of an fsm.txt is told with the file's name."""
+    try:
+        yield
+    except FsmError as error:
+        raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.twin_runs import Plan, RunError, Track, log_of_twin, play, twin_was_late
-from benchmarks.twin_stepped import poses_of_run
+from benchmarks.twin_stepped import stepped_run
 from benchmarks.two_samples import POWER, mann_whitney, visible_shift
 from mercator_design.design import Designer, evaluate
 from mercator_design.files import write_text
@@ -166,7 +166,7 @@ def step(name: str, duration: float | None, seed: int, folder: Path) -> str:
     what = case(name, duration)
     mission = what.simulator.mission
     arena = Arena(mission, what.simulator.robot_model, seed)
-    poses = poses_of_run(arena, what.pfsm, what.header, cycles=mission.cycles, seed=seed)
+    poses = stepped_run(arena, what.pfsm, what.header, cycles=mission.cycles, seed=seed).poses
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / _POSES, poses)
     write_text(folder / _RESULT, json.dumps(Result(repr(what.plan(seed)), "", (), 0.0, 0.0).__dict__))

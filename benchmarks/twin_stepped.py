@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from mercator_design.robot.mercator import PERIOD
 from mercator_design.robot.ports import DeviceName
 from mercator_design.robot.rvr_streaming import streaming
 from mercator_design.robot.samples import STREAMED
-from mercator_design.robot.senses import Senses
+from mercator_design.robot.senses import Senses, why_device_is_needed
 from mercator_design.robot.settings import Settings, control_period_of
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.twin.arena import Arena
@@ -47,8 +47,8 @@ class SteppedRobot:
     senses: What it perceives.
     """
 
-    def __init__(self, twin: Twin, number: int, senses: Senses) -> None:
-        """Start its devices up, as the robot's program does."""
+    def __init__(self, twin: Twin, number: int, senses: Senses, *, scans: bool = True) -> None:
+        """Start its devices up, as the robot's program does; the lidar if it is to scan."""
         self.senses = senses
         self._robot = twin.robots[number]
         self._host = rvr.Host()
@@ -64,7 +64,8 @@ class SteppedRobot:
         self.tell(0.0, "enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             self.tell(0.0, name, processor, **values)
-        self.hear("lidar", self._robot.receive("lidar", ydlidar.encode_command("scan"), 0.0), 0.0)
+        if scans:
+            self.hear("lidar", self._robot.receive("lidar", ydlidar.encode_command("scan"), 0.0), 0.0)
 
     def tell(self, now: float, name: str, target: Any = None, /, **values: Any) -> None:
         """Send a command to the RVR."""
@@ -101,15 +102,16 @@ class Stepped:
     now: The time [s].
     """
 
-    def __init__(self, arena: Arena, senses: Callable[[], Senses]) -> None:
+    def __init__(self, arena: Arena, senses: Callable[[], Senses], *, scans: bool = True) -> None:
         """Switch the twin's robots on, and start them up.
 
         Args:
             arena: Where they are.
             senses: Makes the senses of a robot.
+            scans: Whether their lidars scan.
         """
         self.twin, self.now = Twin(arena), 0.0
-        self.robots = [SteppedRobot(self.twin, number, senses()) for number in range(arena.robots)]
+        self.robots = [SteppedRobot(self.twin, number, senses(), scans=scans) for number in range(arena.robots)]
         self.until(READY)
 
     def until(self, time: float) -> None:
@@ -128,12 +130,26 @@ class Stepped:
         return self.robots[number].senses.readings(self.now)
 
 
-def poses_of_run(
-    arena: Arena, pfsm: Pfsm, header: dict[str, str], *, cycles: int, seed: int, phases: bool = True
-) -> Floats:
-    """Where robots are (cycles + 1, robots, 3) that run a PFSM.
+class SteppedRun(NamedTuple):
+    """What robots on a twin did.
 
-    Row 1 is where they begin their first control cycles, row 0 the same, as in the simulator.
+    poses: (cycles + 1, robots, 3) where they were. Row 1 is where they begin their first control cycles, row 0 the
+        same, as in the simulator.
+    states: (cycles, robots) of their PFSMs, after each control cycle.
+    ground: (cycles, robots, 3) what they perceived of the floor's colour.
+    raw: The same, as their sensors measured it.
+    """
+
+    poses: Floats
+    states: NDArray[np.int64]
+    ground: Floats
+    raw: Floats
+
+
+def stepped_run(
+    arena: Arena, pfsm: Pfsm, header: dict[str, str], *, cycles: int, seed: int, phases: bool = True
+) -> SteppedRun:
+    """Robots run a PFSM.
 
     Args:
         arena: With the robots.
@@ -146,17 +162,23 @@ def poses_of_run(
     settings = settings_of(arena.robot_model).as_raced(header)
     labels, period, speed = settings.labels_of(header), control_period_of(header), settings.limits.speed
     random = [Random(1000 * seed + number) for number in range(arena.robots)]
-    world = Stepped(arena, lambda: Senses(settings, pfsm.reads, labels))
+    scans = bool(why_device_is_needed("lidar", pfsm.reads, settings.reference_model))  # it takes most of the time
+    world = Stepped(arena, lambda: Senses(settings, pfsm.reads, labels), scans=scans)
     controllers = [Controller(pfsm, settings.reference_model) for _ in world.robots]
     begins = world.now
     order = sorted((one.random() * period if phases else 0.0, number) for number, one in enumerate(random))
     poses = [arena.poses.copy()]
+    states = np.zeros((cycles, arena.robots), dtype=np.int64)
+    ground, raw = (np.zeros((cycles, arena.robots, 3)) for _ in range(2))
     for cycle in range(cycles):
         world.until(begins + cycle * period)
         poses.append(arena.poses.copy())
         for after, number in order:
             world.until(begins + cycle * period + after)
             draws = [random[number].random() for _ in range(DRAWS)]
-            wheels = controllers[number].step(world.readings(number), draws)
-            world.robots[number].drive(wheels, speed, world.now)
-    return np.array(poses)
+            readings, robot = world.readings(number), world.robots[number]
+            robot.drive(controllers[number].step(readings, draws), speed, world.now)
+            states[cycle, number] = controllers[number].state
+            ground[cycle, number] = readings.ground_red, readings.ground_green, readings.ground_blue
+            raw[cycle, number] = robot.senses.samples["ground"].values
+    return SteppedRun(np.array(poses), states, ground, raw)

@@ -1,6 +1,7 @@
 """mdesign tune with a targetEvaluator that compares configurations, as irace calls it."""
 
 import itertools
+import subprocess
 
 import pandas as pd
 import pytest
@@ -149,3 +150,15 @@ def test_only_test_and_check(mdesign, folder):
     assert code == 0
     lines = out.splitlines()
     assert [line.startswith("  cost ") for line in lines] == [False, False, False, True, False, True]
+
+
+def test_the_command_that_shows_a_failure_runs_the_evaluator_too(mdesign, folder, tmp_path):
+    (folder / "evaluator").write_text("#!/bin/sh\n[ $1 = 2 ] && exit 3\necho 1\n")
+    code, _, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")
+    assert code == 1
+    (line,) = [line for line in err.splitlines() if line.startswith("To run what failed alone: ")]
+    found = subprocess.run(
+        ["/bin/sh", "-c", line.removeprefix("To run what failed alone: ")], capture_output=True, text=True, check=False
+    )
+    assert (found.returncode, found.stdout) == (3, "")
+    assert (folder / "log").read_text().splitlines()[-1].startswith("run 2-")

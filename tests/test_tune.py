@@ -426,6 +426,18 @@ def test_a_scenario_is_needed(mdesign):
     assert "Missing argument 'SCENARIO'" in err
 
 
+def test_the_scenario_may_be_given_as_iraces_option(mdesign, folder, tmp_path):
+    scenario = folder / "scenario.txt"
+    plain = mdesign("tune", scenario, "--check")
+    assert mdesign("tune", "--scenario", scenario, "--check") == plain == mdesign("tune", "-s", scenario, "--check")
+    code, _, err = mdesign("tune", scenario, "--scenario", scenario)
+    assert code == 2
+    assert "SCENARIO and --scenario name the same" in err
+    code, _, err = mdesign("tune", "--scenario", scenario, "--resume", tmp_path)
+    assert code == 2
+    assert "--scenario is what the race began with" in err
+
+
 class TestExport:
     @pytest.fixture
     def exported(self, mdesign, tmp_path, monkeypatch):

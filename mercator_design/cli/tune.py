@@ -30,11 +30,22 @@ if TYPE_CHECKING:
     from mercator_design.race.tuner import Tuner
     from mercator_design.run_folder import RunFolder
 
-_WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "target_runner", "check", "only_test")
+_WHAT_IT_BEGAN_WITH = (
+    "scenario",
+    "scenario_option",
+    "seed",
+    "output",
+    "method",
+    "exec_dir",
+    "target_runner",
+    "check",
+    "only_test",
+)
 
 
 @click.command(short_help="Find parameters of a program, by irace's scenario.")
 @click.argument("scenario", type=FILE, required=False)
+@click.option("-s", "--scenario", "scenario_option", type=FILE, help="SCENARIO, as irace's option.")
 @click.option(
     "--max-experiments",
     type=click.IntRange(1, 10**9),
@@ -62,6 +73,7 @@ _WHAT_IT_BEGAN_WITH = ("scenario", "seed", "output", "method", "exec_dir", "targ
 def tune(
     context: click.Context,
     scenario: Path | None,
+    scenario_option: Path | None,
     max_experiments: int | None,
     seed: int | None,
     parallel: int | None,
@@ -84,7 +96,11 @@ def tune(
     A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with more
     --max-experiments.
     """
-    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("scenario",))
+    if scenario is not None and scenario_option is not None:
+        raise click.UsageError("SCENARIO and --scenario name the same: give one of them")
+    needed = () if scenario_option is not None else ("scenario",)
+    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=needed)
+    scenario = scenario or scenario_option
     from mercator_design.race.executors import ThreadExecutor
     from mercator_design.race.methods import RACES
     from mercator_design.race.scenario import read_scenario

@@ -209,10 +209,12 @@ class Tuner(Task[Call]):
         return configurations_text.read_configurations(file, self.scenario.space)[0][:1] == [configuration]
 
     def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:  # noqa: ARG002
-        """As `Task.command_of_failed`: the target runner, called in its folder."""
+        """As `Task.command_of_failed`: the target runner, in its folder, and then the evaluator if there is one."""
         experiment = Experiment(one.configuration, one.instance)
         configuration = self.race.configurations[one.configuration]
-        return self.command_line(self.item(experiment, configuration, test=isinstance(one, Tested)))
+        call = self.item(experiment, configuration, test=isinstance(one, Tested))
+        command = self.command_line(call)
+        return command if self.evaluate is None else f"{command} && {self.evaluation_line(call, [one.configuration])}"
 
     def command_line(self, call: Call) -> str:
         """What a shell is told to run an experiment."""

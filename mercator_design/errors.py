@@ -53,10 +53,6 @@ class Signalled(BaseException):
         self.exit_code = exit_code
 
 
-INTERRUPTIONS = (KeyboardInterrupt, Signalled)
-"""What the user or the system raises in the main thread to end the program; never the fault of an experiment."""
-
-
 def lack_of_memory(error: BaseException | None) -> BaseException | None:
     """What of an error, and of those that it came of, says that there was no memory, for a library or a thread, too."""
     while error is not None:

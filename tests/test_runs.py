@@ -581,11 +581,11 @@ class TestLeaving:
 
     @pytest.fixture
     def leaving(self, tmp_path):
-        """Options with which some experiments leave; the one cycle by which a race is rehearsed does not."""
+        """Options with which some experiments leave; the one cycle by which a race is rehearsed does so if asked."""
 
-        def options(how, least):
+        def options(how, least, also=False):
             text = FAILING.replace('raise ArithmeticError("too far to the left")', f"raise {how}")
-            (tmp_path / "leaving.py").write_text(text.replace("if x", "if len(trace.poses) > 2 and x"))
+            (tmp_path / "leaving.py").write_text(text.replace("if x", f"if ({also} or len(trace.poses) > 2) and x"))
             objective = f"objective={{name: nervous, least: {least}, direction: maximise}}"
             return ["--plugin", tmp_path / "leaving.py", "--set", objective, "--set", "robots=2", "--set", "duration=5"]
 
@@ -605,8 +605,9 @@ class TestLeaving:
         code, _, err = mdesign(*race, "-j", jobs, "--on-failure", "reject", "--test-runs", 20, "--test-elites", 3)
         assert code == 0, err
         assert (tmp_path / "r" / "fsm.txt").exists()
-        assert set(experiments_table(tmp_path / "r").failure) == {"", "KeyboardInterrupt"}
-        assert set(run_tables.tests_table(tmp_path / "r").failure) <= {"", "KeyboardInterrupt"}
+        failed = f"MissionError: {tmp_path}/leaving.py:8: objective nervous: KeyboardInterrupt"
+        assert set(experiments_table(tmp_path / "r").failure) == {"", failed}
+        assert set(run_tables.tests_table(tmp_path / "r").failure) <= {"", failed}
 
     def test_in_evaluate_and_record(self, mdesign, leaving, tmp_path):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")
@@ -619,16 +620,36 @@ class TestLeaving:
             assert err.endswith("leaving.py:8: objective nervous: SystemExit: 0\n")
         assert {mdesign(*record, seed, *options)[0] for seed in range(1, 21)} == {0, 3}  # halves of the arena
 
-    def test_one_that_raises_what_ctrl_c_does(self, mdesign, leaving, tmp_path):
+    @pytest.mark.parametrize("least", [0.0, 9.0])
+    def test_one_that_raises_what_ctrl_c_does(self, mdesign, leaving, tmp_path, least):
+        """In some experiments, or in all and in what is tried before."""
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")
         evaluate = ["evaluate", tmp_path / "fsm.txt", "--mission", "aggregation", "-n", 20, "-j"]
-        options = leaving("KeyboardInterrupt", 0.0)
+        options = leaving("KeyboardInterrupt", least, also=least == 9)
         for jobs in (1, 2):
             code, out, err = mdesign(*evaluate, jobs, *options)
-            # What is tried before the experiments runs in the main thread, where this is Ctrl-C.
-            failed, interrupted = (1, "Error: an experiment failed: KeyboardInterrupt\n"), (130, "\nInterrupted.\n")
-            assert out == ""
-            assert (code, err) in {failed, interrupted}
+            assert (code, out) == (3, "")
+            assert err.splitlines()[-1] == f"Error: {tmp_path}/leaving.py:8: objective nervous: KeyboardInterrupt"
+        record = ["record", tmp_path / "fsm.txt", "--mission", "aggregation", "-o", tmp_path / "t.csv", "--seed"]
+        assert {mdesign(*record, seed, *options)[0] for seed in range(1, 21)} == ({3} if least == 9 else {0, 3})
+
+    def test_ctrl_c_while_an_objective_works(self, mdesign, leaving, tmp_path):
+        """In the main thread, whatever the objective makes of it."""
+        for number, expected in ((signal.SIGINT, (130, "Interrupted.")), (signal.SIGTERM, (75, "Terminated."))):
+            options = leaving(
+                f"ValueError(__import__('os').kill(__import__('os').getpid(), {int(number)}))", 9, also=True
+            )
+            done = subprocess.run(
+                [*MDESIGN, "race", "aggregation", "--budget", "60", *map(str, options), "-o", str(tmp_path / "r")],
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+            assert (done.returncode, done.stderr.splitlines()[-1]) == expected
+
+    def test_a_plugin_that_raises_it_when_it_is_loaded(self, mdesign, tmp_path):
+        (tmp_path / "p.py").write_text("raise KeyboardInterrupt\n")
+        code, out, err = mdesign("validate", "aggregation", "--plugin", tmp_path / "p.py")
+        assert (code, out) == (3, "")
+        assert err == f"Error: {tmp_path}/p.py:1: a plugin that cannot be run: KeyboardInterrupt\n"
 
 
 class TestRuns:

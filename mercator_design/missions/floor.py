@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.colours import RGB, Colour, ColourName, rgb
-from mercator_design.errors import INTERRUPTIONS, described, excerpt
+from mercator_design.errors import described, excerpt
+from mercator_design.interruptions import signals_first
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
@@ -293,20 +294,21 @@ class Floor:
     def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
         function = DYNAMICS[dynamics.name]
-        try:
-            rows = function(site, **dynamics.parameters)
+        with signals_first():
             try:
-                numbers = [tuple(map(float, row)) for row in rows]
-            except (TypeError, ValueError) as error:
-                place = first_line(function)
-                raise FieldError("name", f"{place}{dynamics.name} must give rows of numbers: {error}") from None
-        except (FieldError, *INTERRUPTIONS):
-            raise
-        except BaseException as error:  # also sys.exit()
-            place = line_of(error) or first_line(function)
-            if not place:  # it is our mistake, which shall be seen whole
+                rows = function(site, **dynamics.parameters)
+                try:
+                    numbers = [tuple(map(float, row)) for row in rows]
+                except (TypeError, ValueError) as error:
+                    place = first_line(function)
+                    raise FieldError("name", f"{place}{dynamics.name} must give rows of numbers: {error}") from None
+            except FieldError:
                 raise
-            raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
+            except BaseException as error:  # also sys.exit()
+                place = line_of(error) or first_line(function)
+                if not place:  # it is our mistake, which shall be seen whole
+                    raise
+                raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
         if len({len(row) for row in numbers}) > 1:
             raise FieldError("name", f"{first_line(function)}{dynamics.name} must give rows of one length")
         if len(numbers) > _MOST_ROWS:

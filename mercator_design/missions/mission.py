@@ -13,7 +13,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from mercator_design import shipped
-from mercator_design.errors import INTERRUPTIONS, MercatorError, MissionError, described
+from mercator_design.errors import MercatorError, MissionError, described
+from mercator_design.interruptions import signals_first
 from mercator_design.loading import (
     FieldError,
     FilePath,
@@ -64,15 +65,16 @@ class Objective:
             MissionError: if the function fails, or gives what is no score.
         """
         function = OBJECTIVES[self.name]
-        try:
-            score = float(function(trace, **self.parameters))
-        except (MercatorError, *INTERRUPTIONS):
-            raise
-        except BaseException as error:  # also sys.exit()
-            place = line_of(error) or first_line(function)
-            if not place:  # it is our mistake, which shall be seen whole
+        with signals_first():
+            try:
+                score = float(function(trace, **self.parameters))
+            except MercatorError:
                 raise
-            raise MissionError(f"{place}objective {self.name}: {described(error)}") from error
+            except BaseException as error:  # also sys.exit()
+                place = line_of(error) or first_line(function)
+                if not place:  # it is our mistake, which shall be seen whole
+                    raise
+                raise MissionError(f"{place}objective {self.name}: {described(error)}") from error
         if not is_score(score):
             raise MissionError(f"{first_line(function)}objective {self.name}: {EXPECTED}, found {score}")
         return score

@@ -21,7 +21,8 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from mercator_design import jit
-from mercator_design.errors import INTERRUPTIONS, MissionError, described
+from mercator_design.errors import MissionError, described
+from mercator_design.interruptions import signals_first
 from mercator_design.loading import FieldError, Length, check_parameter
 from mercator_design.missions.arena import Array
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
@@ -279,12 +280,11 @@ def snapshot() -> Callable[[], None]:
 def _run(plugin: Plugin, label: str) -> None:
     """Run a plugin's file as a module; a MissionError says what went wrong, if something did."""
     file = str(plugin.file)
-    try:
-        importlib.import_module(plugin.module_name)
-    except INTERRUPTIONS:
-        raise
-    except BaseException as error:  # noqa: BLE001 - whatever it raises, also by sys.exit()
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-        line = lines[-1] if lines else getattr(error, "lineno", None)
-        place = f"{label}:{line}" if line else label
-        raise MissionError(f"{place}: a plugin that cannot be run: {described(error)}") from None
+    with signals_first():
+        try:
+            importlib.import_module(plugin.module_name)
+        except BaseException as error:  # noqa: BLE001 - whatever it raises, also by sys.exit()
+            lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+            line = lines[-1] if lines else getattr(error, "lineno", None)
+            place = f"{label}:{line}" if line else label
+            raise MissionError(f"{place}: a plugin that cannot be run: {described(error)}") from None

@@ -117,11 +117,17 @@ class TestLoading:
         with pytest.raises(MissionError, match=rf"/my.py:\d+: objective northernmost: {message}$"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
-    def test_an_interruption_is_no_mistake_of_an_objective(self, write):
-        """In the main thread nobody can tell whether the user asked for it."""
-        load_plugin(write(NORTHERN.replace("    return", "    raise KeyboardInterrupt\n    return")))
+    @pytest.mark.parametrize(
+        ("line", "expected"),
+        [
+            ("raise KeyboardInterrupt", "my.py:.*: objective northernmost: KeyboardInterrupt"),
+            ("__import__('signal').raise_signal(2)", None),
+        ],
+    )
+    def test_an_interruption_is_no_mistake_of_an_objective_but_one_of_its_own_is(self, write, line, expected):
+        load_plugin(write(NORTHERN.replace("    return", f"    {line}\n    return")))
         simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(MissionError if expected else KeyboardInterrupt, match=expected):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
 
     def test_an_objective_that_fails_is_named(self, write):

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image as Pillow
 
 from mercator_design import shipped
+from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.journal import read
 from mercator_design.run_files import JOURNAL
@@ -57,11 +58,37 @@ class TestRobotModel:
         )
         assert mdesign("evaluate", raced / "fsm.txt", *given, "--cost")[2] == ""
 
-    def test_a_file_without_its_digest_is_measured_as_before(self, mdesign, raced):
-        lines = (raced / "fsm.txt").read_text().splitlines(keepends=True)
-        (raced / "fsm.txt").write_text("".join(line for line in lines if "robot model digest" not in line))
+    def test_a_file_without_its_digest_is_compared_as_far_as_can_be(self, mdesign, raced):
+        """As versions before wrote it: by the folder's provenance, else by its maximum speed; else that is told."""
+        file = raced / "fsm.txt"
+        lines = file.read_text().splitlines(keepends=True)
+        file.write_text("".join(line for line in lines if "robot model digest" not in line))
+        evaluate = ("evaluate", file, "-n", 2)
+        assert mdesign(*evaluate)[::2] == (0, "")
+        unchecked = "fsm.txt: has no digest of its robot model: whether mercator is what it was then cannot be checked"
+        refused = "fsm.txt: the robot model mercator is not what it was when this was designed"
+        (raced / "provenance.json").rename(raced / "p")
+        code, _, err = mdesign(*evaluate)
+        assert (code, err.count("\n"), err.count(unchecked)) == (0, 1, 1)
         slower(raced)
-        assert mdesign("evaluate", raced / "fsm.txt", "-n", 2)[::2] == (0, "")
+        code, out, err = mdesign(*evaluate)
+        assert (code, out) == (3, "")
+        assert f"{refused} (its maximum speed, 0.3 then and 0.15 now)" in err
+        (raced / "p").rename(raced / "provenance.json")
+        code, out, err = mdesign(*evaluate)
+        assert (code, out) == (3, "")
+        assert f"{refused} (its digest)" in err
+        assert mdesign(*evaluate, "--robot-model", raced / "robot_model.yaml")[::2] == (0, "")
+        code, _, err = mdesign(*evaluate, "--mission", raced / "mission.yaml")
+        assert (code, "the robot model mercator of now differs" in err) == (0, True)
+        (raced / "provenance.json").write_text("damaged")
+        file.write_text("".join(line for line in lines if not line.startswith(("# robot model", "# maximum"))))
+        code, _, err = mdesign(*evaluate)
+        assert (code, unchecked in err) == (0, True)
+
+    def test_a_line_without_a_header_says_nothing_of_it(self, mdesign, raced, tmp_path):
+        (tmp_path / "bare.txt").write_text((raced / "fsm.txt").read_text().splitlines()[-1])
+        assert mdesign("evaluate", tmp_path / "bare.txt", "--mission", raced / "mission.yaml", "-n", 2)[::2] == (0, "")
 
     def test_the_header_has_the_digest_of_the_journal(self, raced):
         start = json.loads((raced / "provenance.json").read_text())["race"]
@@ -161,3 +188,88 @@ class TestFloorImage:
 
 def mission_of(folder):
     return load_mission(folder / "mission.yaml")
+
+
+PLUGIN = """
+from mercator_design.missions.plugins import objective
+
+with open(LOG, "a") as file:
+    file.write("{}")
+
+@objective
+def nothing(trace) -> float:
+    return float(trace.poses[-1, 0, 0])
+"""
+
+
+class TestPlugins:
+    """A plugin that is not what it was is refused, or told, before any of it runs."""
+
+    @pytest.fixture
+    def mdesign_anew(self, mdesign):
+        """Run mdesign as in a process of its own: what it loads is gone afterwards."""
+
+        def run(*arguments):
+            restore = plugins.snapshot()
+            try:
+                return mdesign(*arguments)
+            finally:
+                restore()
+
+        return run
+
+    @pytest.fixture
+    def edited(self, mdesign_anew, tmp_path):
+        """The folder of a race with a plugin, whose file has another version now."""
+        file = tmp_path / "mine.py"
+        file.write_text(PLUGIN.replace("LOG", repr(str(tmp_path / "ran"))).format("1"))
+        objective = ("--set", "objective={name: nothing, direction: maximise}")
+        race = ("race", "aggregation", *objective, *QUICK, "--plugin", file, "--budget", 60, "-o", tmp_path / "r")
+        assert mdesign_anew(*race)[0] == 0
+        file.write_text(PLUGIN.replace("LOG", repr(str(tmp_path / "ran"))).format("2"))
+        return file
+
+    def ran(self, file):
+        """Which versions of it ran since this was asked before, in this order."""
+        log = file.parent / "ran"
+        found = log.read_text() if log.exists() else ""
+        log.unlink(missing_ok=True)
+        return found
+
+    @pytest.mark.parametrize("headless", [False, True])
+    def test_a_controller_s(self, edited, mdesign_anew, tmp_path, headless):
+        fsm = tmp_path / "r" / "fsm.txt"
+        if headless:  # so that the folder's provenance counts
+            lines = fsm.read_text().splitlines(keepends=True)
+            fsm.write_text("".join(line for line in lines if not line.startswith("# plugins")))
+        self.ran(edited)
+        for verb in (("evaluate", fsm, "-n", 2), ("record", fsm, "-o", tmp_path / "t.csv")):
+            code, out, err = mdesign_anew(*verb, "--plugin", edited)
+            assert (code, out, self.ran(edited)) == (3, "", "")
+            assert f"{fsm}: mine.py is not what it was when this was designed; nothing of it was run" in err
+            code, _, err = mdesign_anew(*verb, "--plugin", tmp_path / "r" / "plugins" / "mine.py")
+            assert (code, "mine.py" in err, self.ran(edited)) == (0, False, "1"), err
+            code, _, err = mdesign_anew(*verb, "--plugin", edited, "--mission", tmp_path / "r" / "mission.yaml")
+            assert (code, self.ran(edited)) == (0, "2")
+            assert (
+                f"Warning: {fsm}: mine.py is not what it was when this was designed; it is used as it is now\n" in err
+            )
+
+    def test_a_run_folder_s(self, edited, mdesign_anew, tmp_path):
+        self.ran(edited)
+        folder = tmp_path / "r"
+        for verb in (("runs", "verify", folder), ("runs", "importance", folder), ("race", "--resume", folder)):
+            code, out, err = mdesign_anew(*verb, "--plugin", edited)
+            assert (code, out, self.ran(edited)) == (3, "", "")
+            assert f"{edited}: expected a plugin of digest" in err
+            assert "nothing of it was run" in err
+
+    def test_one_that_is_not_given_is_named_where_it_is(self, edited, mdesign_anew, tmp_path):
+        folder = tmp_path / "r"
+        code, _, err = mdesign_anew("evaluate", folder / "fsm.txt", "-n", 2)
+        place = f"give --plugin {folder}/plugins/mine.py, or --mission"
+        assert (code, err) == (3, f"Error: {folder}/fsm.txt: was designed with the plugin mine.py; {place}\n")
+        shutil.copy(folder / "fsm.txt", tmp_path)
+        code, _, err = mdesign_anew("evaluate", tmp_path / "fsm.txt", "-n", 2)
+        place = "give that file with --plugin, or --mission"
+        assert (code, err) == (3, f"Error: {tmp_path}/fsm.txt: was designed with the plugin mine.py; {place}\n")

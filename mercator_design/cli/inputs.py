@@ -2,15 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import click
 
+from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.errors import FsmError, MissionError, excerpt
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from mercator_design.fsm.text import FsmFile
     from mercator_design.missions.mission import Mission
@@ -44,24 +45,68 @@ def simulator_of(
     Raises:
         MissionError: Something that the user did not give is not what was raced.
     """
-    from mercator_design.loading import digest_of
-
-    header = file.header
-    mission = _mission_of(fsm, file, given["mission"], given["overrides"])
+    header, origin = file.header, origin_of(fsm, file.header)
+    mission = _mission_of(origin, given["mission"], given["overrides"])
     simulator = new_simulator(mission, given["robot_model"])
     is_raced = header.get("mission digest") in {None, mission.digest}
     if given["mission"] is not None and not given["overrides"] and header.get("mission") == mission.name:
         warn([] if is_raced else [f"{fsm}: was designed for another mission of the name {excerpt(mission.name)}"])
-    chosen = given["robot_model"] is not None or "robot_model" in map(_key, given["overrides"])
-    if chosen or header.get("robot model digest") in {None, digest_of(simulator.robot_model)}:
+    if given["robot_model"] is not None or "robot_model" in map(_key, given["overrides"]):
         return simulator
     name = excerpt(simulator.robot_model.name)
+    differs = origin.what_differs(simulator.robot_model)
+    if differs is None:
+        warn([f"{fsm}: has no digest of its robot model: whether {name} is what it was then cannot be checked"])
+    if not differs:
+        return simulator
     if given["mission"] is None:
-        what = f"the robot model {name} is not what it was when this was designed"
+        what = f"the robot model {name} is not what it was when this was designed ({differs})"
         raise MissionError(f"{fsm}: {what}; to use it as it is now, give --robot-model {mission.robot_model}")
     designed = excerpt(header.get("robot model", "another"))
     warn([f"{fsm}: was designed for the robot model {designed} as it was then; the robot model {name} of now differs"])
     return simulator
+
+
+def load_plugins(
+    files: "Iterable[Path]", *, controller: Path | None, folder: Path | None, flavour: str | None, refuse: bool
+) -> None:
+    """Run plugins; what is known of them is compared before.
+
+    Args:
+        files: The plugins.
+        controller: An fsm.txt that is used with them, if one is.
+        folder: A run folder that is, if one is.
+        flavour: Of the controller, if its header does not count.
+        refuse: Whether one that differs from what the controller was designed with is refused.
+
+    Raises:
+        MissionError: One is not what it must be, or cannot be run.
+        MercatorError: The controller or the folder cannot be read.
+    """
+    from mercator_design.fsm.text import read_fsm
+    from mercator_design.missions.plugin_files import read_plugin
+    from mercator_design.missions.plugins import run_plugin
+    from mercator_design.run_files import read_provenance
+
+    found = [(file, read_plugin(file)) for file in files]
+    if found and controller is not None:
+        origin = origin_of(controller, read_fsm(controller, flavour, tolerate=_ignore).header)
+        for _, plugin in found:
+            origin.check_plugin(plugin.name, plugin.digest, refuse=refuse)
+    if found and folder is not None:
+        raced: Any = read_provenance(folder).race.get("plugins", {})
+        for file, plugin in found:
+            if raced.get(plugin.name, plugin.digest) != plugin.digest:
+                raise MissionError(
+                    f"{file}: expected a plugin of digest {raced[plugin.name]}, as {folder} was raced with, found "
+                    f"{plugin.digest}; nothing of it was run"
+                )
+    for file, plugin in found:
+        run_plugin(plugin, str(file))
+
+
+def _ignore(_: str) -> None:
+    """Say nothing of it: who reads the controller does."""
 
 
 def _key(assignment: str) -> str:
@@ -69,7 +114,7 @@ def _key(assignment: str) -> str:
     return assignment.partition("=")[0].strip()
 
 
-def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[str, ...]) -> "Mission":
+def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> "Mission":
     """The mission to measure a controller on: the one given, the one raced beside it, the one its header names.
 
     If the header has the digest of the mission that was raced, the last two must have it too.
@@ -79,8 +124,9 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
 
     if given is not None:
         return load_mission(given, overrides)
-    _check_plugins(fsm, file)
-    named, digest = file.header.get("mission"), file.header.get("mission digest")
+    origin.check_loaded()
+    fsm, header = origin.file, origin.header
+    named, digest = header.get("mission"), header.get("mission digest")
     if named is None:
         raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
     beside = fsm.parent / "mission.yaml"
@@ -89,7 +135,7 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     changed = ""
     if digest and beside.exists():
         changed = f"{beside} is not what it was when this was designed; to use it as it is now, give --mission {beside}"
-    raced_with = _overrides_of(fsm, file)
+    raced_with = _overrides_of(fsm, header)
     try:
         mission = load_mission(named, raced_with)
     except MissionError as error:
@@ -101,9 +147,9 @@ def _mission_of(fsm: Path, file: "FsmFile", given: str | None, overrides: tuple[
     return parse_mission(dump(mission), name=named, overrides=overrides) if overrides else mission
 
 
-def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
+def _overrides_of(fsm: Path, header: "Mapping[str, str]") -> list[str]:
     """The overrides that the header says the mission was raced with."""
-    text = file.header.get("set", "[]")
+    text = header.get("set", "[]")
     try:
         found = json.loads(text)
     except ValueError:
@@ -111,17 +157,3 @@ def _overrides_of(fsm: Path, file: "FsmFile") -> list[str]:
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
         raise FsmError(f"{fsm}: set in the header: expected a JSON list of texts, found {excerpt(text)}")
     return found
-
-
-def _check_plugins(fsm: Path, file: "FsmFile") -> None:
-    """Make sure that the plugins that a controller was designed with are loaded, and are what they were."""
-    from mercator_design.missions.plugins import loaded_plugins
-
-    loaded = loaded_plugins()
-    for word in file.header.get("plugins", "").split(", "):
-        name, _, digest = word.rpartition(" ")
-        if name and name not in loaded:
-            name = excerpt(name)
-            raise MissionError(f"{fsm}: was designed with the plugin {name}; give --plugin {name}, or --mission")
-        if name and loaded[name] != digest:
-            raise MissionError(f"{fsm}: {name} is not what it was when this was designed; give --mission")

@@ -1,10 +1,13 @@
 """Options that several verbs have."""
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
+from mercator_design.cli.inputs import load_plugins
 from mercator_design.command import FILE
 
 SET = click.option(
@@ -37,24 +40,28 @@ JOBS = click.option(
 )
 
 
-def _load_plugins(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
-    if files and not context.resilient_parsing:
-        from mercator_design.missions.plugins import load_plugin
+def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
+    """The option --plugin of a verb: before that begins, plugins are run, if they are what else it is given says."""
 
-        for file in files:
-            load_plugin(file)
+    @functools.wraps(verb)
+    def with_plugins(*arguments: object, plugin: tuple[Path, ...], **given: Any) -> None:  # noqa: ANN401 - the verb's
+        if plugin:
+            load_plugins(
+                plugin,
+                controller=given.get("fsm"),
+                folder=given.get("directory") or given.get("resume"),
+                flavour=given.get("flavour"),
+                refuse=given.get("mission") is None,
+            )
+        verb(*arguments, **given)
 
-
-PLUGIN = click.option(
-    "--plugin",
-    multiple=True,
-    type=FILE,
-    metavar="FILE.py",
-    expose_value=False,
-    is_eager=True,  # before any argument is looked at
-    callback=_load_plugins,
-    help="Python file with more objectives or floor dynamics for missions. May be repeated.",
-)
+    return click.option(
+        "--plugin",
+        multiple=True,
+        type=FILE,
+        metavar="FILE.py",
+        help="Python file with more objectives or floor dynamics for missions. May be repeated.",
+    )(with_plugins)
 
 
 def picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:

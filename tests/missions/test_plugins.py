@@ -373,7 +373,7 @@ class TestOnTheCommandLine:
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
         code, _, error = mdesign(tmp_path, *measure)
         assert (code, error) == (
-            3, "Error: out/fsm.txt: was designed with the plugin my.py; give --plugin my.py, or --mission\n"
+            3, "Error: out/fsm.txt: was designed with the plugin my.py; give --plugin out/plugins/my.py, or --mission\n"
         )  # fmt: skip
         compiled = mdesign(tmp_path, *measure, "--json", "--plugin", file)
         assert compiled[0] == 0, compiled[2]

@@ -1,0 +1,109 @@
+"""Where a controller comes from, as far as its header and the run folder that it lies in say."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mercator_design.command import warn
+from mercator_design.errors import MercatorError, MissionError, excerpt
+
+if TYPE_CHECKING:
+    from mercator_design.sim.robot_model import RobotModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """Where a controller comes from."""
+
+    file: Path
+    header: Mapping[str, str]
+    folder: Path | None  # of its race
+    race: Mapping[str, Any]  # what makes it, by the folder's provenance; empty if that is not there
+
+    def plugins(self) -> Iterator[tuple[str, str]]:
+        """Names and digests of the plugins that it was designed with; a name may come twice."""
+        for word in self.header.get("plugins", "").split(", "):
+            name, _, digest = word.rpartition(" ")
+            if name:
+                yield name, digest
+        plugins = self.race.get("plugins")
+        if isinstance(plugins, Mapping):
+            yield from plugins.items()
+
+    def check_loaded(self) -> None:
+        """Make sure that the plugins that it was designed with are loaded, and are what they were.
+
+        Raises:
+            MissionError: One is not.
+        """
+        from mercator_design.missions.plugins import loaded_plugins
+
+        loaded = loaded_plugins()
+        for name, digest in self.plugins():
+            if name not in loaded:
+                place = self._copy(name)
+                told = f"give --plugin {shlex.quote(str(place))}" if place else "give that file with --plugin"
+                raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {told}, or --mission")
+            if loaded[name] != digest:
+                raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")
+
+    def _copy(self, name: str) -> Path | None:
+        """A plugin's file in the run folder, if it is there."""
+        if self.folder is None or Path(name).name != name:
+            return None
+        file = self.folder / "plugins" / name
+        return file if file.is_file() else None
+
+    def check_plugin(self, name: str, digest: str, *, refuse: bool) -> None:
+        """Make sure that a plugin that is to be run is what it was, or warn that it is not.
+
+        Raises:
+            MissionError: It is not, and that is to be refused.
+        """
+        if all(digest == known for other, known in self.plugins() if other == name):
+            return
+        if refuse:
+            raise MissionError(f"{self.file}: {self._edited(name)}; nothing of it was run; give --mission to use it")
+        warn([f"{self.file}: {self._edited(name)}; it is used as it is now"])
+
+    @staticmethod
+    def _edited(name: str) -> str:
+        return f"{excerpt(name)} is not what it was when this was designed"
+
+    def what_differs(self, model: "RobotModel") -> str | None:
+        """What says that a robot model is not what it was; empty if nothing does, None if not all could be compared."""
+        from mercator_design.loading import digest_of
+
+        found = digest_of(model)
+        digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
+        known = [digest for digest in digests if digest is not None]
+        if known:
+            return "" if all(digest == found for digest in known) else "its digest"
+        if self.header.get("robot model", model.name) != model.name:
+            return "its name"
+        speed = model.drive.maximum_speed
+        if self.header.get("maximum speed", str(speed)) != str(speed):
+            return f"its maximum speed, {excerpt(self.header['maximum speed'])} then and {speed} now"
+        return None if "mission" in self.header else ""
+
+
+def origin_of(file: Path, header: Mapping[str, str]) -> Origin:
+    """Where the controller of a file with such a header comes from."""
+    from mercator_design import provenance
+    from mercator_design.design import Designer
+
+    failed = file.parent.name == "failed"
+    place = file.parent.parent if failed else file.parent
+    race: Mapping[str, Any] = {}
+    try:
+        if (place / provenance.PROVENANCE).is_file():
+            race = provenance.read(place).race
+    except MercatorError:  # of a folder that was damaged; the header says what it says
+        pass
+    if header.get("mission digest", race.get("mission_digest")) != race.get("mission_digest") or not (
+        "mission digest" in header or failed or file.name == Designer.WINNER
+    ):
+        race = {}  # this is not of that race
+    return Origin(file=file, header=header, folder=place, race=race)

@@ -71,10 +71,13 @@ def _rests(robot: Any, began: float) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--times", type=int, default=5)
-    times: int = parser.parse_args().times
+    parser.add_argument("--only", nargs="+", metavar="FAULT", help="Only these.")
+    given = parser.parse_args()
+    times: int = given.times
+    chosen = [each for each in faults() if given.only is None or each[0] in given.only]
     print("| fault | least, s | median, s | most, s |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:
-        for number, (fault, act, controller) in enumerate(faults()):
+        for number, (fault, act, controller) in enumerate(chosen):
             found = [took(Path(name) / f"{number}-{k}", act, controller) for k in range(times)]
             row = [fault, *(f"{value:.2f}" for value in (min(found), statistics.median(found), max(found)))]
             print(f"| {' | '.join(row)} |", flush=True)

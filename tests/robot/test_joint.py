@@ -145,6 +145,29 @@ def test_a_device_that_fails_while_it_waits(tmp_path):
         never_drove(robot, "nothing for")
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda devices: setattr(devices.rvr, "level", 5.0), "rvr: the battery is critical; charge it"),
+        (lambda devices: devices.noisy.add("rvr"), "% of what the rvr sends arrives whole; the limit is 80 %"),
+        (lambda devices: devices.deaf.add("rvr"), "% of the commands to it are answered; the limit is 80 %"),
+    ],
+)
+def test_a_robot_that_is_not_well_any_more_while_it_waits(tmp_path, fault, words):
+    with awaiting(tmp_path) as (robot, leader):
+        fault(robot.devices)
+        assert words in next(failures(leader))["why"]
+        robot.devices.deaf.clear()
+        never_drove(robot, words)
+
+
+def test_the_swarm_is_told_to_stop_while_it_waits(tmp_path):
+    with awaiting(tmp_path) as (robot, leader), Speaker(["127.0.0.1"], robot.port) as speaker:
+        speaker.stop()
+        assert next(failures(leader))["why"] == "swarm: told to stop by 127.0.0.1"
+        never_drove(robot, "swarm: told to stop by 127.0.0.1")
+
+
 def test_a_signal_while_it_waits(tmp_path):
     with awaiting(tmp_path) as (robot, leader):
         robot.process.terminate()

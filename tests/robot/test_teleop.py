@@ -18,10 +18,11 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.robot.cli import teleop as command
+from mercator_design.robot.health import ANSWERS_WINDOW, IN_TIME
 from mercator_design.robot.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.log import read
 from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.settings import Limits, Settings
 from mercator_design.robot.swarm import Speaker
 from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import CLEAR, Devices
@@ -348,6 +349,18 @@ WAYS = {
     },
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
+    "rvr hears badly": (
+        lambda drive: drive.devices.misheard.add("rvr"),
+        ANSWERS_WINDOW + IN_TIME,
+        4,
+        "% of the commands to it are answered; the limit is 80 %",
+    ),
+    "tread stuck": (
+        lambda drive: drive.devices.tell("motor_stall", motor_index=0, is_triggered=True),
+        Limits().stall,
+        4,
+        "rvr: the left tread is stuck for 3.",
+    ),
     "hub lost": (lambda drive: drive.devices.unplugged.add("proximity"), 0.0, 4, "/proximity is lost: "),
     "battery": (
         lambda drive: setattr(drive.devices.rvr, "level", 5.0),

@@ -317,6 +317,22 @@ def test_who_was_held_up_before_the_drive_looks_anew(settings, seconds, tmp_path
         assert not all(map(looks_anew, range(ATTEMPTS)))
 
 
+def test_who_was_held_up_and_then_hears_nothing_does_not_drive(tmp_path):
+    """A device fell silent meanwhile: what it told before is too old."""
+    lead = f"{SOON}import os, time\nmercator._BEGIN = 0.5\nintroduce = mercator.Mercator.introduce\n"
+    lead += (
+        "held = lambda: [open('held', 'w').close(), *iter(lambda: os.path.exists('on') or time.sleep(0.05), True)]\n"
+    )
+    lead += "mercator.Mercator.introduce = lambda robot, tell: (introduce(robot, tell), held())\n"
+    with running(tmp_path, lead=lead) as robot:
+        robot.devices.when((tmp_path / "held").exists)
+        robot.devices.silent.add("proximity")
+        time.sleep(0.5)
+        (tmp_path / "on").touch()
+        check(robot, 1, "proximity: nothing yet; it was heard before")
+        assert not robot.devices.drives()
+
+
 STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
 
 
@@ -451,6 +467,21 @@ def test_a_run_without_a_device_that_is_broken(tmp_path):
         assert (start["without"], start["facts"].get("lidar")) == (["lidar"], None)
         assert cycles[0]["lines"].keys() == {"rvr", "proximity"}
         assert (cycles[0]["readings"][2:5], cycles[0]["neighbours"]) == ([0.0] * 3, [])
+
+
+@pytest.mark.parametrize("what", ["hub silent", "rvr noisy", "tread stuck", "rvr hears badly"])
+def test_a_run_without_a_device_is_stopped_as_any_other(what, tmp_path):
+    act, allowed, words = DEVICE_FAULTS[what]
+
+    def attempt(number):
+        with running(tmp_path / str(number), GO, "", "", "--without", "lidar") as robot:
+            robot.drives()
+            began = time.monotonic()
+            act(robot)
+            check(robot, 4, words)
+            return robot.devices.told_to_rest(began) - allowed
+
+    assert soonest(attempt) <= LATEST
 
 
 @made_in_time

@@ -64,8 +64,9 @@ def took(folder: Path, act: Callable[[Any], object], fault: str) -> float:
 
 
 def _rests(robot: Any, began: float) -> bool:
+    """Whether the wheels have rested for a while: of an RVR that hears badly they may only have missed commands."""
     when, left, right = robot.devices.wheels[-1]
-    return bool(when > began and left == right == 0.0)
+    return bool(when > began and left == right == 0.0 and time.monotonic() - when > _DEAD)
 
 
 def main() -> None:

@@ -145,8 +145,11 @@ def _given(**options: "Path | int | None") -> "list[Assignment]":
 
 
 def _check(tuner: "Tuner") -> None:
-    """Run the first experiments of a race: configurations to begin with, and two more."""
-    from mercator_design.race.executors import Failed, Rejected, attempt_here
+    """Run the first experiments of a race: configurations to begin with, and two more.
+
+    In a thread, as all runs of programs: a signal in the main thread then finds each program that has started.
+    """
+    from mercator_design.race.executors import Failed, Rejected, ThreadExecutor
 
     failed = False
 
@@ -154,7 +157,8 @@ def _check(tuner: "Tuner") -> None:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
         put(command)
-        result = attempt_here(lambda _: run(), None)
+        ((_, result),) = executor.run(lambda _: run(), [0])
+        interrupt.check("Not all of these have run")
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
             put(printable(f"  {result.reason}"))
@@ -164,14 +168,15 @@ def _check(tuner: "Tuner") -> None:
 
     evaluate = tuner.evaluate
     ran = []
-    for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
-        call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
-        if show(tuner.command_line(call), partial(tuner.function, call), is_cost=evaluate is None):
-            ran.append(call)
-    if evaluate is not None:
-        alive = [call.configuration for call in ran]
-        for call in ran:
-            show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
+    with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(1) as executor:
+        for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
+            call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
+            if show(tuner.command_line(call), partial(tuner.function, call), is_cost=evaluate is None):
+                ran.append(call)
+        if evaluate is not None:
+            alive = [call.configuration for call in ran]
+            for call in ran:
+                show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
     if failed:
         raise MercatorError("expected all of these to give a cost, found that some failed")
 

@@ -135,8 +135,8 @@ _RECOVERED = 2  # [%] above the limit, from which on a battery is no longer low
 
 
 def percent(share: float) -> str:
-    """Of a share, for people."""
-    return f"{100.0 * share:.0f} %"
+    """Of a share, for people; rounded down, so that what is below a limit looks so."""
+    return f"{math.floor(100.0 * share + 1e-9)} %"
 
 
 def charge(percentage: int) -> str:

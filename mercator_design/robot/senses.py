@@ -58,8 +58,8 @@ def why_needed(reads: Collection[str], model: ReferenceModel) -> dict[str, str]:
     """The senses that a PFSM needs which reads some of modules.SENSES, and why, for people."""
     needed = {sense: f"the PFSM reads {sense}" for sense in sorted(reads)}
     if model.neighbour_obstacle_range > 0.0 and "proximity" in needed:
-        constant = f"neighbour_obstacle_range of the reference model is {model.neighbour_obstacle_range:g}"
-        needed.setdefault("neighbours", f"the PFSM reads proximity, and neighbours are obstacles too, as {constant}")
+        constant = f"neighbour_obstacle_range is {model.neighbour_obstacle_range:g} m"
+        needed.setdefault("neighbours", f"the PFSM reads proximity, with neighbours as obstacles ({constant})")
     return needed
 
 
@@ -67,7 +67,7 @@ def why_device_is_needed(device: str, reads: Collection[str], model: ReferenceMo
     """Why a PFSM cannot go without a device, for people; empty if it can."""
     for sense, why in why_needed(reads, model).items():
         if DEVICE_OF.get(sense) == device:
-            return f"{why}; the {device} tells {sense}"
+            return f"{why}, which the {device} tells"
     return ""
 
 

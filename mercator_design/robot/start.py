@@ -15,6 +15,7 @@ from mercator_design.robot.ydlidar import DeviceInfo, Health, ScanStarted, encod
 
 _ERROR = 2  # health of a lidar
 _READS = 5  # times that a lidar is asked until two answers are the same
+_STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
 _WAKING = 2.0  # [s] that the RVR may take to wake up
 
@@ -115,7 +116,7 @@ def start_lidar(talk: Talk, line: Line) -> Lidar:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
     info = _agreed(talk, "device_info", DeviceInfo)
-    talk.exchange("lidar", partial(encode_command, "scan"), ScanStarted)
+    talk.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # one that scans hears only a stop
     return Lidar(info, health.error_code if health.status else None)
 
 
@@ -132,7 +133,7 @@ def _agreed(talk: Talk, command: str, kind: type[S]) -> S | None:
 
 def stop_lidar(talk: Talk, line: Line) -> None:
     """Stop its scan and its motor."""
-    talk.send("lidar", encode_command("force_stop") + encode_command("stop"))
+    talk.send("lidar", _STOP)
     line.set_dtr(high=False)
 
 

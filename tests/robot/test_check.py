@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from mercator_design.robot import check as checking
 from mercator_design.robot import start, talk
 from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet
+from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 from mercator_design.twin import hub
 from tests.robot.devices import CLEAR, Devices
 
@@ -165,6 +165,22 @@ def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command
     lidar_answers(devices, monkeypatch, *WRONG)
     _, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
     assert any(row.startswith("look   lidar  ") for row in out.splitlines())
+
+
+def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices, monkeypatch):
+    """While it scans it hears nothing but a stop."""
+    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+    usual, lost = devices.lidar._obey, []
+
+    def obey(command, now):
+        said = usual(command, now)
+        is_lost = bool(said) and command == "scan" and not lost
+        lost.extend([said] * is_lost)
+        return b"" if is_lost else said
+
+    monkeypatch.setattr(devices.lidar, "_obey", obey)
+    assert found()[2] == {}
+    assert lost == [ScanStarted().encode()]
 
 
 def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices, monkeypatch):

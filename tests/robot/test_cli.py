@@ -119,12 +119,12 @@ class TestRun:
         [
             (GO, "", "the PFSM does not need what it tells: --without lidar runs it without"),
             (NEAR, "", "the PFSM does not need what it tells: --without lidar runs it without"),
-            (NEIGHBOURS, "", "the PFSM reads neighbours; the lidar tells neighbours"),
+            (NEIGHBOURS, "", "the PFSM reads neighbours, which the lidar tells"),
             (
                 NEAR,
                 "reference_model: {neighbour_obstacle_range: 0.5}",
-                "the PFSM reads proximity, and neighbours are obstacles too, as neighbour_obstacle_range of the "
-                "reference model is 0.5; the lidar tells neighbours",
+                "the PFSM reads proximity, with neighbours as obstacles (neighbour_obstacle_range is 0.5 m), "
+                "which the lidar tells",
             ),
         ],
     )
@@ -147,7 +147,7 @@ class TestRun:
     def test_what_was_raced_may_need_a_device(self, robot_command, fsm):
         fsm.write_text(f'# reference model: {{"neighbour_obstacle_range": 0.4}}\n{NEAR}')
         code, _, err = robot_command("run", fsm, "--without", "lidar")
-        assert (code, "the PFSM reads proximity, and neighbours are obstacles too" in err) == (2, True), err
+        assert (code, "the PFSM reads proximity, with neighbours as obstacles" in err) == (2, True), err
 
     def test_what_can_be_left_out_is_a_device(self):
         assert set(DEVICES) - {"rvr"} == set(DEVICES_LEFT_OUT)

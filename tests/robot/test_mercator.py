@@ -230,7 +230,8 @@ class TestStart:
         assert set(PREPARATIONS) <= set(names)
         assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 4 + [{}] * 2 + [{"is_enabled": True}]
         assert not devices.drives()
-        assert devices.lidar_commands[:7] == ["force_stop", "stop", *["health"] * 2, *["device_info"] * 2, "scan"]
+        assert [*dict.fromkeys(devices.lidar_commands)] == ["force_stop", "stop", "health", "device_info", "scan"]
+        assert min(map(devices.lidar_commands.count, ("health", "device_info"))) >= 2  # until two answers agree
 
     @pytest.mark.parametrize(
         ("prepare", "is_seen"),
@@ -439,7 +440,7 @@ def test_an_rvr_that_answers_too_little_stops_the_robot():
     with pytest.raises(Stopped) as stopped:
         robot._look_at_answers(now + 4.5)
     assert str(stopped.value) == (
-        "rvr: only 78 % of the commands to it are answered; the limit is 80 %; is its cable loose, too long, or beside "
+        "rvr: only 77 % of the commands to it are answered; the limit is 80 %; is its cable loose, too long, or beside "
         "one of a motor, and is this computer's UART at 115200 baud whatever its clock (enable_uart=1)? "
         "(rvr on /dev/serial0)"
     )
@@ -450,7 +451,7 @@ def test_an_rvr_that_answers_too_little_stops_the_robot():
     robot._look_at_answers(now + 0.1)
     robot._look_at_answers(now + 4.5)
     assert [note.partition("; is its cable")[0] for note in notes] == [
-        "rvr: only 88 % of the commands to it are answered; below 80 % the robot stops"
+        "rvr: only 87 % of the commands to it are answered; below 80 % the robot stops"
     ]
 
 

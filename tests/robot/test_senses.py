@@ -54,7 +54,7 @@ def test_what_is_not_needed_and_damaged_is_neutral():
     senses.take(Distances((200, *(65535,) * 7)), 1.9)
     assert senses.readings(1.9)[:2] == near[:2]
     notes = [*senses.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
-    words = "only 29 % of what it sends arrives whole; below 50 % it counts as silent"
+    words = "only 28 % of what it sends arrives whole; below 50 % it counts as silent"
     assert notes == [Whole("proximity", words, is_worse=True)]
     assert near[:2] != (0.0, 0.0)
     assert senses.readings(2.0)[:2] == (0.0, 0.0)

@@ -68,7 +68,7 @@ def test_a_start_that_fails_is_never_ready(manager, tmp_path):
     assert heard(manager)["STOPPING"] == "1"
 
 
-@pytest.mark.parametrize("address", [f"\0mercator-{os.getpid()}"])
+@pytest.mark.parametrize("address", [f"\0mercator-{os.getpid()}"], ids=["abstract"])
 def test_a_socket_without_a_file(manager):
     notify(READY=1, STATUS="runs")
     assert heard(manager) == {"READY": "1", "STATUS": "runs"}

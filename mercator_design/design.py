@@ -235,6 +235,16 @@ class Designer(Task[tuple[Pfsm, int]]):
         return shlex.join([*words, "--instance", str(one.seed)])
 
     @staticmethod
+    def command(start: Start, folder: Path) -> str:
+        """As `Task.command`."""
+        words = ["mdesign", "race", str(folder / "mission.yaml")]
+        for name in ("budget", "seed", "flavour", "method"):
+            words += [f"--{name}", str(start[name])]
+        for name in start["plugins"]:
+            words += ["--plugin", str(folder / "plugins" / name)]
+        return shlex.join(words)
+
+    @staticmethod
     def about(start: Start) -> list[str]:
         """As `Task.about`."""
         return [

@@ -77,12 +77,31 @@ def read_provenance(path: Path) -> Provenance:
         OtherVersion: see there.
         RaceError: if it is no run folder, or its provenance is damaged.
     """
-    journal = path / JOURNAL
-    if not (path / PROVENANCE).exists() and journal.is_file() and not journal.stat().st_size:
-        raise RaceError(f"{path}: no race has begun here, it was stopped before; begin it again with -o {path}")
+    if unfinished := without_provenance(path):
+        raise RaceError(unfinished)
     found = provenance.read(path)
     _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
+
+
+def without_provenance(path: Path) -> str:
+    """What to do with a folder that has a journal, but no provenance; nothing for others.
+
+    Raises:
+        RaceError: Its journal cannot be read.
+    """
+    journal = path / JOURNAL
+    if (path / PROVENANCE).exists() or not journal.is_file():
+        return ""
+    if not journal.stat().st_size:
+        return f"{path}: no race has begun here, it was stopped before; begin it again with -o {path}"
+    if not (start := read_journal(path).record.start):
+        return ""
+    command = TASKS[start["task"]].command(start, path)
+    return (
+        f"{path}: a race has begun here, but its {PROVENANCE} is missing, so it cannot go on: put a copy of that back, "
+        f"or begin the race again in another folder with: {command} -o ANOTHER"
+    )
 
 
 def read_journal(path: Path) -> Reading:

@@ -31,7 +31,7 @@ from mercator_design.race.events import Extension, Finished, Tested
 from mercator_design.race.journal import Journal, now
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
-from mercator_design.run_files import JOURNAL, is_same, read_provenance, restored
+from mercator_design.run_files import JOURNAL, is_same, read_provenance, restored, without_provenance
 from mercator_design.run_tables import configurations_of
 
 _RESULTS = "results.csv"
@@ -223,15 +223,25 @@ def _claimed(path: Path) -> Journal:
     That of a race which was stopped before it began is empty, and there is no provenance.
     """
     file = path / JOURNAL
-    taken = f"{path}: expected a new or empty folder for the results, found files in it"
     is_new = not file.exists()
     if any(path.iterdir()) if is_new else (path / PROVENANCE).exists() or file.stat().st_size:
-        raise RaceError(taken)
+        raise _taken(path)
     journal = Journal(file, new=is_new)
     if journal.start:  # by now
         journal.__exit__(None, None, None)
-        raise RaceError(taken)
+        raise _taken(path)
     return journal
+
+
+def _taken(path: Path) -> RaceError:
+    """What says that a folder is taken, and what to do."""
+    taken = f"{path}: expected a new or empty folder for the results, found files in it"
+    if (path / JOURNAL).exists() and (path / PROVENANCE).exists():
+        return RaceError(f"{taken}: a race, which goes on with --resume {path}")
+    with contextlib.suppress(RaceError):
+        if (path / JOURNAL).exists() and (lost := without_provenance(path)):
+            return RaceError(taken, lost)
+    return RaceError(taken)
 
 
 def _check_same(path: Path, journal: Journal, start: Mapping[str, object]) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import random
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -408,6 +409,35 @@ class TestStarts:
                 assert resumed(path)[0] == read_journal(whole).record.digest()
         assert {*ways} == {"resume", "again"}
         assert len(ways) > 10
+
+    def test_one_that_has_begun_and_lost_its_provenance(self, mdesign, tmp_path, whole):
+        """Both ways of going on name the command that begins it again; the journal stays."""
+        path = shutil.copytree(whole, tmp_path / "a b")
+        (path / "provenance.json").unlink()
+        (path / JOURNAL).write_bytes((path / JOURNAL).read_bytes()[:20_000])
+        before = (path / JOURNAL).read_bytes()
+        again = [
+            "race",
+            f"{path}/mission.yaml",
+            "--budget",
+            "60",
+            "--seed",
+            "1",
+            "--flavour",
+            "watermelon",
+            "--method",
+            "irace",
+        ]
+        for words in (["race", "--resume", path], [*again, "-o", path]):
+            code, out, err = mdesign(*words)
+            assert (code, out) == (1, "")
+            assert "a race has begun here, but its provenance.json is missing" in err
+            assert f"in another folder with: {shlex.join(['mdesign', *again])} -o ANOTHER\n" in err
+        assert (path / JOURNAL).read_bytes() == before
+        assert mdesign(*again, "-o", tmp_path / "c")[0] == 0
+        assert read_journal(tmp_path / "c").record.digest() == read_journal(whole).record.digest()
+        code, _, err = mdesign(*again, "-o", tmp_path / "c")
+        assert (code, f"found files in it: a race, which goes on with --resume {tmp_path}/c" in err) == (1, True)
 
     def test_an_empty_journal_with_a_race_under_way(self, tmp_path):
         with Journal(tmp_path / JOURNAL, new=True), pytest.raises(RaceError, match="is running this race"):

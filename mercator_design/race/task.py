@@ -126,6 +126,11 @@ class Task(ABC, Generic[T]):
 
     @staticmethod
     @abstractmethod
+    def command(start: Start, folder: Path) -> str:
+        """The command that begins the race of a start anew, from the files that it has in a folder."""
+
+    @staticmethod
+    @abstractmethod
     def about(start: Start) -> list[str]:
         """What people should know of a start, a line each, with its heading in 11 characters."""
 

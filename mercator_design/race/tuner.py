@@ -234,6 +234,11 @@ class Tuner(Task[Call]):
         return _order(self.race.seed, instance // n, n, options.block_size)[instance % n]
 
     @staticmethod
+    def command(start: Start, folder: Path) -> str:
+        """As `Task.command`; budget and seed are in the scenario."""
+        return shlex.join(["mdesign", "tune", str(folder / "scenario.txt"), "--method", start["method"]])
+
+    @staticmethod
     def about(start: Start) -> list[str]:
         """As `Task.about`."""
         return [f"Scenario   {start['name']}, seed {start['seed']}; scores are costs: less is better"]

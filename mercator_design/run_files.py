@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from mercator_design import __version__, provenance
 from mercator_design.design import Designer
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.files import Unreadable, read_small
 from mercator_design.json_data import from_json
 from mercator_design.provenance import PROVENANCE, Provenance
 from mercator_design.race import Space
@@ -19,6 +20,7 @@ from mercator_design.race.tuner import Tuner
 from mercator_design.schema import Kind, OneOf, Range
 
 JOURNAL = "journal.jsonl"
+_LARGEST = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """What can be raced, by the name that a race's start has for it."""
 _START: Mapping[str, Kind] = {
@@ -118,25 +120,40 @@ def read_journal(path: Path) -> Reading:
 
 
 def wrong_end(path: Path, record: Record) -> str:
-    """What is wrong if the journal of a folder does not end as its provenance says; or nothing.
+    """What is wrong if the journal of a folder does not end as its provenance, or the file of its winner, says.
 
-    So lines that are missing at its end are found, which no line after them shows.
+    So lines that are missing at its end are found, which no line after them shows. Nothing if nothing is wrong.
 
     Raises:
         RaceError: if the folder's provenance cannot be read.
     """
     said = read_provenance(path)
-    found = {end.budget: end.digest for end in record.ends}
-    if said.finished is None or said.journal in found.values():
+    found = {str(end.budget): end.digest for end in record.ends}
+    if said.finished is not None:
+        file, expected, budget = PROVENANCE, said.journal or "", str(said.budget)
+        after = f" after {said.experiments} experiments"
+    else:  # it was stopped before that was written, but perhaps not before the file of the winner was
+        file, after = TASKS[str(said.race["task"])].WINNER, ""
+        header = _comments(path / file)
+        expected, budget = header.get("journal", ""), header.get("budget", "")
+    if not expected or any(digest.startswith(expected) for digest in found.values()):
         return ""
-    if said.budget in found:
-        digests = f"expected the digest {said.journal}, as {PROVENANCE} says, found {found[said.budget]}"
-        return f"{path / JOURNAL}: {digests}"
+    if budget in found:
+        return f"{path / JOURNAL}: expected the digest {expected[:64]}, as {file} says, found {found[budget]}"
     return (
-        f"{path / JOURNAL}: expected the end of the race after {said.experiments} experiments, as {PROVENANCE} says, "
-        f"found none after {len(record.experiments)}: lines are missing at its end; --resume runs again what they were "
-        "about"
+        f"{path / JOURNAL}: expected the end of the race{after}, as {file} says, found none after "
+        f"{len(record.experiments)} experiments: lines are missing at its end; --resume runs again what they were about"
     )
+
+
+def _comments(file: Path) -> dict[str, str]:
+    """What the comment lines of a winner's file say, `# key: value`; nothing if there is no such file."""
+    try:
+        lines = read_small(file, _LARGEST).decode(errors="replace").splitlines()
+    except Unreadable:
+        return {}
+    found = [line.lstrip("# ").partition(": ") for line in lines if line.startswith("#")]
+    return {key: value.strip() for key, _, value in found}
 
 
 def check_configurations(path: Path, record: Record, space: Space) -> None:

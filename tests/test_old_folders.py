@@ -71,7 +71,7 @@ def test_a_race_that_was_stopped_goes_on_in_its_format(mdesign, old):
     [
         ("experiment", "configuration", 99, "experiment: expected a configuration that is in the journal before"),
         ("experiment", "score", "1", "experiment.score: expected a number or null"),
-        ("experiment", None, None, "end.experiments: expected 59"),
+        ("experiment", None, None, "expected 59 experiments to have the numbers 0 to 58"),
         ("configuration", None, None, "expected a configuration that is in the journal before"),
     ],
 )

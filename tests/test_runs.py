@@ -657,8 +657,12 @@ class TestRuns:
         stop(shutil.copytree(folder, tmp_path / "s"), 30)
         shutil.copytree(folder, tmp_path / "t")
         (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
-        code, out, _ = mdesign("runs", "list", tmp_path)
-        assert code == 0
+        again = json.loads((tmp_path / "s" / "provenance.json").read_text())
+        for key in ("finished", "budget", "experiments", "winner", "journal", "seconds"):
+            del again[key]  # as if it had never ended
+        (tmp_path / "s" / "provenance.json").write_text(json.dumps(again))
+        code, out, err = mdesign("runs", "list", tmp_path)
+        assert (code, err.count("\n"), f"Warning: {tmp_path / 't' / JOURNAL}, line 1: " in err) == (0, 1, True)
         assert {line.split()[0]: line.split()[1:7] for line in out.splitlines()[1:]} == {
             str(folder): ["aggregation", "irace", "1", "120", "120", "finished"],
             str(tmp_path / "s"): ["aggregation", "irace", "1", "31", "120", "stopped"],
@@ -670,6 +674,36 @@ class TestRuns:
         session = read(folder / JOURNAL).record.sessions[0]
         assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session.time
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
+
+    def test_one_that_had_ended_and_lost_its_end(self, mdesign, folder, undisturbed):
+        """As its provenance says, or the file of its winner."""
+        lines = (folder / JOURNAL).read_bytes().splitlines(keepends=True)
+        (folder / JOURNAL).write_bytes(b"".join(lines[:-1]))
+        missing = (
+            f"{folder / JOURNAL}: expected the end of the race after 120 experiments, as provenance.json says, found"
+        )
+        code, out, err = mdesign("runs", "list", folder.parent)
+        assert (code, out.count("end missing"), err.count("\n")) == (0, 1, 1)
+        assert f"Warning: {missing} none after 120" in err
+        (run,) = json.loads(mdesign("runs", "list", folder.parent, "--json")[1])
+        assert (run["state"], len(run["notes"])) == ("end missing", 1)
+        assert run["notes"][0].startswith(missing)
+        provenance = json.loads((folder / "provenance.json").read_text())
+        (folder / "provenance.json").write_text(json.dumps({**provenance, "finished": None}))
+        said = " ".join(mdesign("runs", "show", folder)[1].split())
+        assert "State end missing" in said
+        assert "expected the end of the race, as fsm.txt says, found none after 120 experiments: " in said
+        assert mdesign("runs", "verify", folder)[0] == 1
+        assert mdesign("race", "--resume", folder)[0] == 0
+        assert "finished" in mdesign("runs", "list", folder.parent)[1]
+        assert digest(folder) == digest(undisturbed)
+        header = (folder / "fsm.txt").read_text()
+        (folder / "fsm.txt").write_text(header.replace("# journal: ", "# journal: 0"))
+        assert "expected the digest" not in mdesign("runs", "show", folder)[1]  # the provenance says more
+        (folder / "provenance.json").write_text(json.dumps({**provenance, "finished": None}))
+        said = " ".join(mdesign("runs", "show", folder)[1].split())
+        assert "State damaged" in said
+        assert f"expected the digest 0{digest(folder)[:16]}, as fsm.txt says, found {digest(folder)}" in said
 
     def test_the_race_of_another_version(self, mdesign, folder, tmp_path):
         """Whose start has no name: it is told, and the others are listed."""

@@ -8,7 +8,7 @@ import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import naming, put, tell
+from mercator_design.command import naming, put, tell, warn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,7 +51,12 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
     """List the races in the folders within FOLDER, by default runs."""
     from mercator_design.report.runs import runs_json, runs_table
 
-    put(runs_json(folder) if as_json else runs_table(folder))
+    if as_json:
+        put(runs_json(folder))
+        return
+    table, notes = runs_table(folder)
+    put(table)
+    warn(notes)
 
 
 @runs.command(short_help="Show a race and what came of it.")

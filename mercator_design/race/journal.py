@@ -1,8 +1,12 @@
 """A race's record in a file that survives whatever stops the race.
 
 A file has an event a line, as JSON, and is only ever appended to. Each line ends in its checksum, which covers the
-checksum of the line before ("after"): so a line that is missing, changed, doubled or out of order is found. The lines
-of format 1 have no "after"; such a journal is read, and continued, as it is. Events:
+checksum of the line before ("after"): so damage is found, be it a line that is missing, changed, doubled or out of
+order. It is no seal: who edits a journal can compute the checksums anew. Then a line that is there twice is found (but
+for sessions and stops), and one that is missing where numbers have no gaps: configurations, iterations, and the
+experiments of iterations that have ended. Found by nothing are changed scores (but by the digest, of a race that has
+ended), and missing lines of what is run again: tests, experiments ahead or of the last iteration, the end. The lines of
+format 1 have no "after"; such a journal is read, and continued, as it is, and may repeat itself. Events:
 
     start          what makes the race: digests of all that it depends on, seed, budget, options
     session        a process that began to work on it: its number, host, time, executor

@@ -10,7 +10,7 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from mercator_design.errors import RaceError
 from mercator_design.json_data import from_json
@@ -32,6 +32,9 @@ from mercator_design.race.parameter import Configuration
 from mercator_design.race.race import Experiment
 from mercator_design.schema import Range
 from mercator_design.scores import EXPECTED, is_score
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 FORMAT = 2
 FORMATS = (1, 2)
@@ -145,27 +148,26 @@ class Record:
     def _take(self, event: Event) -> None:
         match event:
             case Finished():
-                self._check_result(event)
-                if self.experiments.setdefault(event.experiment, event) != event:
-                    raise RaceError(f"experiment {event.experiment} finished twice, with different results")
-                if event.score is not None:
-                    self.scored.add(event.configuration)
+                self._take_experiment(event)
             case NewConfiguration():
                 self._take_configuration(event)
             case Ahead():
                 self._check_known(event.configuration, "ahead")
-                self.ahead[Experiment(event.configuration, event.instance)] = Measured(event.score, event.outcome)
+                where = Experiment(event.configuration, event.instance)
+                self._enter(self.ahead, where, Measured(event.score, event.outcome), f"ahead: {_named(where)}")
             case Revised():
                 self._check_result(event)
+                where = Experiment(event.configuration, event.instance)
                 revised = self.revised.setdefault(event.experiment, {})
-                if revised.setdefault(Experiment(event.configuration, event.instance), event) != event:
-                    raise RaceError(f"configuration {event.configuration} was revised twice, with different results")
+                self._enter(revised, where, event, f"revised before experiment {event.experiment}: {_named(where)}")
             case Tested():
-                self._take_test(event)
+                self._check_result(event)
+                if not self.ends:
+                    raise RaceError("expected no test before the race has ended, found one")
+                where = Experiment(event.configuration, event.instance)
+                self._enter(self.tests, where, event, f"test: {_named(where)}")
             case Iteration():
-                self._check_scored("an elite", *event.elites)
-                if self.iterations.setdefault(event.iteration, event) != event:
-                    raise RaceError(f"iteration {event.iteration} ended twice, with different results")
+                self._take_iteration(event)
             case Extension():
                 if event.budget <= self.budget:
                     raise RaceError(f"expected a budget larger than {self.budget}, found {event.budget}")
@@ -175,38 +177,85 @@ class Record:
             case Session() | Stop():
                 self.sessions.append(event)
 
+    @property
+    def _is_strict(self) -> bool:
+        """Whether nothing may be there twice, and numbers without gaps are so; versions before were not held to it."""
+        return bool(self.start["format"] != 1)
+
+    def _enter(self, known: dict[K, V], key: K, value: V, what: str) -> None:
+        """Take in what may be there only once.
+
+        Raises:
+            RaceError: It is there.
+        """
+        if key in known and (self._is_strict or known[key] != value):
+            raise RaceError(f"{what} is there twice")
+        known.setdefault(key, value)
+
+    def _take_experiment(self, event: Finished) -> None:
+        self._check_result(event)
+        iteration = len(self.iterations) + 1
+        if self._is_strict and event.iteration != iteration:
+            raise RaceError(
+                f"experiment.iteration: expected {iteration}, as {iteration - 1} have ended before, found "
+                f"{event.iteration}"
+            )
+        self._enter(self.experiments, event.experiment, event, f"experiment {event.experiment}")
+        if event.score is not None:
+            self.scored.add(event.configuration)
+
     def _take_configuration(self, event: NewConfiguration) -> None:
         number = event.configuration
         if event.parent is not None:
             self._check_known(event.parent, f"configuration {number}: its parent")
+        if self._is_strict and number > len(self.configurations):
+            raise RaceError(
+                f"configuration: expected number {len(self.configurations)}, as so many are before it, found {number}"
+            )
         # Their names are those of other configurations: once in memory is enough.
         values = {sys.intern(name): value for name, value in event.values.items()}
-        if (self.configurations.setdefault(number, values), self.parents.setdefault(number, event.parent)) != (
-            values,
-            event.parent,
-        ):
-            raise RaceError(f"configuration {number} is there twice, with different values")
+        self._enter(self.configurations, number, values, f"configuration {number}")
+        self._enter(self.parents, number, event.parent, f"configuration {number}")
 
-    def _take_test(self, event: Tested) -> None:
-        self._check_result(event)
-        if not self.ends:
-            raise RaceError("expected no test before the race has ended, found one")
-        where = Experiment(event.configuration, event.instance)
-        if self.tests.setdefault(where, event) != event:
+    def _take_iteration(self, event: Iteration) -> None:
+        self._check_scored("an elite", *event.elites)
+        number = len(self.iterations) + 1
+        if self._is_strict and event.iteration != number:
             raise RaceError(
-                f"configuration {event.configuration} was tested twice on instance {event.instance}, with "
-                "different results"
+                f"iteration: expected number {number}, as {number - 1} have ended before, found {event.iteration}"
             )
+        if self._is_strict and event.used != (used := self._count() - self._n_concluded):
+            raise RaceError(f"iteration.used: expected {used}, as so many experiments are in it, found {event.used}")
+        self._enter(self.iterations, event.iteration, event, f"iteration {event.iteration}")
+
+    @property
+    def _n_concluded(self) -> int:
+        """Experiments of the iterations that have ended."""
+        return sum(iteration.used for iteration in self.iterations.values())
+
+    def _count(self) -> int:
+        """How many experiments there are.
+
+        Raises:
+            RaceError: Their numbers have gaps, as they only may while an iteration goes on.
+        """
+        if (n := len(self.experiments)) != 1 + max(self.experiments, default=-1):
+            raise RaceError(
+                f"expected {n} experiments to have the numbers 0 to {n - 1} when an iteration or the race ends, found "
+                f"number {max(self.experiments)}"
+            )
+        return n
 
     def _take_end(self, event: End) -> None:
         if self.is_complete:
             raise RaceError("expected no further end of the race, as there is no further budget, found one")
         if event.budget != self.budgets[len(self.ends)]:
             raise RaceError(f"end.budget: expected {self.budgets[len(self.ends)]}, found {event.budget}")
-        if event.experiments != len(self.experiments) or max(self.experiments, default=-1) >= event.experiments:
+        if event.experiments != (n := self._count()):
+            raise RaceError(f"end.experiments: expected {n}, as there are before it, found {event.experiments}")
+        if self._is_strict and n != self._n_concluded:
             raise RaceError(
-                f"end.experiments: expected {len(self.experiments)}, numbered without a gap, as there are before it, "
-                f"found {event.experiments}"
+                f"end: expected all {n} experiments to be of iterations that have ended, found {self._n_concluded}"
             )
         self._check_scored("the winner", event.winner)
         self.ends.append(event)
@@ -226,6 +275,10 @@ class Record:
         for number in configurations:
             if number not in self.scored:
                 raise RaceError(f"{what}: expected a configuration that has a score, found {number}")
+
+
+def _named(where: Experiment) -> str:
+    return f"configuration {where.configuration} on instance {where.instance}"
 
 
 def _text(value: Mapping[str, Any]) -> str:

@@ -15,16 +15,18 @@ from mercator_design.report.summary import test_lines
 from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 
 
-def runs_table(folder: Path) -> str:
-    """The races in the folders within one, a line each.
+def runs_table(folder: Path) -> tuple[str, list[str]]:
+    """The races in the folders within one, a line each; and notes on those that are not what they should be.
 
     Raises:
         RaceError: if there is no such folder.
     """
+    found = _runs(folder)
     names = ("run", "name", "method", "seed", "experiments", "budget", "state", "started")
     rows: list[tuple[object, ...]] = [(*names, "mean of winner")]
-    rows += [(*(run[name] for name in names), _score(run)) for run in _runs(folder)]
-    return "\n".join(aligned(rows))
+    rows += [(*(run[name] for name in names), _score(run)) for run in found]
+    wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
+    return "\n".join(aligned(rows)), [note for run in wrong for note in run["notes"]]
 
 
 def runs_json(folder: Path) -> str:
@@ -64,7 +66,7 @@ def run_summary(path: Path) -> str:
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
-        *(f"Note       {note}" for note in _doubts(path, record)),
+        *(f"Note       {note}" for note in run["notes"]),
         f"Digest     {record.digest()}",
     ]
     if record.iterations:
@@ -93,7 +95,8 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
             runs.append(_run(journal.parent, read_journal(journal.parent)))
         except RaceError as error:
             state = "of another version" if isinstance(error, OtherVersion) else "damaged"
-            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state})
+            notes = [*error.messages]
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state, "notes": notes})
     return runs
 
 
@@ -104,18 +107,22 @@ def _changed(file: Path) -> float:
         return 0.0
 
 
-_KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score")
+_KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score", "notes")
 
 
 def _run(path: Path, reading: Reading) -> dict[str, Any]:
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
-    if is_locked(path / JOURNAL):
+    is_running, (missing, doubts) = is_locked(path / JOURNAL), _doubts(path, record)
+    if is_running:
         run["state"] = "running"
+    elif missing:
+        run["state"] = "damaged" if record.is_complete else "end missing"
     elif record.start and record.is_complete:
         run["state"] = "finished"
     else:
         run["state"] = "stopped"
+    run["notes"] = [] if is_running else [missing] * bool(missing) + doubts
     if record.start:
         run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
     if record.sessions:
@@ -129,13 +136,12 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
     return run
 
 
-def _doubts(path: Path, record: Record) -> list[str]:
-    """What is wrong with a run folder though its journal is whole."""
+def _doubts(path: Path, record: Record) -> tuple[str, list[str]]:
+    """What is missing at the end of a journal that is whole, and what else is wrong with its folder."""
     try:
-        missing = wrong_end(path, record)
+        return wrong_end(path, record), []
     except RaceError as error:
-        return [*error.messages]
-    return [missing] if missing else []
+        return "", [*error.messages]
 
 
 def _score(run: dict[str, Any]) -> str | None:

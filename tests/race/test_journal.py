@@ -1,5 +1,6 @@
 """Whatever stops a race, and wherever: resumed, it comes to the same end, and nothing that finished is run again."""
 
+import contextlib
 import fcntl
 import itertools
 import json
@@ -14,8 +15,8 @@ import pytest
 
 from mercator_design.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, journal
-from mercator_design.race.events import End, Extension, Finished, Measured
+from mercator_design.race import IteratedRace, RaceOptions, journal, testing
+from mercator_design.race.events import Ahead, End, Extension, Finished, Measured, NewConfiguration, Revised
 from mercator_design.race.executors import Stopped, ThreadExecutor
 from mercator_design.race.journal import Journal, is_locked, read
 from mercator_design.race.record import Record
@@ -128,12 +129,18 @@ class TestResume:
     def test_experiments_may_finish_in_any_order(self, tmp_path, complete):
         """As parallel workers finish them, and stopped in the middle of that."""
         path = tmp_path / "journal.jsonl"
-        start, *others, _ = events_in(complete)
-        experiments = [event for event in others if event["event"] == "experiment"]
-        configurations = [event for event in others if event["event"] == "configuration"]
-        random.Random(1).shuffle(experiments)
-        path.write_bytes(journal_of([start, *configurations, *experiments[:200]]))
-        assert resumed(path) == (*EXPECTED, RAN - 200)
+        draws, shuffled = random.Random(1), []
+        for event in events_in(complete)[:200]:
+            if event["event"] == "experiment":
+                after = next(k for k, one in enumerate(shuffled) if one.get("configuration") == event["configuration"])
+                ended = [k for k, one in enumerate(shuffled) if one["event"] == "iteration"]
+                shuffled.insert(draws.randint(max(after, *ended, 0) + 1, len(shuffled)), event)
+            else:
+                shuffled.append(event)
+        data = journal_of(shuffled)
+        assert data != b"".join(complete.splitlines(keepends=True)[:200])
+        path.write_bytes(data)
+        assert resumed(path) == (*EXPECTED, RAN - whole_experiments(data))
 
     def test_that_of_another_race_is_refused(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
@@ -145,20 +152,58 @@ class TestResume:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         with Journal(path, new=False) as one:
-            one.note(Finished(experiment=9999, iteration=1, configuration=1, instance=0, seed=1, score=1.0))
+            one.note(Finished(experiment=9999, iteration=6, configuration=1, instance=0, seed=1, score=1.0))
         with pytest.raises(RaceError, match=f"expected {RAN} experiments in all, found {RAN + 1}"):
             resumed(path)
 
-    def test_two_results_of_one_experiment(self, tmp_path, complete):
+    def test_what_is_there_twice(self, tmp_path, complete):
+        """Or is missing, though all checksums are right; in a journal of format 1 only what differs is refused."""
         path = tmp_path / "journal.jsonl"
-        path.write_bytes(complete)
-        events = events_in(complete)
-        event = next(event for event in events if event.get("experiment") == 7)
-        path.write_bytes(journal_of([*events, event]))  # the same again does no harm
-        assert resumed(path)[:2] == EXPECTED
-        path.write_bytes(journal_of([*events, event | {"score": event["score"] + 1}]))
-        with pytest.raises(RaceError, match="experiment 7 finished twice"):
-            resumed(path)
+        resumed(path, testing=testing.Testing(runs=3))
+        whole = events_in(path.read_bytes())
+        found = {}
+        for place, event in enumerate(whole):
+            kind = event["event"]
+            if kind == "experiment" and place % 5:  # enough of them
+                continue
+            for what, events in (
+                ("doubled", [*whole[:place], event, *whole[place:]]),
+                ("doubled later", [*whole, event]),
+                ("missing", [*whole[:place], *whole[place + 1 :]]),
+            ):
+                if what == "doubled later" and place % 10:  # the same
+                    continue
+                path.write_bytes(journal_of(events))
+                try:
+                    read(path)
+                except RaceError as error:
+                    found.setdefault((kind, what), set()).add(f"{path}, line " in str(error))
+                else:
+                    found.setdefault((kind, what), set()).add(False)
+        expected = {(kind, what): {True} for kind, what in found}
+        assert found == expected | {("test", "missing"): {False}}  # each of which is run again
+        assert {kind for kind, _ in found} == {"start", "configuration", "experiment", "iteration", "end", "test"}
+        for change, refused in (({}, False), ({"score": 77.0}, True)):
+            twice = next(event for event in whole if event.get("experiment") == 7)
+            old = [
+                {**whole[0], "format": 1},
+                *whole[1 : next(k for k, e in enumerate(whole) if e["event"] == "iteration")],
+            ]
+            path.write_bytes(journal_of([*old, twice | change]))
+            with pytest.raises(RaceError, match="experiment 7 is there twice") if refused else contextlib.nullcontext():
+                read(path)
+
+    def test_more_that_is_there_twice(self):
+        record = Record()
+        record.begin({"budget": 5})
+        record.note(NewConfiguration(configuration=0, parent=None, values={"x": 1}))
+        for event in (
+            Ahead(configuration=0, instance=1, score=1.0),
+            Revised(experiment=3, configuration=0, instance=1, score=1.0),
+        ):
+            record.note(event)
+            with pytest.raises(RaceError, match="configuration 0 on instance 1 is there twice"):
+                record.note(event)
 
     @pytest.mark.parametrize(
         ("event", "words"),

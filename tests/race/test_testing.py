@@ -146,5 +146,5 @@ def test_two_results_of_one_test(tmp_path):
     known = events_in(path.read_bytes())
     event = {"event": "test", "configuration": EXPECTED[0], "instance": 1, "seed": 1, "score": 1.0}
     path.write_bytes(journal_of([*known, known[-1], event]))
-    with pytest.raises(RaceError, match="was tested twice on instance 1, with different results"):
+    with pytest.raises(RaceError, match=r"test: configuration \d+ on instance 1 is there twice"):
         read(path)

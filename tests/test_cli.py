@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -126,13 +125,11 @@ class TestRace:
 
     def test_robots_that_do_not_fit(self, mdesign, tmp_path):
         for robots in (45, 200):
-            start = time.monotonic()
             code, _, err = mdesign(
                 "race", "aggregation", "--budget", 2000, "--set", f"robots={robots}", "-o", tmp_path / "r"
             )
             assert code == 3
             assert "fit" in err or "need" in err
-            assert time.monotonic() - start < 2
         assert not (tmp_path / "r").exists()
 
     def test_results_are_never_mixed(self, mdesign, tmp_path):

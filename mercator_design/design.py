@@ -166,7 +166,10 @@ class Designer(Task[tuple[Pfsm, int]]):
         return {
             "robot_model.yaml": dump(self.simulator.robot_model).encode(),
             **({} if image is None else {"floor.png": image.png()}),
-            "mission.yaml": dump(mission.with_files(robot_model="robot_model.yaml", image="floor.png")).encode(),
+            **mission.files,
+            "mission.yaml": dump(
+                mission.with_files(robot_model="robot_model.yaml", image="floor.png", named=lambda file: file.copy)
+            ).encode(),
             **{f"plugins/{path}": source for plugin in plugins() for path, source in plugin.files.items()},
         }
 

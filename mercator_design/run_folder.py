@@ -2,7 +2,7 @@
 
 journal.jsonl      what has happened so far (see race/journal.py), written as it happens; it claims the folder
 ...                what the task needs to go on (see race/task.py): of a mission its own file, the robot model's and
-                   plugins/ and floor.png if there were any, with every default and override filled in
+                   plugins/, files/ and floor.png if there were any, with every default and override filled in
 provenance.json    versions, seed, budget, platform, what makes the race
 failed/            the control software of experiments that failed, if there were any
 fsm.txt            the winner; its name depends on the task

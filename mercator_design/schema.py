@@ -303,6 +303,28 @@ def values_in(
             yield from values_in(parts[1], item, f"{path}.{key}")
 
 
+def mapped(
+    kind: Kind,
+    value: Any,  # noqa: ANN401 - of that kind
+    change: Callable[[Kind, Any], Any],
+) -> Any:  # noqa: ANN401 - the same
+    """A value of a kind, in which each part that `change` gives another for, with its annotation, is that."""
+    if (changed := change(kind, value)) is not value:
+        return changed
+    base, _ = unwrapped(kind)
+    parts = typing.get_args(base)
+    if is_union(base):
+        return next((mapped(part, value, change) for part in parts if _is_of(part, value)), value)
+    if is_record(base):
+        return base(**{name: mapped(each, getattr(value, name), change) for name, (each, _) in fields_of(base).items()})
+    if origin_of(base) is tuple:
+        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
+        return tuple(mapped(each, item, change) for each, item in zip(kinds, value, strict=True))
+    if origin_of(base) is Mapping:
+        return {key: mapped(parts[1], item, change) for key, item in value.items()}
+    return value
+
+
 def _is_of(kind: Kind, value: Any) -> bool:  # noqa: ANN401 - of any kind
     """Whether a value, read as one of several kinds, was read as this one."""
     base, _ = unwrapped(kind)

@@ -25,6 +25,7 @@ from mercator_design.errors import described, excerpt
 from mercator_design.interruptions import signals_first
 from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
+from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
 from mercator_design.schema import parameters_of, values_in
 
@@ -216,9 +217,15 @@ class Dynamics:
 
     name: str
     parameters: Annotated[Mapping[str, Any], KeywordsOf(DYNAMICS, "name")]
+    files: Mapping[str, NamedFile] = field(init=False, repr=False, compare=False)  # that the parameters name
 
     def __post_init__(self) -> None:
         check_call(DYNAMICS, self.name, self.parameters)
+        object.__setattr__(self, "files", named_files(DYNAMICS[self.name], self.parameters))
+
+    def with_paths(self, path: Callable[[NamedFile], str]) -> Mapping[str, Any]:
+        """The parameters with other paths of the files that they name."""
+        return with_paths(DYNAMICS[self.name], self.parameters, self.files, path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,7 +303,7 @@ class Floor:
         function = DYNAMICS[dynamics.name]
         with signals_first():
             try:
-                rows = function(site, **dynamics.parameters)
+                rows = function(site, **dynamics.with_paths(copied))
                 try:
                     numbers = [tuple(map(float, row)) for row in rows]
                 except (TypeError, ValueError) as error:

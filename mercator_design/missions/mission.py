@@ -5,7 +5,7 @@ The files in `scenarios/` are found by being there.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -31,7 +31,8 @@ from mercator_design.loading import (
     read,
 )
 from mercator_design.missions.arena import Arena, Light, walls_meet
-from mercator_design.missions.floor import Floor, FloorTable, check_call
+from mercator_design.missions.floor import Dynamics, Floor, FloorTable, check_call
+from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.plugins import first_line, line_of
@@ -51,12 +52,18 @@ class Objective:
     name: str
     direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
     parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
+    files: Mapping[str, NamedFile] = field(init=False, repr=False, compare=False)  # that the parameters name
 
     def __post_init__(self) -> None:
         check_call(OBJECTIVES, self.name, self.parameters)
         function = OBJECTIVES[self.name]
         defaults = {name: default for name, (_, default) in parameters_of(function).items()}
         checked(problems(function, defaults | {**self.parameters}))
+        object.__setattr__(self, "files", named_files(function, self.parameters))
+
+    def with_paths(self, path: Callable[[NamedFile], str]) -> Mapping[str, Any]:
+        """The parameters with other paths of the files that they name."""
+        return with_paths(OBJECTIVES[self.name], self.parameters, self.files, path)
 
     def __call__(self, trace: Trace) -> float:
         """The score of an experiment.
@@ -67,7 +74,7 @@ class Objective:
         function = OBJECTIVES[self.name]
         with signals_first():
             try:
-                score = float(function(trace, **self.parameters))
+                score = float(function(trace, **self.with_paths(copied)))
             except MercatorError:
                 raise
             except BaseException as error:  # also sys.exit()
@@ -188,21 +195,38 @@ class Mission:
 
     @property
     def digest(self) -> str:
-        """Equal for missions that are equal, whatever the places of their robot model's and image's files."""
-        return digest_of(self.with_files(robot_model="", image=self.floor.image.digest if self.floor.image else ""))
+        """Equal for missions that are equal, wherever their files are; of all but the robot model's, contents count."""
+        image = self.floor.image.digest if self.floor.image else ""
+        return digest_of(self.with_files(robot_model="", image=image, named=lambda file: file.digest))
 
-    def with_files(self, *, robot_model: str, image: str) -> dict[str, Any]:
+    def with_files(self, *, robot_model: str, image: str, named: Callable[[NamedFile], str]) -> dict[str, Any]:
         """The mission as YAML has it, with other places of its files.
 
         Args:
             robot_model: The name of a shipped robot model, or a file.
             image: The file of the floor's image, if it has one.
+            named: Gives the place of a file that a parameter of the objective, or of what changes the floor, names.
         """
         content: dict[str, Any] = plain(self)
         content["robot_model"] = robot_model
         if self.floor.image is not None:
             content["floor"]["image"]["path"] = image
+        there = [content["objective"], *content["floor"]["dynamics"]]
+        for call, called in zip(self._calls, there, strict=True):
+            if call.files:
+                called.update(plain(call.with_paths(named)))
         return content
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """Contents of the files that parameters name, by their places in a run folder."""
+        found = [each for call in self._calls for each in call.files.values()]
+        return {file.copy: file.data for file in found}
+
+    @property
+    def _calls(self) -> list[Objective | Dynamics]:
+        """What may name files."""
+        return [self.objective, *self.floor.dynamics]
 
     def cost(self, score: float) -> float:
         """What a race minimises."""

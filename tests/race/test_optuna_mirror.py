@@ -130,11 +130,11 @@ def test_one_that_fails_later_too(url, monkeypatch):
 
 def test_one_that_never_answers(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror, "PATIENCE", 0.2)
-    monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(10))
+    monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(100))
     start = time.monotonic()
     record, complaints = mirrored(url)
     assert complaints == ["the Optuna storage is slow: not all of the race is in it"]
-    assert time.monotonic() - start < 8
+    assert time.monotonic() - start < 60
     assert record.digest() == undisturbed(budgets=(150,)).digest()
 
 

@@ -388,6 +388,10 @@ def describe(kind: Kind) -> str:
         text = one_of(words(base))
     else:
         text = _NOUNS.get(base, "a mapping of keys")
+    lengths = [rule for rule in rules if isinstance(rule, Length)]
+    if lengths:  # as one: the tightest
+        rules = [rule for rule in rules if not isinstance(rule, Length)]
+        rules.append(Length(max(one.low for one in lengths), min(one.high for one in lengths)))
     for rule in rules:
         text = rule.says(text)
     return text

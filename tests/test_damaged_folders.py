@@ -61,7 +61,8 @@ def looks_at(path):
     said = []
 
     def verified():
-        verify(path, restored(path), 2, ThreadExecutor(1))
+        with ThreadExecutor(1) as executor:
+            verify(path, restored(path), 2, executor)
 
     for look in (
         lambda: runs_table(path.parent),

@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -112,6 +114,18 @@ class TestTune:
             for one in calls.experiments.values()
         }
         assert sorted(lengths[instance] for instance in range(6)) == [1, 2, 3, 4, 5, 6]
+
+    def test_one_that_lost_its_provenance(self, mdesign, undisturbed, tmp_path):
+        """The command that begins it again is named, and gives the same race."""
+        path = shutil.copytree(undisturbed[1], tmp_path / "lost")
+        (path / "provenance.json").unlink()
+        code, out, err = mdesign("tune", "--resume", path)
+        assert (code, out) == (1, "")
+        again = ["tune", f"{path}/scenario.txt", "--method", "irace"]
+        assert f"in another folder with: {shlex.join(['mdesign', *again])} -o ANOTHER\n" in err
+        assert mdesign(*again, "-o", tmp_path / "again")[0] == 0
+        same, before = (read(folder / JOURNAL).record for folder in (tmp_path / "again", undisturbed[1]))
+        assert (same.results(), same.configurations) == (before.results(), before.configurations)
 
     def test_killed_and_resumed(self, mdesign, undisturbed, tmp_path):
         folder, whole = undisturbed

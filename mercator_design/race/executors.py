@@ -185,6 +185,8 @@ class ThreadExecutor:
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
+        if not self._threads:
+            raise RuntimeError("expected to be entered (`with ThreadExecutor(...)`) before it runs anything")
         numbered = enumerate(items)
         done: queue.SimpleQueue[tuple[int, R | Failed]] = queue.SimpleQueue()
 

@@ -450,6 +450,12 @@ def test_ctrl_c_interrupts_who_waits_for_threads(jobs):
     let_go.set()
 
 
+def test_one_that_was_not_entered_says_so():
+    """It would wait for ever."""
+    with pytest.raises(RuntimeError, match="expected to be entered"):
+        list(ThreadExecutor(1).run(square, [1]))
+
+
 def test_one_job_runs_nothing_ahead():
     drawn = []
 

@@ -119,8 +119,8 @@ def make(request):
     return request.getfixturevalue("dask") if request.param == "dask" else request.param
 
 
-@pytest.fixture(scope="module")
-def cluster():
+@contextlib.contextmanager
+def local_cluster():
     distributed = pytest.importorskip("distributed")
     import dask
 
@@ -130,6 +130,12 @@ def cluster():
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
         ) as cluster,
     ):
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with local_cluster() as cluster:
         yield cluster
 
 
@@ -350,6 +356,12 @@ if __name__ == "__main__":
 
 
 class TestDask:
+    @pytest.fixture
+    def dask(self):
+        """Of a cluster of its own: where workers died in one test after the other, in the end none was replaced."""
+        with local_cluster() as cluster:
+            yield lambda: DaskExecutor(cluster.scheduler_address)
+
     def test_a_worker_that_dies_costs_a_repetition(self, dask, tmp_path):
         with dask() as executor:
             assert dict(executor.run(Dies(tmp_path, always=()), range(6))) == {k: k for k in range(6)}

@@ -1,5 +1,6 @@
 """mdesign race: a mission becomes a controller."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,7 +126,12 @@ def race(
         folder = _new_folder(
             mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
         )
-    with folder, Interrupt(then=folder.task.stop) as interrupt:
+
+    def stop() -> None:
+        folder.task.stop()
+        executor.stop()
+
+    with folder, Interrupt(then=stop) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)
@@ -160,7 +166,8 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     if scheduler is not None:
         from mercator_design.race.dask_executor import DaskExecutor
 
-        return DaskExecutor(scheduler, jobs)
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
+        return DaskExecutor(scheduler, jobs, announce=lambda what: tell(f"Note: {what}"))
     if name == "processes":
         return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
     return ThreadExecutor(jobs or available_jobs())

@@ -2,7 +2,8 @@
 
 Dask gives an experiment whose worker dies to another one; how many workers it may cost is the scheduler's
 `distributed.scheduler.allowed-failures` (3 by default). As others may have been with it there, it then runs once more
-with nothing beside it, and is given up if that kills as many. Workers may come and go.
+with nothing beside it, and is given up if that kills as many. Workers may come and go; while there
+is none, a race waits.
 """
 
 import collections
@@ -38,16 +39,27 @@ class DaskExecutor:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
         jobs: How many experiments to have under way; by default twice the threads that workers have at the time.
         timeout: Seconds to wait for the scheduler.
+        announce: Called with a sentence when experiments wait and no worker is there.
 
     Raises:
         RaceError: There is no package distributed, or no such scheduler.
     """
 
-    def __init__(self, scheduler: str, jobs: int | None = None, *, timeout: float = 20.0) -> None:
+    def __init__(
+        self,
+        scheduler: str,
+        jobs: int | None = None,
+        *,
+        timeout: float = 20.0,
+        announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
+    ) -> None:
         try:
             from distributed import Client
         except ImportError:
             raise RaceError("dask: expected the package distributed: in the clone, pip install '.[dask]'") from None
+        self._scheduler = scheduler
+        self._announce = announce
+        self._is_stopping = False
         self._wanted = jobs
         self._jobs, self._looked = 1, -math.inf
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
@@ -60,8 +72,12 @@ class DaskExecutor:
     def jobs(self) -> int:
         """Threads of the workers that there are now, or were a moment ago; at least one."""
         if (now := time.monotonic()) > self._looked + LOOK_EVERY:
-            self._looked, self._jobs = now, max(sum(map(int, self._client.nthreads().values())), 1)
+            self._looked, self._jobs = now, max(self._n_threads(), 1)
         return self._jobs
+
+    def stop(self) -> None:
+        """As `Executor.stop`: nothing waits for workers that are not there."""
+        self._is_stopping = True
 
     def __enter__(self) -> Self:
         return self
@@ -99,6 +115,8 @@ class DaskExecutor:
                     submit(drawn[k::room])
             if not bundles:
                 return
+            if not self._is_one_ready(under_way):
+                return
             future = next(under_way)
             bundle = bundles.pop(future.key)
             results, spent = self._result(future, len(bundle))
@@ -109,6 +127,29 @@ class DaskExecutor:
             else:
                 seconds = spent / len(bundle) or seconds
                 yield from zip((index for index, _ in bundle), results, strict=True)
+
+    def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
+        """Wait for a future that has ended; False if all is to stop and there is no worker that could end one."""
+        is_told, look = False, time.monotonic() + LOOK_EVERY
+        while not under_way.has_ready():
+            with under_way.thread_condition:
+                under_way.thread_condition.wait(timeout=0.1)
+            if time.monotonic() < look:
+                continue
+            is_there = self._n_threads() > 0
+            if not is_there and self._is_stopping:
+                return False
+            if not is_there and not is_told:
+                self._announce(f"{self._scheduler}: no worker is connected; the race waits for one")
+            is_told, look = not is_there, time.monotonic() + LOOK_EVERY
+        return True
+
+    def _n_threads(self) -> int:
+        """Of all workers that there are; none if the scheduler does not answer."""
+        try:
+            return sum(map(int, self._client.nthreads().values()))
+        except (OSError, RuntimeError, ValueError):  # its connection is closed, or it takes too long
+            return 0
 
     @staticmethod
     def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives

@@ -76,6 +76,9 @@ class Executor(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None: ...
 
+    def stop(self) -> None:
+        """Wait for nothing but what is running; a signal handler may call it."""
+
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """Each item's place and what the function gave for it, in the order in which they finish.
 
@@ -183,6 +186,9 @@ class ThreadExecutor:
             for thread in self._threads:
                 thread.join()
 
+    def stop(self) -> None:
+        """As `Executor.stop`: all that was begun is running."""
+
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         if not self._threads:
@@ -246,6 +252,9 @@ class ProcessExecutor:
     ) -> None:
         for worker in self._workers:
             worker.shutdown(wait=True, kill_workers=kind is not None)
+
+    def stop(self) -> None:
+        """As `Executor.stop`: all that was begun is running."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""

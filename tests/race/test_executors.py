@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import MissionError, RaceError
-from mercator_design.race import executors
+from mercator_design.race import dask_executor, executors
 from mercator_design.race.dask_executor import BUNDLE, DaskExecutor
 from mercator_design.race.executors import Failed, ProcessExecutor, Stopped, ThreadExecutor, WorkerUnfit, in_order
 from mercator_design.race.record import Record
@@ -404,6 +404,21 @@ class TestDask:
 
             runner(record, executor, watch=watch).run()
         assert record.digest() == undisturbed().digest()
+
+    def test_no_worker_is_there(self, monkeypatch):
+        """It is told, and nothing waits any longer once all is to stop."""
+        distributed = pytest.importorskip("distributed")
+        monkeypatch.setattr(dask_executor, "LOOK_EVERY", 0.05)
+        told = []
+
+        def announce(what):
+            told.append(what)
+            executor.stop()
+
+        with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster:
+            with DaskExecutor(cluster.scheduler_address, announce=announce) as executor:
+                assert list(executor.run(square, range(3))) == []
+            assert told == [f"{cluster.scheduler_address}: no worker is connected; the race waits for one"]
 
     def test_nobody_there(self):
         pytest.importorskip("distributed")

@@ -35,13 +35,13 @@ LENIENT = click.option(
 )
 
 
-DEVICES_LEFT_OUT = ("lidar", "proximity")
+OPTIONAL_DEVICES = ("lidar", "proximity")
 """Devices without which a robot can run a PFSM that does not need them."""
 LEFT_OUT = "left out, by --without"
 """What `mercator-robot check` finds of such a device that it is told to leave alone."""
 WITHOUT = click.option(
     "--without",
-    type=click.Choice(DEVICES_LEFT_OUT),
+    type=click.Choice(OPTIONAL_DEVICES),
     multiple=True,
     callback=lambda _context, _parameter, devices: tuple(dict.fromkeys(devices)),
     help="Leave this device alone, as one that is broken; a run refuses that if its PFSM needs what the device tells. "

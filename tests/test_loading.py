@@ -31,6 +31,7 @@ from mercator_design.loading import (
     parse,
     read,
 )
+from mercator_design.schema import describe
 from mercator_design.yaml_tree import LARGEST_FILE, MOST_MISTAKES, steps
 
 
@@ -220,6 +221,20 @@ def test_a_value_is_read_as_what_is_expected(text, field, value):
 )
 def test_an_error_says_where_what_was_expected_and_what_was_found(text, message):
     assert message in complaint(text)
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        ((Length(1), Length(2)), "a list of at least 2"),
+        ((Length(2), Length(1, 9)), "a list of at least 2 and at most 9"),
+    ],
+)
+def test_several_bounds_of_a_length_are_said_as_one(rules, words):
+    kind = tuple[int, ...]
+    for rule in rules:
+        kind = Annotated[kind, rule]
+    assert describe(kind) == words
 
 
 class TestAllMistakes:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.inputs import new_simulator, simulator_of
+from mercator_design.cli.inputs import ignore, new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell, warn
@@ -82,7 +82,7 @@ def evaluate(
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
         warn_of_doubts(simulator, pfsm.flavour, pfsm)
-    simulator.rehearse(announce=_ignore if cost_alone else tell)
+    simulator.rehearse(announce=ignore if cost_alone else tell)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
 
@@ -106,7 +106,7 @@ def _controller(
         raise click.UsageError("expected either FSM or --fsm-config")
     if fsm is not None:
         file = read_controller(fsm, flavour, lenient=lenient)
-        return file.pfsm, simulator_of(fsm, file, given, warn=_ignore if quiet else warn)
+        return file.pfsm, simulator_of(fsm, file, given, warn=ignore if quiet else warn)
     from mercator_design.fsm.text import parse
     from mercator_design.missions.mission import load_mission
 
@@ -115,7 +115,3 @@ def _controller(
     tolerate = (lambda what: warn([what])) if lenient else None
     pfsm = parse(fsm_config or "", flavour or FLAVOURS[0], tolerate=tolerate)
     return pfsm, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
-
-
-def _ignore(told: object) -> None:
-    """Say nothing of it."""

@@ -39,8 +39,9 @@ def simulator_of(
 ) -> "Simulator":
     """The simulator for a controller: of the mission and robot model that the user gives, or that its header names.
 
-    The header has digests of what was raced. What the user does not give must have these digests; of what they do
-    give, `warn` is told if it goes by the raced one's name, or comes with the mission, and is another.
+    The header has digests of what was raced. What the user does not give must have these digests. `warn` is told if
+    a mission that they give has the raced one's name and is another, or comes with another robot model. A robot model
+    that they give is used without a word, as messages name it as the way to go on.
 
     Raises:
         MissionError: Something that the user did not give is not what was raced.
@@ -90,7 +91,7 @@ def load_plugins(
 
     found = [(file, read_plugin(file)) for file in files]
     if found and controller is not None:
-        origin = origin_of(controller, read_fsm(controller, flavour, tolerate=_ignore).header)
+        origin = origin_of(controller, read_fsm(controller, flavour, tolerate=ignore).header)
         for _, plugin in found:
             origin.check_plugin(plugin.name, plugin.digest, refuse=refuse)
     if found and folder is not None:
@@ -105,8 +106,8 @@ def load_plugins(
         run_plugin(plugin, str(file))
 
 
-def _ignore(_: str) -> None:
-    """Say nothing of it: who reads the controller does."""
+def ignore(_: object) -> None:
+    """Say nothing of it."""
 
 
 def _key(assignment: str) -> str:

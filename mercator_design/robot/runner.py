@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 from mercator_design.colours import STATE_COLOURS
-from mercator_design.command import DEVICES_LEFT_OUT
+from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Pfsm, to_text
 from mercator_design.fsm.control import DRAWS
@@ -78,7 +78,7 @@ def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
     try:
         yield
     except RobotError as error:
-        if error.device in DEVICES_LEFT_OUT:
+        if error.device in OPTIONAL_DEVICES:
             why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
             error.add_note(why or f"the PFSM does not need what it tells: --without {error.device} runs it without")
         raise

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.command import DEVICES_LEFT_OUT
+from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.errors import MercatorError, Signalled
 from mercator_design.robot import swarm
 from mercator_design.robot.cli import cli
@@ -150,7 +150,7 @@ class TestRun:
         assert (code, "the PFSM reads proximity, with neighbours as obstacles" in err) == (2, True), err
 
     def test_what_can_be_left_out_is_a_device(self):
-        assert set(DEVICES) - {"rvr"} == set(DEVICES_LEFT_OUT)
+        assert set(DEVICES) - {"rvr"} == set(OPTIONAL_DEVICES)
 
     def test_where_its_log_is(self, tmp_path, monkeypatch):
         """Robots that begin in the same second in the same folder have a log each; a folder with a slash is made."""

@@ -8,6 +8,7 @@ import math
 import os
 import select
 import socket
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator, Mapping
@@ -271,10 +272,41 @@ class Terminals:
             if error.errno != errno.EIO:
                 raise
             self._note(fd, now, is_open=False)
-            self._plug_in(number, device)  # who was killed had it to itself, and a pseudo-terminal would stay so
-            self._close(fd)
+            self._renew(fd)
         else:
             self._send(fd, self._twin.robots[number].receive(device, data, now), now)
+
+    def _renew(self, fd: int) -> None:
+        """Make a port that was closed as new: who opens it next finds no settings, no bytes and no lock of the former.
+
+        Somebody may open it while this is done: he keeps it.
+
+        Raises:
+            RobotError: if the link is no longer the twin's.
+        """
+        number, device = self._ports[fd]
+        link = self._link(number, device)
+        if not self._is_mine(link):
+            raise RobotError(f"{link} is no longer this twin's; a twin needs its folder for itself until it ends")
+        try:
+            slave = os.open(self._links[link], os.O_RDWR | os.O_NOCTTY)
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            if self._is_hung_up(fd):  # who was killed had it to himself, and nobody can open it any more
+                self._plug_in(number, device)
+                self._close(fd)
+        else:
+            tty.setraw(slave)  # and forget what nobody has read
+            fcntl.ioctl(slave, termios.TIOCNXCL)
+            os.close(slave)
+
+    @staticmethod
+    def _is_hung_up(fd: int) -> bool:
+        """Whether nobody has a port open."""
+        state = select.poll()
+        state.register(fd, select.POLLIN)
+        return any(events & select.POLLHUP for _, events in state.poll(0))
 
     def _send(self, fd: int | None, data: bytes, now: float) -> None:
         """Send to whoever has the port open, at the speed of the line."""

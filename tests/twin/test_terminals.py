@@ -1,6 +1,7 @@
 """The twin's ports: sessions with pyserial, ports that go away, and that nothing is left behind."""
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -179,6 +180,67 @@ def test_a_port_that_is_opened_again_at_once(tmp_path):
     assert [event["open"] for event in events(tmp_path, "port")] == [True, False]
 
 
+@pytest.mark.parametrize("is_locked", [False, True])
+def test_a_port_that_is_opened_again_as_the_twin_sees_that_it_was_closed(tmp_path, monkeypatch, is_locked):
+    """What is sent then arrives, also where the port is at once somebody's alone."""
+    with open_log(tmp_path) as log, contextlib.ExitStack() as stack:
+
+        def open_again(event):
+            log(event)
+            if event["event"] == "port" and not event["open"] and not again:
+                again.append(stack.enter_context(serial.Serial(names.rvr, 115_200)))
+                again[0].write(rvr.Host().send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.0))
+                if is_locked:
+                    monkeypatch.setattr(os, "open", refuse)
+
+        def refuse(*_):
+            raise OSError(errno.EBUSY, "as to those who are not root")
+
+        again = []
+        terminals = stack.enter_context(Terminals(Twin(arena((0.0, 0.0, 0.0)), None, open_again), tmp_path))
+        names = port_names(terminals.robots[0])
+        end = terminals._fds[0, "rvr"]
+        with serial.Serial(names.rvr, 115_200):
+            terminals._look(0.0)
+        terminals._receive(end, 0.0)
+        terminals._look(0.0)
+        terminals._receive(end, 0.0)
+        assert [event["left"] for event in events(tmp_path, "wheels")] == [0.0, 0.1]
+
+
+def test_a_port_that_stays_locked_is_replaced_and_has_its_name_all_the_time(tmp_path, monkeypatch):
+    """As a twin without privileges cannot open it either; who waits for a port must not find that there is none."""
+
+    def refuse(*_):
+        raise OSError(errno.EBUSY, "as to those who are not root")
+
+    with open_log(tmp_path) as log, Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals:
+        link = Path(port_names(terminals.robots[0]).rvr)
+        over, missing = threading.Event(), []
+
+        def watch():
+            while not over.is_set():
+                if not link.is_symlink():
+                    missing.append(link)
+
+        watching = threading.Thread(target=watch)
+        watching.start()
+        try:
+            for _ in range(10):
+                end, before = terminals._fds[0, "rvr"], link.readlink()
+                with open_port("rvr", str(link)):
+                    terminals._look(0.0)
+                with monkeypatch.context() as patch:
+                    patch.setattr(os, "open", refuse)
+                    terminals._receive(end, 0.0)
+                assert link.readlink() != before
+        finally:
+            over.set()
+            watching.join()
+    assert not missing
+    assert [event["open"] for event in events(tmp_path, "port")] == [True, False] * 10
+
+
 def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
     """The clock jumps as a device is heard, which it is at once, and not when it is looked at."""
     times, told = iter([0.0, 0.0, 0.0, 0.5]), []
@@ -214,31 +276,6 @@ def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
         wait_for(name.exists)
         with serial.Serial(str(name), 115_200) as port:
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)
-
-
-def test_a_port_that_is_closed_has_its_name_all_the_time(tmp_path):
-    """Though it is another one then: who waits for a port must not be told that there is none."""
-    with running(tmp_path) as terminals:
-        name = Path(port_names(terminals.robots[0]).rvr)
-        over, missing = threading.Event(), []
-
-        def watch():
-            while not over.is_set():
-                if not name.is_symlink():
-                    missing.append(name)
-
-        watching = threading.Thread(target=watch)
-        watching.start()
-        try:
-            for k in range(10):
-                before = name.readlink()
-                with open_port("rvr", str(name)):
-                    wait_for(lambda: len(events(tmp_path, "port")) == 2 * k + 1)  # noqa: B023 - called at once
-                wait_for(lambda: name.readlink() != before)  # noqa: B023
-        finally:
-            over.set()
-            watching.join()
-    assert not missing
 
 
 def test_nothing_is_left_behind(tmp_path):
@@ -333,13 +370,15 @@ def test_a_port_that_is_closed_when_the_folder_is_no_longer_its_own(tmp_path, is
 
 
 def test_a_file_that_comes_where_it_makes_links_stays(tmp_path):
-    with Terminals(Twin(arena((0.0, 0.0, 0.0))), tmp_path) as terminals:
-        link, end, mine = tmp_path / "0" / "rvr", terminals._fds[0, "rvr"], tmp_path / "0" / "rvr.new"
-        with serial.Serial(str(link), 115_200):
-            terminals._look(0.0)
+    mine = tmp_path / "0" / "rvr.new"
+    script = Script(faults=(PortLoss(at=0.0, duration=1.0, robot=0, device="rvr"),))
+    with Terminals(Twin(arena((0.0, 0.0, 0.0)), script), tmp_path) as terminals:
+        list(terminals._twin.advance(0.5))
+        terminals._look(0.5)
         mine.write_text("mine")
+        list(terminals._twin.advance(1.5))
         with pytest.raises(RobotError, match=r"File exists: .*0/rvr.new; a twin needs its folder for itself"):
-            terminals._receive(end, 0.0)
+            terminals._look(1.5)
     assert list((tmp_path / "0").iterdir()) == [mine]
     assert mine.read_text() == "mine"
 

@@ -30,10 +30,10 @@ def program(tmp_path):
 
 def waiting_for(file):
     deadline = time.monotonic() + 30
-    while not file.exists() or not file.read_text().strip():
+    while not (file.exists() and (found := file.read_text())):
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    return file.read_text()
+    return found
 
 
 def test_what_a_runner_is_called_with(tmp_path, program):

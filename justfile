@@ -27,10 +27,11 @@ format:
 bench:
     .venv/bin/python benchmarks/engine.py
 
-# Pictures of the shipped missions, the README's gallery of them, and tables in the documents
+# Parts of the documents that are made: pictures of the shipped missions, tables, the reference of commands
 pictures:
     .venv/bin/python docs/gallery.py
     .venv/bin/python docs/tables.py
+    .venv/bin/python docs/cli_reference.py
 
 # What continuous integration runs
 ci:

@@ -1,4 +1,7 @@
-"""Draws every shipped mission into docs/pictures/missions/ and shows them in the README. Run: python docs/gallery.py"""
+"""Draws every shipped mission into docs/pictures/missions/, and the gallery of docs/reference/shipped-missions.md.
+
+Run: python docs/gallery.py
+"""
 
 import sys
 import tempfile
@@ -16,13 +19,13 @@ from mercator_design.sim.simulate import Simulator
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures" / "missions"
-GALLERY = MadePart(ROOT / "README.md", "gallery", "gallery.py")
+GALLERY = MadePart(ROOT / "docs" / "reference" / "shipped-missions.md", "gallery", "gallery.py")
 COLUMNS = 4
 
 
 def table(names: list[str]) -> str:
     """The gallery of some missions: pictures that lead to their files."""
-    cells = [f"[![{name}](docs/pictures/missions/{name}.png)](scenarios/{name}.yaml)" for name in names]
+    cells = [f"[![{name}](../pictures/missions/{name}.png)](../../scenarios/{name}.yaml)" for name in names]
     cells += [""] * (-len(cells) % COLUMNS)
     rows = [cells[first : first + COLUMNS] for first in range(0, len(cells), COLUMNS)]
     lines = [[""] * COLUMNS, ["---"] * COLUMNS, *rows]

@@ -14,8 +14,8 @@ from mercator_design.json_schema import json_schema
 from mercator_design.sim.robot_model import RobotModel
 
 DOCS = Path(__file__).parent
-REFERENCE_MODEL = MadePart(DOCS / "control_software.md", "reference model", "tables.py")
-ROBOT_MODEL = MadePart(DOCS / "simulator.md", "robot model", "tables.py")
+REFERENCE_MODEL = MadePart(DOCS / "reference" / "control-software.md", "reference model", "tables.py")
+ROBOT_MODEL = MadePart(DOCS / "reference" / "robot-models.md", "robot model", "tables.py")
 
 SCHEMA = json_schema(RobotModel, title="")
 TOLD_ELSEWHERE = {"ReferenceModel", "Gaussian", "Uniform"}

@@ -1,6 +1,6 @@
 """Logs of robots for other programs, of runs and recordings: rows of tables (log_table.py), and MCAP for Foxglove.
 
-Event by event, so that a log may be longer than memory. What each column and channel is: docs/robot.md.
+Event by event, so that a log may be longer than memory. What each column and channel is: docs/reference/robot-logs.md.
 """
 
 import json

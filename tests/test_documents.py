@@ -1,4 +1,4 @@
-"""Tables in the documents that say what the code says: of the reference model, and of devices that can be recorded."""
+"""Documents: parts that are made from the code are current, every page is in the index, every link leads somewhere."""
 
 import dataclasses
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs import tables
+from docs import cli_reference, tables
 from docs.made_part import MadePart
 from mercator_design.cli.record import record
 from mercator_design.fsm import ReferenceModel, parse
@@ -27,10 +27,10 @@ MERCATOR = dataclasses.replace(
     neighbours=Neighbours(),
     ground=dataclasses.replace(SHIPPED.ground, labels=None),  # a label hides the noise
 )
-SIMULATOR = (ROOT / "docs" / "simulator.md").read_text()
+DEVICES_PAGE = (ROOT / "docs" / "reference" / "recorded-devices.md").read_text()
 ROWS = {
     row.split("|")[1].strip(" `"): [cell.strip() for cell in row.split("|")[2:-1]]
-    for row in SIMULATOR.partition("## Devices that can be recorded")[2].splitlines()
+    for row in DEVICES_PAGE.partition("## Devices that can be recorded")[2].splitlines()
     if row.startswith("| `")
 }
 
@@ -48,6 +48,66 @@ def test_the_table_of_robot_models_is_the_codes():
     assert re.findall(r"^\| \*\*`(\w+)`", shown, re.MULTILINE)[3:6] == ["body", "body", "drive"]
     for row in ("`body.radius` | required | m |", "`ground.gray` | false |", "`lidar.range` | [0.1, 12.0] | m |"):
         assert f"| {row}" in shown
+
+
+def test_the_reference_of_commands_is_the_programs():
+    shown = cli_reference.COMMANDS.read()
+    assert shown == cli_reference.reference(), "run python docs/cli_reference.py"
+    for heading in ("mdesign race", "mdesign runs ablation", "mercator-robot calibrate color", "mercator-robot twin"):
+        assert f"\n## {heading}\n" in shown
+    assert "| `--budget N` | Experiments that may be run;" in shown
+
+
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAGES = sorted(
+    page for kind in (".", "how-to", "reference", "explanation") for page in (ROOT / "docs" / kind).glob("*.md")
+)
+
+
+def prose(document):
+    """Its text without blocks of code."""
+    return re.sub(r"^```.*?^```$", "", document.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(document):
+    """The anchors of its headings, as GitHub makes them."""
+    found = []
+    for heading in re.findall(r"^#+ (.+)$", prose(document), re.MULTILINE):
+        plain = re.sub(r"\[(.+?)\]\(.+?\)", r"\1", heading)
+        anchor = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        found.append(f"{anchor}-{number}" if (number := found.count(anchor)) else anchor)
+    return found
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda one: str(one.relative_to(ROOT)))
+def test_every_link_leads_to_a_file_and_a_heading(document):
+    for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`\n]*`", "", prose(document))):
+        if target.startswith(("https://", "http://")):
+            continue
+        path, _, anchor = target.partition("#")
+        file = document.parent / path if path else document
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda one: str(one.relative_to(ROOT)))
+class TestPages:
+    def test_it_is_in_the_index(self, page):
+        index = ROOT / "docs" / "README.md"
+        assert page == index or f"]({page.relative_to(index.parent)})" in index.read_text()
+
+    def test_it_begins_with_its_title_and_purpose(self, page):
+        title, empty, purpose, *_ = page.read_text().splitlines()
+        assert re.fullmatch(r"# .+", title)
+        assert not empty
+        assert re.match(r"[A-Z]\w+ ", purpose)
+
+    def test_a_long_one_has_a_list_of_contents(self, page):
+        beginning, *sections = re.split(r"^## (?=.)", prose(page), flags=re.MULTILINE)
+        headings = [section.partition("\n")[0] for section in sections]
+        is_long = len(page.read_text().splitlines()) > 80
+        if is_long and page.name not in {"README.md", "cli.md", "agreement.md", "benchmarks.md"}:
+            assert [heading for heading in headings if f"* [{heading}](#" not in beginning] == []
 
 
 class TestMadeParts:

@@ -1,4 +1,4 @@
-"""Races as irace's log. What R makes of it: docs/tune.md."""
+"""Races as irace's log. What R makes of it: docs/how-to/exchange-with-irace.md."""
 
 import math
 

@@ -237,7 +237,7 @@ class TestFiles:
 
 
 class TestGallery:
-    def test_the_readme_shows_every_shipped_mission(self):
+    def test_the_gallery_shows_every_shipped_mission(self):
         assert gallery.GALLERY.read() == gallery.table(list(shipped.missions())), "run python docs/gallery.py"
 
     def test_every_shipped_mission_has_a_picture_and_no_other_has(self):

@@ -91,8 +91,9 @@ def irace_log(directory: Path, output: Path | None) -> None:
 def csv(logs: tuple[Path, ...], output: Path) -> None:
     """Write LOGs, of runs or of recordings of mercator-robot, as one table for pandas, R and spreadsheets.
 
-    docs/robot.md tells what each column is. Rows of several robots are in the order of their clock, which was measured
-    if `mdesign deploy --start` started them. A log that is still being written is exported as far as it goes.
+    docs/reference/robot-logs.md tells what each column is. Rows of several robots are in the order of their clock,
+    which was measured if `mdesign deploy --start` started them. A log that is still being written is exported as far as
+    it goes.
     """
     from mercator_design.log_table import write_csv
 
@@ -115,7 +116,8 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
 def mcap(log: Path, output: Path) -> None:
     """Write LOG, of a run or a recording of mercator-robot, as MCAP, which Foxglove shows and plots.
 
-    docs/robot.md tells what each channel is. A log that is still being written is exported as far as it goes.
+    docs/reference/robot-logs.md tells what each channel is. A log that is still being written is exported as far as it
+    goes.
     """
     from mercator_design.log_export import write_mcap
 

@@ -49,7 +49,7 @@ def record(
 
     Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
-    quaternion. docs/simulator.md says what each measures.
+    quaternion. docs/reference/recorded-devices.md says what each measures.
     """
     from mercator_design.files import replacing
     from mercator_design.report.recording import FORMATS, check_size, write_recording

@@ -1,7 +1,8 @@
 """The twin's Sphero RVR: bytes of commands in, bytes of responses, notifications and streams out.
 
 It falls asleep when nothing is said to it for five minutes, and refuses to do anything then; what it says of itself
-(versions, names) is made up. Sources: docs/robot.md; where these are silent, docs/twin.md says what is assumed.
+(versions, names) is made up. Sources: docs/reference/robot-protocols.md; where these are silent,
+docs/reference/twin.md says what is assumed.
 """
 
 import math

@@ -408,7 +408,7 @@ class TestOnTheCommandLine:
         assert (code, error) == (3, "Error: nowhere.py: no such file\n")
 
     def test_the_example_of_the_document(self, tmp_path):
-        text = (Path(__file__).parents[2] / "docs" / "missions.md").read_text().partition("### Your own objectives")[2]
+        text = (Path(__file__).parents[2] / "docs" / "how-to" / "extend-missions.md").read_text()
         plugin, lines = re.findall(r"```(?:python)?\n(.+?)```", text, re.DOTALL)[:2]
         (tmp_path / "my.py").write_text(plugin)
         mission = yaml.safe_load(shipped.missions()["aggregation"].read_text()) | yaml.safe_load(lines)

@@ -76,7 +76,7 @@ class TestPath:
 
 @pytest.mark.parametrize("k", [1, 2, 3, 5])
 def test_what_it_takes(k):
-    """As docs/race.md says."""
+    """As docs/how-to/assess-a-design.md says."""
     space = Space.from_text("\n".join(f'x{n} "" r (0, 1)' for n in range(k)))
     start, target = ({f"x{n}": value for n in range(k)} for value in (0.0, 1.0))
     flips, n_measured = Flips(space, target), 0

@@ -26,8 +26,8 @@ def test_all_may_be_left_out(tmp_path):
 
 
 def test_the_example_in_the_documents_has_every_key():
-    document = (Path(__file__).parents[2] / "docs" / "robot.md").read_text()
-    example = document.partition("### robot.yaml")[2].split("```")[1]
+    document = (Path(__file__).parents[2] / "docs" / "reference" / "robot-yaml.md").read_text()
+    example = document.partition("\n## robot.yaml")[2].split("```")[1]
     read = settings(example)
     assert (read.name, read.missions) == ("mercator-3", {"aggregation": ("black", "gray")})
     keys = {line.partition(":")[0].strip() for line in example.splitlines()}

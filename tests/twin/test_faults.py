@@ -97,7 +97,7 @@ faults:
         )
 
     def test_the_one_in_the_documents(self, tmp_path):
-        text = (Path(__file__).parents[2] / "docs" / "twin.md").read_text()
+        text = (Path(__file__).parents[2] / "docs" / "reference" / "twin.md").read_text()
         file = tmp_path / "faults.yaml"
         file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
         assert len(read_script(file).faults) == 6

@@ -75,7 +75,7 @@ def a_run_from_start_to_end(folder):
 
 
 def test_a_colour_is_measured(tmp_path):
-    """As docs/twin.md has it: all of the floor has one colour, and a copy of robot.yaml stays."""
+    """As docs/how-to/use-the-twin.md has it: all of the floor has one colour, and a copy of robot.yaml stays."""
     file = tmp_path / "mine.yaml"
     with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
         shutil.copy(tmp_path / "0" / "robot.yaml", file)
@@ -133,7 +133,7 @@ FAULT = 20.0
     ],
 )
 def test_how_soon_wheels_stop_after_a_fault(tmp_path, fault, most):
-    """By the limits of docs/robot.md."""
+    """By the limits of docs/reference/robot-safety.md."""
     in_time(lambda number: stops_after_a_fault(tmp_path / str(number), fault, most))
 
 

@@ -39,11 +39,13 @@ class Found:
 class Checked:
     """What was found on a robot.
 
-    failure: Why it could not be looked at; empty if it could.
+    is_done: Whether that is all.
+    failure: Why it could not be looked at, or not to the end; empty if it could.
     """
 
     robot: Robot
     findings: list[Found] = field(default_factory=list)
+    is_done: bool = False
     clock: Clock = field(default_factory=Clock)
     failure: str = ""
 
@@ -96,7 +98,7 @@ def check(fleet: Fleet, timeout: float, options: Iterable[str] = ()) -> list[Che
         for name, each in checked.items():
             if not robots[name].has_ended:
                 each.failure = f"not done after {timeout:g} s"
-            elif not each.findings:
+            elif not each.is_done:
                 each.failure = robots[name].words
     return [*checked.values()]
 
@@ -111,6 +113,8 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
             case "finding":
                 is_fine = said.get("is_fine") is True
                 checked.findings.append(Found(str(said.get("what")), is_fine, str(said.get("words"))))
+            case "done":
+                checked.is_done = True
             case "clock":
                 with suppress(ValueError):  # of which there will be others
                     checked.clock.hear(said, now)

@@ -108,3 +108,14 @@ def test_findings_as_lines_of_json(robots, field):
     assert {"clock", "battery", "lidar's turns", *COLUMNS.values()} <= found.keys()
     assert found["battery"]["words"] == "87 %"
     assert all(from_line(json.dumps(each).encode()) for each in said)
+
+
+@pytest.mark.parametrize("ends", ["exit 137", "kill -9 $$", "exit 255"])
+def test_a_check_that_breaks_off_is_told(deploy, field, ends):
+    """What was not looked at is not fine, though all that was is."""
+    finding = '{"say": "finding", "what": "clock", "is_fine": true, "words": "12:00"}'
+    python = field / "bin/python3"
+    python.write_text(f"#!/bin/sh\ncase \"$*\" in *version*) echo 1; exit 0;; esac\necho '{finding}'\n{ends}\n")
+    code, out, err = deploy("--check")
+    assert [row.partition(":")[0] for row in out.splitlines()[5:]] == ["WRONG  r1", "WRONG  r2"], out
+    assert (code, err) == (1, "Error: something is wrong with 2 of 2 robots\n")

@@ -22,7 +22,8 @@ from mercator_design.robot.settings import Settings
     "--json",
     "as_json",
     is_flag=True,
-    help="Print a line of JSON for each finding, and answer who asks for the clock, as `mdesign deploy --check` does.",
+    help="Print a line of JSON for each finding and one when all is done, and answer who asks for the clock, as "
+    "`mdesign deploy --check` does.",
 )
 @WITHOUT
 def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) -> None:
@@ -50,5 +51,6 @@ def _tell(found: Iterable[Finding]) -> None:
             wrong += not finding.is_fine
             if not channel.say(to_line("finding", **finding._asdict())):
                 raise RobotError("nobody hears what is found")
+        channel.say(to_line("done"))
     if wrong:
         raise RobotError(f"{wrong} wrong")

@@ -202,14 +202,14 @@ class Journal(Record):
                 line["after"] = last
             texts.append(to_line(line))
             last = checksum(texts[-1])
-        self._write("".join(texts).encode())
-        self._last = last
+        self._write("".join(texts).encode(), last)
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes, last: str) -> None:
         try:
             if os.write(self._file, data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as if it had said so
             self._length += len(data)
+            self._last = last  # also if they cannot be forced to the disk: the next line comes after them
             if time.monotonic() - self._synced > SYNC_EVERY:
                 self.sync()
         except OSError as error:

@@ -369,6 +369,27 @@ class TestFullDisk:
         assert (reading.lines, reading.torn) == (99, "")
         assert resumed(path) == (*EXPECTED, RAN - len(reading.record.experiments))
 
+    def test_what_cannot_be_forced_to_the_disk(self, tmp_path, monkeypatch):
+        """A network file system may tell only then that there is no room; the lines may be there nevertheless."""
+        path = tmp_path / "journal.jsonl"
+        monkeypatch.setattr(journal, "SYNC_EVERY", -1.0)
+        fsync, count = os.fsync, 0
+
+        def full(file):
+            nonlocal count
+            count += 1
+            if count == 100:
+                raise OSError(122, "Disk quota exceeded")
+            fsync(file)
+
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(RaceError, match=r"Disk quota exceeded; .* can be resumed"):
+            resumed(path)
+        monkeypatch.undo()
+        reading = read(path)
+        assert reading.torn == ""
+        assert resumed(path) == (*EXPECTED, RAN - len(reading.record.experiments))
+
     def test_what_is_written_is_forced_to_the_disk_now_and_then(self, tmp_path, monkeypatch):
         monkeypatch.setattr(journal, "SYNC_EVERY", 0.01)
         synced = []

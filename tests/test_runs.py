@@ -219,7 +219,15 @@ class TestResume:
         assert "expected a budget of 120, as before, or more, found 100" in err
 
     @pytest.mark.parametrize(
-        "option", [["aggregation"], ["--seed", "2"], ["--set", "robots=3"], ["-o", "x"], ["--flavour", "chocolate"]]
+        "option",
+        [
+            ["aggregation"],
+            ["--seed", "2"],
+            ["--seed", "0"],
+            ["--set", "robots=3"],
+            ["-o", "x"],
+            ["--flavour", "chocolate"],
+        ],
     )
     def test_what_it_began_with_cannot_change(self, mdesign, folder, option):
         code, _, err = mdesign("race", "--resume", folder, *option)

@@ -74,8 +74,7 @@ def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[s
     """
     parameters = {one.name: one for one in context.command.params if one.name}
     for name in began_with if resumed else ():
-        is_given = context.get_parameter_source(name) is not ParameterSource.DEFAULT
-        if is_given and context.params[name]:
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             hint = _hint(parameters[name])
             raise click.UsageError(f"{hint} is what the race began with: it cannot be given with --resume")
     for name in () if resumed else needed:

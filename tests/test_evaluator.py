@@ -1,6 +1,7 @@
 """mdesign tune with a targetEvaluator that compares configurations, as irace calls it."""
 
 import itertools
+import json
 import subprocess
 
 import pandas as pd
@@ -94,6 +95,11 @@ def test_it_compares_all_that_are_alive(mdesign, folder, tmp_path):
     assert sum(map(len, record.revised.values())) == revised
     results = pd.read_csv(tmp_path / "r" / "results.csv")
     assert abs(results.x[0] - 7) <= 2
+    (run,) = json.loads(mdesign("runs", "list", tmp_path, "--json")[1])
+    table = mdesign("runs", "show", tmp_path / "r")[1].partition("\niteration ")[2].splitlines()
+    last = dict(zip(["iteration", *table[0].split()], table[len(record.iterations)].split(), strict=False))
+    assert run["score"] == pytest.approx(results["mean"][0])  # by the scores that there are in the end
+    assert float(last["mean"]) == pytest.approx(results["mean"][0], rel=1e-3)
     tests = [step for step in steps(folder) if step[2] in {test.seed for test in record.tests.values()}]
     assert [step[0] for step in tests] == ["run"] * (len(tests) // 2) + ["evaluate"] * (len(tests) // 2)
     assert f"{len(tests) // 2} tests" in out

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 
-from mercator_design.race.events import Iteration
+from mercator_design.race.events import Finished, Iteration, Revised
 from mercator_design.race.record import Record
 from mercator_design.race.summary import Scores
 from mercator_design.report.columns import aligned, difference
@@ -16,26 +16,36 @@ _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "
 def iterations_table(record: Record) -> list[str]:
     """A line for each iteration that has ended.
 
-    The mean is of the best, over the n instances that it has seen by then. Against the best before: how much larger its
-    scores are than those of the best of the iteration before on the instances that both have seen by then, with the
-    confidence interval.
+    The mean is of the best, over the n instances that it has seen by then, by the scores of then: an evaluator may give
+    others later. Against the best before: how much larger its scores are than those of the best of the iteration before
+    on the instances that both have seen by then, with the confidence interval.
     """
     iterations = [one for _, one in sorted(record.iterations.items())]
     bests = {one.elites[0] for one in iterations}
-    finished = deque(one for _, one in sorted(record.experiments.items()) if one.configuration in bests)
+    finished = deque(one for one in _happened(record) if one.configuration in bests)
     scores: dict[int, dict[int, float]] = {best: {} for best in bests}
     before = None
     rows: list[tuple[object, ...]] = [_HEAD]
     for ended in iterations:
-        while finished and finished[0].iteration <= ended.iteration:
+        while finished and record.experiments[finished[0].experiment].iteration <= ended.iteration:
             one = finished.popleft()
-            if one.score is not None:
+            if one.score is None:
+                scores[one.configuration].pop(one.instance, None)
+            else:
                 scores[one.configuration][one.instance] = one.score
         rows.append(_row(ended, before, scores))
         before = ended.elites[0]
     if len(rows) > 1 + _FIRST + _LAST:
         rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
+
+
+def _happened(record: Record) -> list[Finished | Revised]:
+    """The experiments in order of their numbers, and what has replaced their scores at the place where it did."""
+    revised = [
+        one for number in record.revised if number in record.experiments for one in record.revised[number].values()
+    ]
+    return sorted([*record.experiments.values(), *revised], key=lambda one: one.experiment)
 
 
 def iteration_notes(record: Record) -> list[str]:

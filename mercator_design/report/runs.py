@@ -51,7 +51,7 @@ def run_summary(path: Path) -> str:
     task = TASKS[record.start["task"]]
     asked = {(one.configuration, one.instance) for one in record.experiments.values()}
     unasked = sum(place not in asked for place in record.ahead)
-    failed = sum(one.score is None for one in record.experiments.values())
+    failed = sum(one.score is None for one in record.results())
     lines = [
         *task.about(record.start),
         f"Race       {record.start['method']}, {run['experiments']} of {run['budget']} experiments, "
@@ -129,9 +129,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
         run["started"] = record.sessions[0].time
     if record.ends:
         winner = record.ends[-1].winner
-        scores = [
-            one.score for one in record.experiments.values() if one.configuration == winner and one.score is not None
-        ]
+        scores = [one.score for one in record.results() if one.configuration == winner and one.score is not None]
         run |= {"winner": winner, "score": sum(scores) / len(scores)}
     return run
 

@@ -36,7 +36,7 @@ class NamedFile(NamedTuple):
     @property
     def copy(self) -> str:
         """The path of its copy in a run folder."""
-        return f"files/{self.digest}-{Path(self.path).name}"
+        return f"files/{self.digest}/{Path(self.path).name}"
 
 
 def named_files(function: Callable[..., Any], parameters: Mapping[str, Any]) -> dict[str, NamedFile]:

@@ -134,14 +134,16 @@ def test_a_run_folder_has_its_own_copies(mdesign, plugin, written, tmp_path):
         shutil.rmtree(tmp_path / folder / "data")
     a, b = tmp_path / "a" / "r", tmp_path / "b" / "r"
     assert read(a / JOURNAL).record.digest() == read(b / JOURNAL).record.digest()
-    assert len(list((a / "files").iterdir())) == 4
+    copies = {path.relative_to(a).as_posix() for path in (a / "files").glob("*/*")}
+    assert {Path(path).name for path in copies} == {"one", "two", "three", "four"}
+    assert load_mission(a / "mission.yaml").files.keys() == copies  # functions are given the same names
     shutil.move(a, tmp_path / "moved")
     for verb in (("race", "--resume", tmp_path / "moved", "--budget", 80), ("runs", "verify", tmp_path / "moved")):
         assert mdesign(*verb)[0] == 0
     assert mdesign("evaluate", tmp_path / "moved" / "fsm.txt", "--plugin", plugin, "-n", 2)[0] == 0
     assert mdesign("export", "irace", b / "mission.yaml", "--plugin", plugin, "-o", tmp_path / "x")[0] == 0
     assert load_mission(tmp_path / "x" / "mission.yaml").digest == load_mission(b / "mission.yaml").digest
-    (copy,) = (b / "files").glob("*-three")
+    (copy,) = (b / "files").glob("*/three")
     copy.write_text("4")
     code, out, err = mdesign("race", "--resume", b, "--budget", 80)
     assert (code, out) == (1, "")

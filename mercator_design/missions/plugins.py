@@ -239,6 +239,10 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         if namesake is not None:
             another = f"another plugin of that name (digest {namesake.digest}, not {plugin.digest}) is loaded already"
             raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")
+        others = {path: source for other in _loaded.values() for path, source in other.files.items()}
+        for path, source in plugin.files.items():
+            if others.get(path, source) != source:  # in a run folder there is one of a name
+                raise MissionError(f"{label}: its file {path} is not that of this name which another plugin has")
         before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
         with contextlib.ExitStack() as undo:
             undo.callback(snapshot())

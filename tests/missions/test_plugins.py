@@ -335,6 +335,16 @@ class TestLoading:
         with pytest.raises(MissionError, match=r"another plugin of that name .* is loaded already; start"):
             load_plugin(write(NORTHERN.replace("northernmost", "other"), "other/my.py"))
 
+    def test_a_module_of_the_name_of_another_plugin(self, write, tmp_path):
+        """A race would have one of the two in its folder, and could not go on."""
+        load_plugin(write(NORTHERN))
+        (tmp_path / "other").mkdir()
+        write("HALF = 0.5", "other/my.py")
+        before = everything_registered()
+        with pytest.raises(MissionError, match=r"its file my.py is not that of this name which another plugin has"):
+            load_plugin(write(f"import my\n{NORTHERN.replace('northernmost', 'other')}", "other/second.py"))
+        assert everything_registered() == before
+
     def test_kernels_come_before_the_first_experiment(self, write, monkeypatch):
         monkeypatch.setattr(jit, "compiling_began", lambda: True)
         with pytest.raises(MissionError, match="compiled code; load it before the first experiment"):

@@ -422,6 +422,8 @@ class TestFailures:
         (SCENARIO, ["--target-runner", "none"], 1, "the command line: targetRunner: expected a file, found none at "),
         (SCENARIO, ["--max-experiments", "0"], 2, "--max-experiments"),
         (SCENARIO, ["--resume", "r"], 2, "SCENARIO is what the race began with"),
+        (SCENARIO, ["--check", "--only-test", "c.txt"], 2, "--check takes neither --only-test nor --output"),
+        (SCENARIO, ["--only-test", "c.txt", "--optuna", "sqlite:///o.db"], 2, "--check and --only-test run none"),
         ("nbConfigurations = 2\n" + SCENARIO, [], 1, "nbConfigurations: expected more than the 3 survivors"),
     ],
 )  # fmt: skip

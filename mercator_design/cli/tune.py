@@ -101,6 +101,10 @@ def tune(
     needed = () if scenario_option is not None else ("scenario",)
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=needed)
     scenario = scenario or scenario_option
+    if (check or only_test is not None) and (optuna is not None or speculate):
+        raise click.UsageError("--optuna and --speculate are of a race: --check and --only-test run none")
+    if check and (only_test is not None or output is not None):
+        raise click.UsageError("--check takes neither --only-test nor --output")
     from mercator_design.race.executors import ThreadExecutor
     from mercator_design.race.methods import RACES
     from mercator_design.race.scenario import read_scenario

@@ -9,7 +9,6 @@ import json
 import math
 import textwrap
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -211,11 +210,6 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
         )
         border.set_label(f"_{_START_AREA}")
     return True
-
-
-def _draw_border(axes: Axes, x: Array, y: Array, share: Array, name: str, **style: Any) -> None:  # noqa: ANN401
-    """A line between where something is (1) and where it is not (0), that is found by its name."""
-    axes.contour(x, y, share, levels=[0.5], **style).set_label(f"_{name}")
 
 
 def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:

@@ -81,7 +81,7 @@ def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
         from rdata.conversion.to_r import DEFAULT_CLASS_MAP
         from rdata.unparser import unparse_data
     except ImportError:
-        raise RaceError("expected the package rdata, found none: pip install 'mercator-design[r]'") from None
+        raise RaceError("expected the package rdata, found none: in the clone, pip install '.[r]'") from None
     if not record.experiments:
         raise RaceError(f"{path}: expected a race with experiments, found none")
     makers: dict[type, Any] = {**DEFAULT_CLASS_MAP, _Named: _named, _Matrix: _matrix, _Table: _table}

@@ -1,6 +1,7 @@
 """Races as irace's log. What R makes of it: docs/how-to/exchange-with-irace.md."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -140,6 +141,13 @@ def test_a_race_without_experiments_is_refused(race, tmp_path):
     record.begin(race[0].start())
     with pytest.raises(RaceError, match="expected a race with experiments, found none"):
         write_irace_log(tmp_path / "irace.Rdata", race[0], record)
+
+
+def test_without_the_package(race, tmp_path, monkeypatch):
+    """The extra is in the clone: no registry has this program."""
+    monkeypatch.setitem(sys.modules, "rdata.unparser", None)
+    with pytest.raises(RaceError, match=r"in the clone, pip install '\.\[r\]'"):
+        write_irace_log(tmp_path / "irace.Rdata", *race)
 
 
 def test_the_command(mdesign, tmp_path):

@@ -106,7 +106,12 @@ def _configuration(space: Space, words: dict[str, _Word]) -> Configuration:
     if space.is_forbidden(configuration):
         return configuration
     space.check(configuration)
-    return {name: _rounded(space[name], value) for name, value in configuration.items()}
+    rounded = {name: _rounded(space[name], value) for name, value in configuration.items()}
+    try:
+        space.check(rounded)  # of which conditions, and bounds of others, may hold otherwise
+    except RaceError as error:
+        raise RaceError(f"rounded to the digits of its parameters: {error}") from None
+    return rounded
 
 
 def _value(parameter: Parameter, word: _Word) -> Value | None:

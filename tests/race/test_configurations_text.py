@@ -33,6 +33,17 @@ def test_what_is_read(tmp_path, text, expected):
     assert read_configurations(tmp_path / "c.txt", SPACE) == (expected, [])
 
 
+@pytest.mark.parametrize(
+    ("row", "words"), [("0.49999 NA 0.1", "'z': expected a value"), ("0.5 a 0.16666", "'w': expected real within")]
+)
+def test_what_is_not_of_the_space_when_it_is_rounded(tmp_path, row, words):
+    """0.49999 is 0.5 with four digits, for which another parameter is active; 0.1667 is more than a third of it."""
+    space = Space.from_text('x "" r (0, 1)\nz "" c (a, b) | x >= 0.5\nw "" r (0.01, "x/3")\n')
+    (tmp_path / "c.txt").write_text(f"x z w\n{row}\n")
+    with pytest.raises(RaceError, match=rf"c.txt:2: rounded to the digits of its parameters: parameter {words}"):
+        read_configurations(tmp_path / "c.txt", space)
+
+
 def test_what_is_forbidden_is_left_out_and_said(tmp_path):
     file = tmp_path / "c.txt"
     file.write_text("x n rule\n0.85 3 fast\n0.25 3 fast\n")

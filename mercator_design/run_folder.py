@@ -31,7 +31,7 @@ from mercator_design.race.events import Extension, Finished, Tested
 from mercator_design.race.journal import Journal, now
 from mercator_design.race.task import Result, Task
 from mercator_design.race.testing import Testing
-from mercator_design.run_files import JOURNAL, is_same, read_provenance, restored, without_provenance
+from mercator_design.run_files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
 from mercator_design.run_tables import configurations_of
 
 _RESULTS = "results.csv"
@@ -114,6 +114,8 @@ class RunFolder:
             if not journal.start:
                 journal.begin(start)
             _check_same(path, journal, start)
+            if missing := wrong_end(path, journal):
+                journal.notes.append(missing)
             with _naming(path):
                 folder._remove_drafts()
         except BaseException:

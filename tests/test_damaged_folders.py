@@ -179,6 +179,10 @@ class TestDamage:
         code, out, err = mdesign("runs", "verify", folder)
         assert (code, out) == (1, "")
         assert said in err
+        again = shutil.copytree(folder, folder.with_name("again"))
+        code, _, err = mdesign("race", "--resume", again)
+        assert (code, err.count(f"Note: {again / JOURNAL}: {said}")) == (0, 1)
+        assert "Note: " not in mdesign("race", "--resume", again)[2]
         assert resumed(folder) == (read_journal(whole).record.digest(), read_journal(whole).record.tests)
 
     @pytest.mark.parametrize(

@@ -97,6 +97,10 @@ def stop(folder, number):
     (folder / JOURNAL).write_bytes(b"".join(lines[: places[number] + 1]))
     for name in ("fsm.txt", "results.csv"):
         (folder / name).unlink()
+    provenance = json.loads((folder / "provenance.json").read_text())
+    for key in ("finished", "budget", "experiments", "winner", "journal", "seconds"):
+        del provenance[key]
+    (folder / "provenance.json").write_text(json.dumps(provenance))
 
 
 def wait_for_an_experiment(folder):
@@ -665,10 +669,6 @@ class TestRuns:
         stop(shutil.copytree(folder, tmp_path / "s"), 30)
         shutil.copytree(folder, tmp_path / "t")
         (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
-        again = json.loads((tmp_path / "s" / "provenance.json").read_text())
-        for key in ("finished", "budget", "experiments", "winner", "journal", "seconds"):
-            del again[key]  # as if it had never ended
-        (tmp_path / "s" / "provenance.json").write_text(json.dumps(again))
         code, out, err = mdesign("runs", "list", tmp_path)
         assert (code, err.count("\n"), f"Warning: {tmp_path / 't' / JOURNAL}, line 1: " in err) == (0, 1, True)
         assert {line.split()[0]: line.split()[1:7] for line in out.splitlines()[1:]} == {

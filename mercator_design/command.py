@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import click
 
 from mercator_design import spelling
-from mercator_design.errors import MercatorError, Signalled, lack_of_memory, printable, printable_lines
+from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
 
@@ -184,6 +184,15 @@ def naming(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise MercatorError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def naming_header(fsm: Path) -> Iterator[None]:
+    """What is wrong with the header of an fsm.txt is told with the file's name."""
+    try:
+        yield
+    except FsmError as error:
+        raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, NumberRange, put, read_controller, tell
+from mercator_design.command import (
+    FILE,
+    FLAVOUR,
+    LENIENT,
+    WITHOUT,
+    NumberRange,
+    naming_header,
+    put,
+    read_controller,
+    tell,
+)
 from mercator_design.errors import RobotError, printable
 from mercator_design.fsm.text import FsmFile
 
@@ -78,8 +88,9 @@ def deploy(
     cycle = CONTROL_PERIOD
     if fsm is not None:
         file = read_controller(fsm, flavour, lenient=lenient)
-        cycle = control_period_of(file.header)
-        _refuse_what_is_needed(without, file)
+        with naming_header(fsm):
+            cycle = control_period_of(file.header)
+            _refuse_what_is_needed(without, file)
     if not ends:
         results += _shown(do.copy(fleet, fsm, timeout))
     left_out = [f"--without={device}" for device in without]

@@ -182,6 +182,14 @@ def test_a_pfsm_that_is_none(deploy, field):
     assert not (field / "calls").exists()
 
 
+@pytest.mark.parametrize("header", ["control period: 9", "reference model: {x: 1}"])
+def test_a_header_that_no_robot_obeys(deploy, field, header):
+    (field / "fsm.txt").write_text(f"# {header}\n{GO}")
+    code, out, err = deploy("fsm.txt", "--start", "--without", "lidar")
+    assert (code, out) == (3, "")
+    assert err.startswith(f"Error: fsm.txt: {header.partition(':')[0]} in the header: ")
+
+
 def test_logs_of_a_day_that_comes_again_are_kept(deploy, field):
     """A Pi has no clock."""
     (field / "bin/date").write_text("#!/bin/sh\necho 20260101-000000\n")

@@ -1,14 +1,11 @@
 """mercator-robot run: a PFSM on the robot."""
 
-import contextlib
 import secrets
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, OutputFile, read_controller, tell
-from mercator_design.errors import FsmError
+from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, OutputFile, naming_header, read_controller, tell
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
 from mercator_design.robot.joint import AtOnce, Joint
 from mercator_design.robot.ports import DeviceName
@@ -59,7 +56,7 @@ def run(
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
     path = new_file(log, "run", settings.name)
-    with _naming_its_header(fsm):
+    with naming_header(fsm):
         model = settings.as_raced(file.header).reference_model
     for device in without:
         if why := why_device_is_needed(device, file.pfsm.reads, model):
@@ -69,15 +66,6 @@ def run(
         tell("Dry run: the wheels do not turn.")
     for device in without:
         tell(f"Without {device}: it is left alone, and what it would tell is neutral.")
-    with naming_in_the_end(path, "log", tell), _naming_its_header(fsm):
+    with naming_in_the_end(path, "log", tell), naming_header(fsm):
         drive(settings, what, path, tell, Joint() if await_start else AtOnce())
         tell("The duration is over.")
-
-
-@contextlib.contextmanager
-def _naming_its_header(fsm: Path) -> Iterator[None]:
-    """What is wrong with the header of an fsm.txt is told with the file's name."""
-    try:
-        yield
-    except FsmError as error:
-        raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None

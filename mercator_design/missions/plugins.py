@@ -106,7 +106,8 @@ def dynamic(
         change: A kernel (see jit.py), marked `@jittable`: `change(floor, table, poses, time)` is called once in each
             control cycle, after the robots have moved and before they sense. It changes `floor.zones` in place. `table`
             holds the rows that the marked function returned for this instance, and is the kernel's to write in; `poses`
-            (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start.
+            (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start. Colours that it paints must
+            be among the function's parameters, annotated `Colour`: robots know of no others.
 
     Raises:
         ValueError: as `objective`, and if the kernel is not marked.

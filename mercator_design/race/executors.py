@@ -39,6 +39,8 @@ START = 60.0
 """Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
 _GLANCE = 1.0
 """Seconds from one look of a worker at whether its main process is there to the next."""
+_PATIENCE = 0.5
+"""Seconds that anything is waited for at once: a signal that comes just before a wait is not handled until its end."""
 _MOST_SAID = 2000
 """Characters of what an experiment says of its failure, such as the command that failed."""
 
@@ -184,7 +186,8 @@ class ThreadExecutor:
             self._todo.put(None)
         if kind is None or issubclass(kind, Exception):  # not after Ctrl-C, when nobody wants to wait
             for thread in self._threads:
-                thread.join()
+                while thread.is_alive():
+                    thread.join(_PATIENCE)
 
     def stop(self) -> None:
         """As `Executor.stop`: all that was begun is running."""
@@ -210,7 +213,7 @@ class ThreadExecutor:
                 under_way += 1
             if not under_way:
                 return
-            yield done.get()
+            yield _next(done)
             under_way -= 1
 
     def _serve(self) -> None:
@@ -272,8 +275,7 @@ class ProcessExecutor:
             if not running:
                 return
             soonest = min(errand.deadline for _, errand in running.values())
-            left = None if soonest == float("inf") else max(soonest - time.monotonic(), 0.0)
-            done, _ = wait(running, timeout=left, return_when=FIRST_COMPLETED)
+            done = _done(running, soonest)
             now = time.monotonic()
             late = [future for future, (_, errand) in running.items() if errand.deadline <= now and future not in done]
             for future in [*done, *late]:
@@ -296,6 +298,21 @@ class ProcessExecutor:
         if errand.timeouts < MOST_TIMEOUTS:
             return None
         return Failed(f"took longer than {self._timeout:g} s, {errand.timeouts} times")
+
+
+def _next(done: "queue.SimpleQueue[T]") -> T:
+    while True:
+        with contextlib.suppress(queue.Empty):
+            return done.get(timeout=_PATIENCE)
+
+
+def _done(running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
+    """Those that have ended, at least one of them unless the deadline comes before."""
+    while True:
+        left = max(deadline - time.monotonic(), 0.0)
+        done, _ = wait(running, timeout=min(left, _PATIENCE), return_when=FIRST_COMPLETED)
+        if done or left <= _PATIENCE:
+            return done
 
 
 def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed | None:

@@ -1,6 +1,7 @@
 """What holds of everything that runs experiments: one class of tests for all, and what some of them can besides."""
 
 import contextlib
+import functools
 import importlib.util
 import logging
 import os
@@ -458,6 +459,16 @@ def process_of(_):
     return os.getpid()
 
 
+def begins(folder, _):
+    """Takes half a minute, unless it is let go."""
+    (folder / "began").touch()
+    end = time.monotonic() + 30
+    while not (folder / "go").exists() and time.monotonic() < end:
+        time.sleep(0.01)
+    if time.monotonic() >= end:
+        (folder / "ended").touch()
+
+
 def survives(number):
     os.kill(os.getpid(), number)
     return True
@@ -475,6 +486,35 @@ def test_ctrl_c_interrupts_who_waits_for_threads(jobs):
     with pytest.raises(KeyboardInterrupt), ThreadExecutor(jobs) as executor:
         list(executor.run(interrupting, range(3)))
     let_go.set()
+
+
+@pytest.mark.parametrize("make", [lambda: ThreadExecutor(1), lambda: ProcessExecutor(1)])
+def test_a_signal_ends_a_wait_that_it_does_not_interrupt(make, tmp_path):
+    """As one does that comes just before the wait: here another thread takes it."""
+
+    def terminated(*_):
+        raise Terminated
+
+    class Terminated(BaseException):
+        pass
+
+    def take():
+        while not (tmp_path / "began").exists():
+            time.sleep(0.01)
+        time.sleep(0.2)
+        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
+
+    usual, thread = signal.signal(signal.SIGUSR1, terminated), threading.Thread(target=take)
+    try:
+        with make() as executor:
+            thread.start()
+            with pytest.raises(Terminated):
+                list(executor.run(functools.partial(begins, tmp_path), [0]))
+            (tmp_path / "go").touch()
+        thread.join()
+    finally:
+        signal.signal(signal.SIGUSR1, usual)
+    assert not (tmp_path / "ended").exists()
 
 
 def test_one_that_was_not_entered_says_so():

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from docs import cli_reference, tables
 from docs.made_part import MadePart
 from mercator_design.cli.record import record
+from mercator_design.cli.validate import validate
 from mercator_design.fsm import ReferenceModel, parse
 from mercator_design.sim.devices import DEVICES
 from mercator_design.sim.robot_model import load_robot_model
@@ -108,6 +110,16 @@ class TestPages:
         is_long = len(page.read_text().splitlines()) > 80
         if is_long and page.name not in {"README.md", "cli.md", "agreement.md", "benchmarks.md"}:
             assert [heading for heading in headings if f"* [{heading}](#" not in beginning] == []
+
+
+def test_what_validate_prints_in_the_tutorial(tmp_path, monkeypatch):
+    text = (ROOT / "docs" / "tutorial.md").read_text()
+    (mission,) = re.findall(r"^```yaml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    printed = re.findall(r"^\$ mdesign validate home.yaml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    for number, color in enumerate(("black", "blak")):
+        Path("home.yaml").write_text(mission.replace("color: black", f"color: {color}"))
+        assert CliRunner().invoke(validate, ["home.yaml"]).output == printed[number]
 
 
 class TestMadeParts:

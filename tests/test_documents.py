@@ -6,6 +6,7 @@ import runpy
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -60,6 +61,33 @@ def test_the_reference_of_commands_is_the_programs():
     assert "| `--budget N` | Experiments that may be run;" in shown
 
 
+COMMANDS = {name: one for program in cli_reference.PROGRAMS.items() for name, one in cli_reference.walk(*program)}
+COMMAND = re.compile(
+    r"(?:^|&& |; |do |\| )(?:\$ |sudo )?(?:\S*python3 )?(?:\S*/)?(mdesign|mercator-robot)(?:\.pyz)?( [^|;&)#\n]*)",
+    re.MULTILINE,
+)
+
+
+def commands_in(text):
+    """The commands in its blocks of code, and between backquotes."""
+    blocks = re.findall(r"^```(?:sh)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    spans = re.findall(r"`([^`]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL))
+    for code in [*blocks, *(" ".join(span.split()) for span in spans)]:
+        for program, rest in COMMAND.findall(code):
+            yield program, rest.split()
+
+
+def test_commands_are_found():
+    shown = "cd a && mdesign race b -j 2  # c\nsudo python3 mercator-robot.pyz stop; ls\n"
+    text = f"Run `mdesign\nvalidate a.yaml`.\n```sh\n{shown}```\n```\n$ mdesign draw f\n```\n"
+    assert list(commands_in(text)) == [
+        ("mdesign", ["race", "b", "-j", "2"]),
+        ("mercator-robot", ["stop"]),
+        ("mdesign", ["draw", "f"]),
+        ("mdesign", ["validate", "a.yaml"]),
+    ]
+
+
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 PAGES = sorted(
     page for kind in (".", "how-to", "reference", "explanation") for page in (ROOT / "docs" / kind).glob("*.md")
@@ -90,6 +118,21 @@ def test_every_link_leads_to_a_file_and_a_heading(document):
         file = document.parent / path if path else document
         assert file.exists(), target
         assert not anchor or anchor in anchors(file), target
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda one: str(one.relative_to(ROOT)))
+def test_every_command_is_there_with_its_options(document):
+    if document.name in {"CHANGELOG.md", "cli.md"} or document.parent.name == "adr":
+        return  # what was, and what is made from the programs
+    for program, words in commands_in(document.read_text()):
+        depth = 0
+        while " ".join([program, *words[: depth + 1]]) in COMMANDS and depth < len(words):
+            depth += 1
+        command = COMMANDS[" ".join([program, *words[:depth]])]
+        assert not (isinstance(command, click.Group) and re.match("[a-z]", " ".join(words[depth:]))), (program, words)
+        options = {"-h", "--help"}.union(*(parameter.opts for parameter in command.params))
+        given = {re.sub(r"[]=].*", "", word.lstrip("[")) for word in words if re.match(r"\[?--?[a-z]", word)}
+        assert given <= options, (program, words)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda one: str(one.relative_to(ROOT)))

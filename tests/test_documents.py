@@ -155,6 +155,10 @@ class TestPages:
             assert [heading for heading in headings if f"* [{heading}](#" not in beginning] == []
 
 
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) < 120
+
+
 def test_what_validate_prints_in_the_tutorial(tmp_path, monkeypatch):
     text = (ROOT / "docs" / "tutorial.md").read_text()
     (mission,) = re.findall(r"^```yaml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)

@@ -48,13 +48,15 @@ def section(name: str, command: click.Command) -> str:
 
 
 def trailing(command: click.Command) -> list[str]:
-    return ["COMMAND ..."] if isinstance(command, click.Group) else ["[OPTIONS]"]
+    if isinstance(command, click.Group):
+        return ["[COMMAND ...]" if command.invoke_without_command else "COMMAND ..."]
+    return ["[OPTIONS]"]
 
 
 def in_usage(parameter: click.Parameter) -> str:
     if isinstance(parameter, click.Argument):
         name = parameter.metavar or (parameter.name or "").upper() + "..." * (parameter.nargs == -1)
-        return name if parameter.required else f"[{name}]"
+        return name if parameter.required or name.startswith("[") else f"[{name}]"
     return f"{parameter.opts[-1]} {value(parameter)}" if parameter.required else ""
 
 

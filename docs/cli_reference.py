@@ -10,7 +10,7 @@ import click
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from docs.made_part import MadePart
+from docs.made_part import MadePart, table
 from mercator_design import cli
 from mercator_design.robot import cli as robot_cli
 
@@ -23,8 +23,8 @@ Named = tuple[str, click.Command]
 def reference() -> str:
     """A table of all commands, then a section for each."""
     commands = [one for name, program in PROGRAMS.items() for one in walk(name, program)]
-    rows = [f"[`{name}`](#{anchor(name)}) | {cell(summary(command))}" for name, command in commands]
-    return "\n\n".join([table("command", rows), *(section(name, command) for name, command in commands)]) + "\n"
+    rows = [(f"[`{name}`](#{name.replace(' ', '-')})", cell(summary(command))) for name, command in commands]
+    return "\n".join([table(("command", "what"), rows), *(section(name, command) for name, command in commands)])
 
 
 def walk(name: str, command: click.Command) -> Iterator[Named]:
@@ -42,9 +42,9 @@ def section(name: str, command: click.Command) -> str:
     """Usage, description, arguments and options of a command."""
     usage = " ".join([name, *(one for p in command.params if (one := in_usage(p))), *trailing(command)])
     options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
-    rows = [f"{cell(names(p))} | {cell(meaning(p))}" for p in options]
-    parts = [f"## {name}", f"```\n{usage}\n```", *paragraphs(command.help or "")]
-    return "\n\n".join([*parts, *([table("option", rows)] if rows else [])])
+    rows = [(cell(names(p)), cell(meaning(p))) for p in options]
+    parts = [f"## {name}\n", f"```\n{usage}\n```\n", *(f"{one}\n" for one in paragraphs(command.help or ""))]
+    return "\n".join([*parts, *([table(("option", "what"), rows)] if rows else [])])
 
 
 def trailing(command: click.Command) -> list[str]:
@@ -97,16 +97,8 @@ def paragraphs(text: str) -> list[str]:
     return [f"```\n{one[1:].strip()}\n```" if one.startswith("\b") else " ".join(one.split()) for one in blocks]
 
 
-def table(first: str, rows: list[str]) -> str:
-    return "\n".join([f"| {first} | what |", "| --- | --- |", *(f"| {row} |" for row in rows)])
-
-
 def cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
-
-
-def anchor(heading: str) -> str:
-    return heading.replace(" ", "-")
 
 
 def main() -> None:

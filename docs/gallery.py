@@ -11,7 +11,7 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from docs.made_part import MadePart
+from docs.made_part import MadePart, table
 from mercator_design import shipped
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.preview import save_preview
@@ -23,13 +23,11 @@ GALLERY = MadePart(ROOT / "docs" / "reference" / "shipped-missions.md", "gallery
 COLUMNS = 4
 
 
-def table(names: list[str]) -> str:
-    """The gallery of some missions: pictures that lead to their files."""
+def gallery(names: list[str]) -> str:
+    """Pictures of some missions that lead to their files."""
     cells = [f"[![{name}](../pictures/missions/{name}.png)](../../scenarios/{name}.yaml)" for name in names]
     cells += [""] * (-len(cells) % COLUMNS)
-    rows = [cells[first : first + COLUMNS] for first in range(0, len(cells), COLUMNS)]
-    lines = [[""] * COLUMNS, ["---"] * COLUMNS, *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return table([""] * COLUMNS, [cells[first : first + COLUMNS] for first in range(0, len(cells), COLUMNS)])
 
 
 def draw(name: str, path: Path) -> None:
@@ -49,7 +47,7 @@ def main() -> None:
             old.unlink()
     for name in names:
         draw(name, PICTURES / f"{name}.png")
-    GALLERY.write(table(names))
+    GALLERY.write(gallery(names))
     size = sum(path.stat().st_size for path in PICTURES.glob("*.png"))
     print(f"{PICTURES}: {len(names)} pictures, {size / 1e3:.0f} kB")
 

@@ -1,5 +1,6 @@
-"""The part of a document that a program makes, between two comments."""
+"""The part of a document that a program makes, between two comments; and tables in such a part."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,3 +34,9 @@ class MadePart(NamedTuple):
         if not begun or not ended:
             raise ValueError(f"{self.document}: expected a part between {begin.strip()} and {end.strip()}")
         return before + begin, made, end + after
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)

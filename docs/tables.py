@@ -9,7 +9,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from docs.made_part import MadePart
+from docs.made_part import MadePart, table
 from mercator_design.json_schema import json_schema
 from mercator_design.sim.robot_model import RobotModel
 
@@ -17,6 +17,7 @@ DOCS = Path(__file__).parent
 REFERENCE_MODEL = MadePart(DOCS / "reference" / "control-software.md", "reference model", "tables.py")
 ROBOT_MODEL = MadePart(DOCS / "reference" / "robot-models.md", "robot model", "tables.py")
 
+HEADER = ("key", "default", "unit", "what")
 SCHEMA = json_schema(RobotModel, title="")
 TOLD_ELSEWHERE = {"ReferenceModel", "Gaussian", "Uniform"}
 
@@ -24,7 +25,9 @@ TOLD_ELSEWHERE = {"ReferenceModel", "Gaussian", "Uniform"}
 def reference_model() -> str:
     """Key, default, unit and meaning of every constant, from the comments behind them."""
     keys = SCHEMA["$defs"]["ReferenceModel"]["properties"]
-    return table([row(f"`{key}`", entry["description"], f"{entry['default']:.6g}") for key, entry in keys.items()])
+    return table(
+        HEADER, [row(f"`{key}`", entry["description"], f"{entry['default']:.6g}") for key, entry in keys.items()]
+    )
 
 
 def robot_model() -> str:
@@ -41,7 +44,7 @@ def robot_model() -> str:
             for name, each in section["properties"].items():
                 if "const" not in each:
                     rows.append(row(f"`{key}.{name}`", each["description"], default(section, name)))
-    return table(rows)
+    return table(HEADER, rows)
 
 
 def records(entry: Any) -> Iterator[str]:
@@ -63,11 +66,6 @@ def default(record: dict[str, Any], key: str) -> str:
 def row(key: str, description: str, value: str) -> list[str]:
     unit, meaning = re.fullmatch(r"(?:\[(.+?)\] )?(.+)", description).groups("")
     return [key, value, unit, meaning]
-
-
-def table(rows: list[list[str]]) -> str:
-    lines = [["key", "default", "unit", "what"], ["---"] * 4, *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def main() -> None:

@@ -238,7 +238,7 @@ class TestFiles:
 
 class TestGallery:
     def test_the_gallery_shows_every_shipped_mission(self):
-        assert gallery.GALLERY.read() == gallery.table(list(shipped.missions())), "run python docs/gallery.py"
+        assert gallery.GALLERY.read() == gallery.gallery(list(shipped.missions())), "run python docs/gallery.py"
 
     def test_every_shipped_mission_has_a_picture_and_no_other_has(self):
         assert {file.stem for file in gallery.PICTURES.iterdir()} == set(shipped.missions())

@@ -135,6 +135,17 @@ def test_every_command_is_there_with_its_options(document):
         assert given <= options, (program, words)
 
 
+def test_documents_that_are_named_are_there():
+    files = [
+        *DOCUMENTS,
+        *(file for folder in ("mercator_design", "benchmarks") for file in ROOT.glob(f"{folder}/**/*.py")),
+    ]
+    behaviours = ROOT / "mercator_design" / "fsm" / "behaviours.py"  # digests of races are of its bytes
+    for file in set(files) - {ROOT / "CHANGELOG.md", behaviours}:
+        for name in re.findall(r"(?<![\w/])docs/[\w./-]+\.(?:md|py)\b", file.read_text()):
+            assert (ROOT / name).exists(), (file, name)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda one: str(one.relative_to(ROOT)))
 class TestPages:
     def test_it_is_in_the_index(self, page):

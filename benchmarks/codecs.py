@@ -14,9 +14,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.rvr_messages import Processor
-from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
 
 SAMPLES, TURNS, PACKET = 5000, 7, 40
 PERIOD = 100

@@ -24,14 +24,14 @@ from typing import Literal, NamedTuple, TypeAlias
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.framing import Counts
-from mercator_design.robot.rvr_messages import DAMAGED, Error
-from mercator_design.robot.rvr_streaming import streaming
-from mercator_design.robot.samples import STREAMED
-from mercator_design.robot.senses import Senses
-from mercator_design.robot.settings import Settings
-from mercator_design.robot.sweep import Sweep
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.devices.sweep import Sweep
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error
+from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.twin.arena import Arena, without_noise
 from mercator_design.twin.faults import Flip, Lose, Script

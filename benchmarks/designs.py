@@ -11,13 +11,13 @@ import sys
 
 import numpy as np
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.design import Designer, evaluate, fresh_instances
 from mercator_design.fsm import Pfsm, parse
-from mercator_design.fsm.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
-from mercator_design.race.executors import ThreadExecutor, available_jobs
+from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 

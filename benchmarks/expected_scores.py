@@ -36,10 +36,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.race.executors import ThreadExecutor, available_jobs, in_order
+from mercator_design.race.running.executors import ThreadExecutor, available_jobs, in_order
 from mercator_design.sim.simulate import Simulator
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "expected_scores.json"

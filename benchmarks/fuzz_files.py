@@ -21,12 +21,12 @@ import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.missions.mission import parse_mission
-from mercator_design.sim.doubts import doubts
+from mercator_design.sim.checks.doubts import doubts
 from mercator_design.sim.simulate import Simulator
 
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)

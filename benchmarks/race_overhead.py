@@ -22,17 +22,17 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from mercator_design.fsm.grammar import parameters_text
-from mercator_design.fsm.structure import PfsmStructure
+from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
-from mercator_design.race.dask_executor import DaskExecutor
-from mercator_design.race.events import Measured
-from mercator_design.race.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
-from mercator_design.race.journal import Journal
-from mercator_design.race.methods import METHODS, RACES
-from mercator_design.race.record import Record
-from mercator_design.race.runner import Runner
+from mercator_design.race.methods.table import METHODS, RACES
+from mercator_design.race.running.dask_executor import DaskExecutor
+from mercator_design.race.running.events import Measured
+from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.journal import Journal
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import Runner
 
 T = TypeVar("T")
 R = TypeVar("R")

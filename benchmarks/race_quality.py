@@ -39,8 +39,8 @@ from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
-from mercator_design.race.methods import METHODS
-from mercator_design.race.tests import holm
+from mercator_design.race.methods.table import METHODS
+from mercator_design.race.racing.statistics import holm
 
 Row = dict[str, Any]
 Task = tuple[str | None, str, str, int, int]
@@ -100,8 +100,8 @@ class Mission:
     RANDOM = 100
 
     def __init__(self, name: str) -> None:
-        from mercator_design.fsm.grammar import parameters_text
-        from mercator_design.fsm.structure import PfsmStructure
+        from mercator_design.fsm.space.grammar import parameters_text
+        from mercator_design.fsm.space.structure import PfsmStructure
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.simulate import Simulator
 
@@ -127,7 +127,7 @@ class Mission:
         return min(row["true_cost"] for row in rows), float(np.mean(costs))
 
     def _cost(self, configuration: Configuration, seed: int) -> float:
-        from mercator_design.fsm.grammar import to_pfsm
+        from mercator_design.fsm.space.grammar import to_pfsm
 
         return self._simulator.mission.cost(self._simulator.run(to_pfsm(configuration, "watermelon"), seed).score)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.robot.log import read
+from mercator_design.robot.logs.log import read
 
 NEAR = 0.005
 """[s] by which a period may differ."""

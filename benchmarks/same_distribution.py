@@ -34,13 +34,14 @@ from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejec
 from mercator_design.fsm import Readings, parse
 from mercator_design.jit import jittable
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.executors import available_jobs
+from mercator_design.race.running.executors import available_jobs
 from mercator_design.seeds import instance_seed
-from mercator_design.sim import kernel, simulate
+from mercator_design.sim import simulate
+from mercator_design.sim.kernels import kernel
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.swarm import Swarm
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.sim.scene import Scene
 from mercator_design.sim.simulate import Outcome, Simulator
-from mercator_design.sim.swarm import Swarm
 from mercator_design.sim.world import Instance
 
 CHECKED = 4  # experiments in which the robots in the space are counted

@@ -22,12 +22,12 @@ from benchmarks.twin_stepped import Stepped, settings_of
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import Mission, parse_mission
-from mercator_design.robot.samples import heading
-from mercator_design.robot.senses import Senses
-from mercator_design.sim.kernel import EVERYTHING
+from mercator_design.robot.devices.samples import heading
+from mercator_design.robot.run.senses import Senses
+from mercator_design.sim.kernels.kernel import EVERYTHING
+from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
-from mercator_design.sim.sensing import sense
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.twin.arena import Arena, without_noise
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from mercator_design.design import Designer
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.executors import Executor, ThreadExecutor, available_jobs, in_order
-from mercator_design.race.race import Experiment
-from mercator_design.race.record import Record
+from mercator_design.race.racing.race import Experiment
+from mercator_design.race.running.executors import Executor, ThreadExecutor, available_jobs, in_order
+from mercator_design.race.running.record import Record
 from mercator_design.sim.simulate import Simulator
 
 TESTS = 100

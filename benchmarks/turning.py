@@ -15,9 +15,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.robot.samples import Sample, heading
-from mercator_design.robot.sweep import BINS, STEP, Sweep
-from mercator_design.robot.ydlidar import SAMPLE_RATE, Packet, correction
+from mercator_design.robot.devices.samples import Sample, heading
+from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
+from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet, correction
 
 ROBOTS = ((0.2, 0.4), (1.7, 0.3), (3.0, 0.6), (-1.6, 0.5), (-0.6, 0.45))
 """Bearings [rad] from where the robot looked first, and distances [m] of the others' lidar heads."""

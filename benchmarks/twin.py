@@ -13,9 +13,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.rvr_streaming import streaming
-from mercator_design.robot.samples import STREAMED
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.rvr_streaming import streaming
 
 
 class Client:

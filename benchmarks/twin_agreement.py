@@ -37,17 +37,17 @@ from benchmarks.twin_runs import Plan, RunError, Track, log_of_twin, play, twin_
 from benchmarks.twin_stepped import stepped_run
 from benchmarks.two_samples import POWER, mann_whitney, visible_shift
 from mercator_design.design import Designer, evaluate
-from mercator_design.files import write_text
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.text import fsm_file_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
-from mercator_design.race.executors import available_jobs
-from mercator_design.race.tests import holm
-from mercator_design.robot.log import read
+from mercator_design.race.racing.statistics import holm
+from mercator_design.race.running.executors import available_jobs
+from mercator_design.robot.logs.log import read
 from mercator_design.sim.devices import Recording
+from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.simulate import Simulator
-from mercator_design.sim.swarm import new_history
+from mercator_design.system.files import write_text
 from mercator_design.twin.arena import Arena
 
 Floats: TypeAlias = NDArray[np.float64]

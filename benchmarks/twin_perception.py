@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.twin_runs import EARLY, Plan, Track, log_of_twin, play
-from mercator_design.colours import COLOURS
+from mercator_design.config.colours import COLOURS
 from mercator_design.fsm.control import MEMORY, STATE, control_cycle
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
-from mercator_design.robot.log import controller_of, read
-from mercator_design.robot.settings import Settings, nearest
-from mercator_design.sim.kernel import EVERYTHING
+from mercator_design.robot.devices.settings import Settings, nearest
+from mercator_design.robot.logs.log import controller_of, read
+from mercator_design.sim.kernels.kernel import EVERYTHING
+from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
-from mercator_design.sim.sensing import sense
 from mercator_design.sim.simulate import Simulator, program_arrays
 from mercator_design.twin.arena import without_noise
 

@@ -17,13 +17,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from mercator_design.fsm import Controller, Pfsm, Readings, Wheels
 from mercator_design.fsm.control import DRAWS
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.mercator import PERIOD
-from mercator_design.robot.ports import DeviceName
-from mercator_design.robot.rvr_streaming import streaming
-from mercator_design.robot.samples import STREAMED
-from mercator_design.robot.senses import Senses, why_device_is_needed
-from mercator_design.robot.settings import Settings, control_period_of
+from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.devices.settings import Settings, control_period_of
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.run.mercator import PERIOD
+from mercator_design.robot.run.senses import Senses, why_device_is_needed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.twin.arena import Arena
 from mercator_design.twin.twin import Twin

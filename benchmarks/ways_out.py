@@ -20,7 +20,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.robot.swarm import Speaker
+from mercator_design.robot.run.network import Speaker
 
 WAYS: Any = importlib.import_module("tests.robot.ways")
 FAULTS: Any = importlib.import_module("tests.robot.test_ways_out").DEVICE_FAULTS

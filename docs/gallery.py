@@ -12,9 +12,9 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from docs.made_part import MadePart, table
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.preview import save_preview
+from mercator_design.report.pictures.preview import save_preview
 from mercator_design.sim.simulate import Simulator
 
 ROOT = Path(__file__).parents[1]

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from mercator_design.files import write_text
+from mercator_design.system.files import write_text
 
 
 class MadePart(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from docs.made_part import MadePart, table
-from mercator_design.json_schema import json_schema
+from mercator_design.config.json_schema import json_schema
 from mercator_design.sim.robot_model import RobotModel
 
 DOCS = Path(__file__).parent

@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 import click
 
-from mercator_design import spelling
+from mercator_design.config import spelling
 from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm

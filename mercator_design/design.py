@@ -18,32 +18,32 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from mercator_design import __version__
+from mercator_design.config.loading import digest_of, dump
+from mercator_design.config.schema import OneOf
 from mercator_design.errors import RaceError, SimulationError, excerpt
-from mercator_design.files import write_text
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.digest import control_digest
-from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.fsm.structure import PfsmStructure
+from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
 from mercator_design.jit import kernels_digest
-from mercator_design.loading import digest_of, dump
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.race import Configuration, Experiment, Space
-from mercator_design.race.events import Finished, Measured, Tested
-from mercator_design.race.executors import ThreadExecutor, in_order
-from mercator_design.race.methods import METHODS
-from mercator_design.race.summary import Scores
-from mercator_design.race.task import Result, Start, Task
-from mercator_design.schema import OneOf
+from mercator_design.race.methods.table import METHODS
+from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.events import Finished, Measured, Tested
+from mercator_design.race.running.executors import ThreadExecutor, in_order
+from mercator_design.race.running.task import Result, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Simulator
+from mercator_design.system.files import write_text
 
 TEST_SEED = 1
 """Of test instances, as `mdesign evaluate` has it unless told otherwise: so all races are tested on the same ones."""

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from mercator_design import kernel_cache
+from mercator_design.system import kernel_cache
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])

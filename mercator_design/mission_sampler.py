@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from mercator_design.colours import ColourName
+from mercator_design.config.colours import ColourName
 from mercator_design.errors import MissionError
 from mercator_design.missions.arena import Arena, Array, Box, Light, RegularPolygon
 from mercator_design.missions.floor import Disc, Floor, Rectangle

@@ -18,18 +18,20 @@ from pathlib import Path
 import pytest
 
 import mercator_design
-from mercator_design import analysis, run_folder, run_tables
+from mercator_design.analysis import analysis
 from mercator_design.design import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.missions.mission import load_mission
-from mercator_design.provenance import Request
-from mercator_design.race import journal
-from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import Journal
+from mercator_design.race.running import journal
+from mercator_design.race.running.executors import ThreadExecutor
+from mercator_design.race.running.journal import Journal
 from mercator_design.report.runs import run_summary, runs_json, runs_table
-from mercator_design.run_files import JOURNAL, read_journal, read_provenance, restored
-from mercator_design.run_folder import RunFolder
-from mercator_design.run_verification import verify
+from mercator_design.runs import folder as run_folder
+from mercator_design.runs import tables
+from mercator_design.runs.files import JOURNAL, read_journal, read_provenance, restored
+from mercator_design.runs.folder import RunFolder
+from mercator_design.runs.provenance import Request
+from mercator_design.runs.verification import verify
 from mercator_design.sim.simulate import Simulator
 from tests.race.damage import WRONG, damaged
 from tests.race.lines import events_in, journal_of
@@ -68,9 +70,9 @@ def looks_at(path):
         lambda: runs_table(path.parent),
         lambda: json.loads(runs_json(path.parent)),
         lambda: run_summary(path),
-        lambda: run_tables.experiments_table(path).to_csv(),
-        lambda: run_tables.configurations_table(path).to_csv(),
-        lambda: run_tables.tests_table(path).to_csv(),
+        lambda: tables.experiments_table(path).to_csv(),
+        lambda: tables.configurations_table(path).to_csv(),
+        lambda: tables.tests_table(path).to_csv(),
         lambda: analysis.importance(path),
         verified,
     ):

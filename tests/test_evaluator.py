@@ -7,9 +7,9 @@ import subprocess
 import pandas as pd
 import pytest
 
-from mercator_design.race.journal import read
-from mercator_design.run_files import JOURNAL
-from mercator_design.run_tables import experiments_table
+from mercator_design.race.running.journal import read
+from mercator_design.runs.files import JOURNAL
+from mercator_design.runs.tables import experiments_table
 from tests.test_tune import written
 
 RUNNER = """\

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.files import replacing, write_text
+from mercator_design.system.files import replacing, write_text
 
 
 def test_owner_and_rights_stay(tmp_path, monkeypatch):

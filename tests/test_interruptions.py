@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from mercator_design.interruptions import signals_first
+from mercator_design.system.interruptions import signals_first
 
 
 def interrupt():

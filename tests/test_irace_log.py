@@ -10,14 +10,14 @@ from rdata.conversion import DEFAULT_CLASS_MAP, dataframe_constructor
 
 from mercator_design.design import Designer
 from mercator_design.errors import RaceError
-from mercator_design.irace_log import irace_results, write_irace_log
+from mercator_design.exports.irace_log import irace_results, write_irace_log
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import events, testing
-from mercator_design.race.events import End, Finished, Iteration, Measured, NewConfiguration
-from mercator_design.race.executors import Rejected, ThreadExecutor
-from mercator_design.race.record import Record
-from mercator_design.race.scenario import read_scenario
-from mercator_design.race.tuner import Tuner
+from mercator_design.race.irace.scenario import read_scenario
+from mercator_design.race.irace.tuner import Tuner
+from mercator_design.race.running import evaluation, events
+from mercator_design.race.running.events import End, Finished, Iteration, Measured, NewConfiguration
+from mercator_design.race.running.executors import Rejected, ThreadExecutor
+from mercator_design.race.running.record import Record
 from mercator_design.sim.simulate import Simulator
 from tests.test_tune import SPACE, written
 
@@ -48,7 +48,7 @@ def race(tmp_path_factory):
     record = Record()
     record.begin(tuner.start())
     with ThreadExecutor(1) as executor:
-        tuner.run(executor, record, testing=testing.Testing(runs=3, elites=2))
+        tuner.run(executor, record, testing=evaluation.Testing(runs=3, elites=2))
     return tuner, record
 
 

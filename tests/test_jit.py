@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import jit, kernel_cache
+from mercator_design import jit
 from mercator_design.fsm.behaviours import behave
 from mercator_design.fsm.conditions import probability
+from mercator_design.system import kernel_cache
 
 SCRIPT = """
 from mercator_design import jit

@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from mercator_design.clocks import Clock, answer, from_line, probe, to_line
-from mercator_design.joint_start import LEAD, SILENCE, Follower, Leader
+from mercator_design.robot.protocols.clocks import Clock, answer, from_line, probe, to_line
+from mercator_design.robot.protocols.joint_start import LEAD, SILENCE, Follower, Leader
 
 CYCLE, PATIENCE = 0.1, 6.0
 STEP = 0.02

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.building import build
+from mercator_design.config.building import build
+from mercator_design.config.json_data import WRONG, from_json, reader
+from mercator_design.config.schema import Length, OneOf, Range
+from mercator_design.config.yaml_tree import Fault, tree_of
 from mercator_design.errors import RaceError
-from mercator_design.json_data import WRONG, from_json, reader
-from mercator_design.schema import Length, OneOf, Range
-from mercator_design.yaml_tree import Fault, tree_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,13 +10,13 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from mercator_design import shipped, yaml_tree
+from mercator_design.config import shipped, yaml_tree
+from mercator_design.config.json_schema import json_schema
+from mercator_design.config.loading import dump, parse
+from mercator_design.config.schema import KeywordsOf, Length, fields_of, is_record, is_union, tags, unwrapped
 from mercator_design.errors import MissionError
-from mercator_design.json_schema import json_schema
-from mercator_design.loading import dump, parse
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.objectives import OBJECTIVES
-from mercator_design.schema import KeywordsOf, Length, fields_of, is_record, is_union, tags, unwrapped
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 MISSION = json_schema(Mission, title="Mission", given=("name",))

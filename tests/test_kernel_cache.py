@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import kernel_cache
-from mercator_design.kernel_cache import _Digesting, is_whole, place, why_not_private
+from mercator_design.system import kernel_cache
+from mercator_design.system.kernel_cache import _Digesting, is_whole, place, why_not_private
 
 IS_ROOT = os.geteuid() == 0
 OTHER = 65533

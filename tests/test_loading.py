@@ -16,9 +16,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design import spelling, yaml_tree
-from mercator_design.errors import MissionError
-from mercator_design.loading import (
+from mercator_design.config import spelling, yaml_tree
+from mercator_design.config.loading import (
     FieldError,
     FilePath,
     KeywordsOf,
@@ -31,8 +30,9 @@ from mercator_design.loading import (
     parse,
     read,
 )
-from mercator_design.schema import describe
-from mercator_design.yaml_tree import LARGEST_FILE, MOST_MISTAKES, steps
+from mercator_design.config.schema import describe
+from mercator_design.config.yaml_tree import LARGEST_FILE, MOST_MISTAKES, steps
+from mercator_design.errors import MissionError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -642,7 +642,7 @@ _RUNNER = """
 import json, resource, sys, time
 resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000))
 from mercator_design.errors import MissionError
-from mercator_design.loading import read
+from mercator_design.config.loading import read
 sys.path.insert(0, sys.argv[1])
 from test_loading import Thing
 outcomes = {}

@@ -17,11 +17,11 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
+from mercator_design.exports.robot_log_table import write_csv
+from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
-from mercator_design.log_export import write_mcap
-from mercator_design.log_table import write_csv
-from mercator_design.robot.log import Log, controller_of, read, to_lines
+from mercator_design.robot.logs.log import Log, controller_of, read, to_lines
 from tests.twin.recorded import ROBOTS, unpack
 
 SENSORS = {

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import address_space, kernel_cache
 from mercator_design.errors import lack_of_memory
-from mercator_design.race.events import Measured
-from mercator_design.race.executors import ProcessExecutor, ThreadExecutor
-from mercator_design.race.record import Record
-from mercator_design.race.runner import ExperimentFailed
-from mercator_design.race.target import Call, Target, TargetFailed
+from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
+from mercator_design.race.running.events import Measured
+from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import ExperimentFailed
+from mercator_design.system import address_space, kernel_cache
 from tests.race.racing import measure, runner, undisturbed
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]

@@ -10,10 +10,10 @@ import pytest
 
 from mercator_design.calibration.scenes import read_recording
 from mercator_design.errors import RobotError
-from mercator_design.log_export import write_mcap
-from mercator_design.log_table import write_csv
+from mercator_design.exports.robot_log_table import write_csv
+from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.robot.cli.replay import _show
-from mercator_design.robot.log import read, replay
+from mercator_design.robot.logs.log import read, replay
 from tests.calibration.recordings import CENTRES, measured, write
 from tests.twin.recorded import unpack
 

@@ -17,7 +17,7 @@ from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import load_plugin
-from mercator_design.race.executors import ProcessExecutor, ThreadExecutor, in_order
+from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, in_order
 from mercator_design.sim.simulate import Simulator
 
 OBJECTIVE = """
@@ -125,8 +125,8 @@ class TestProcesses:
 
 SESSION = """
 import json, sys
-from mercator_design.race.dask_executor import DaskExecutor
-from mercator_design.race.executors import in_order
+from mercator_design.race.running.dask_executor import DaskExecutor
+from mercator_design.race.running.executors import in_order
 from mercator_design.missions.plugins import load_plugin
 from tests.test_plugins_on_workers import function_of, scores
 

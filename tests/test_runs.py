@@ -17,23 +17,23 @@ import optuna
 import pandas as pd
 import pytest
 
-from mercator_design import run_tables
 from mercator_design.command import tell
 from mercator_design.errors import RaceError
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.grammar import to_pfsm
 from mercator_design.fsm.modules import numbered
+from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.events import Finished, Iteration, NewConfiguration, Stop
-from mercator_design.race.journal import Journal, read
-from mercator_design.race.record import Record
-from mercator_design.race.summary import Elite, Progress
+from mercator_design.race.racing.summary import Elite, Progress
+from mercator_design.race.running.events import Finished, Iteration, NewConfiguration, Stop
+from mercator_design.race.running.journal import Journal, read
+from mercator_design.race.running.record import Record
 from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
-from mercator_design.run_files import JOURNAL
-from mercator_design.run_tables import configurations_table, experiments_table
+from mercator_design.runs import tables
+from mercator_design.runs.files import JOURNAL
+from mercator_design.runs.tables import configurations_table, experiments_table
 from mercator_design.sim.simulate import Simulator
 from tests.race.lines import events_in, journal_of
 
@@ -326,7 +326,7 @@ class TestTests:
         assert (code, warnings(err)) == (0, [])
         assert digest(folder) == digest(undisturbed)
         evaluated = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 12, "--json")[1])
-        tests, winner = run_tables.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
+        tests, winner = tables.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
         assert list(tests[tests.configuration == winner].score) == evaluated["scores"]
         assert f"configuration {winner}" in out.partition("Tested")[2]
         assert f"mean {evaluated['mean']:.4g}, " in out
@@ -619,7 +619,7 @@ class TestLeaving:
         assert (tmp_path / "r" / "fsm.txt").exists()
         failed = f"MissionError: {tmp_path}/leaving.py:8: objective nervous: KeyboardInterrupt"
         assert set(experiments_table(tmp_path / "r").failure) == {"", failed}
-        assert set(run_tables.tests_table(tmp_path / "r").failure) <= {"", failed}
+        assert set(tables.tests_table(tmp_path / "r").failure) <= {"", failed}
 
     def test_in_evaluate_and_record(self, mdesign, leaving, tmp_path):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 5\n")

@@ -14,9 +14,9 @@ import time
 import pandas as pd
 import pytest
 
-from mercator_design.race.journal import read
-from mercator_design.run_files import JOURNAL
-from mercator_design.run_tables import experiments_table
+from mercator_design.race.running.journal import read
+from mercator_design.runs.files import JOURNAL
+from mercator_design.runs.tables import experiments_table
 from tests.race.test_target import gone, waiting_for
 
 MDESIGN = [sys.executable, "-m", "mercator_design"]

@@ -6,11 +6,11 @@ import shutil
 import pytest
 from PIL import Image as Pillow
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.journal import read
-from mercator_design.run_files import JOURNAL
+from mercator_design.race.running.journal import read
+from mercator_design.runs.files import JOURNAL
 
 QUICK = ("--set", "robots=2", "--set", "duration=2")
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from benchmarks.json_file import read_json
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.sim.robot_model import RobotModel, load_robot_model

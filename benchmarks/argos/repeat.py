@@ -29,13 +29,13 @@ from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import Tiles
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.sim import kernel
-from mercator_design.sim.chipmunk import Bridge, leave, new_bridge
-from mercator_design.sim.placing import first_free
-from mercator_design.sim.scene import Scene
-from mercator_design.sim.sensing import sense
+from mercator_design.sim.kernels import kernel
+from mercator_design.sim.kernels.chipmunk import Bridge, leave, new_bridge
+from mercator_design.sim.kernels.placing import first_free
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.sensing import sense
+from mercator_design.sim.kernels.swarm import History, Swarm, new_history
 from mercator_design.sim.simulate import Simulator, program_arrays
-from mercator_design.sim.swarm import History, Swarm, new_history
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister
 RADIUS = 1.2  # [m] of the disc where robots start

@@ -27,13 +27,13 @@ import numpy as np
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipped_with_original
 from benchmarks.argos.repeat import Original
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejected, visible_shift
-from mercator_design.colours import ColourName, rgb
+from mercator_design.config.colours import ColourName, rgb
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
-from mercator_design.race.executors import ThreadExecutor, in_order
+from mercator_design.race.running.executors import ThreadExecutor, in_order
 from mercator_design.seeds import instance_seed
+from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator
-from mercator_design.sim.swarm import History
 
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
 MOST_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"

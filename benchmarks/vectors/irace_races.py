@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
 from mercator_design.race import Race, RaceRules
-from mercator_design.race.model import elite_weights
-from mercator_design.race.tests import TestName
+from mercator_design.race.methods.model import elite_weights
+from mercator_design.race.racing.statistics import TestName
 
 TESTS: dict[str, TestName] = {
     "F-test": "friedman",

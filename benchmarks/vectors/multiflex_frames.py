@@ -5,8 +5,8 @@ from typing import Any
 
 from benchmarks.vectors.checks import Check, difference, each
 from benchmarks.vectors.pieces import difference_in_pieces, received
-from mercator_design.robot import multiflex
-from mercator_design.robot.multiflex import BINARY_MODE, NOTHING, TEXT_MODE, Acknowledgement, Distances, crc8
+from mercator_design.robot.protocols import multiflex
+from mercator_design.robot.protocols.multiflex import BINARY_MODE, NOTHING, TEXT_MODE, Acknowledgement, Distances, crc8
 
 SINGLE = 1e-6
 """Relative rounding of what the driver publishes."""

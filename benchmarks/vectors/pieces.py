@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
-from mercator_design.robot.framing import Decoder
+from mercator_design.robot.protocols.framing import Decoder
 
 Make: TypeAlias = Callable[[], Decoder[Any]]
 NOISE = 60

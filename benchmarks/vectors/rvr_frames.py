@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.vectors.checks import Check, difference, each
 from benchmarks.vectors.pieces import difference_in_pieces, received
-from mercator_design.robot.rvr import (
+from mercator_design.robot.protocols.rvr import (
     Command,
     Device,
     Flags,
@@ -22,8 +22,8 @@ from mercator_design.robot.rvr import (
     Unknown,
     frame_decoder,
 )
-from mercator_design.robot.rvr_messages import LIGHTS, Error, Processor, lights
-from mercator_design.robot.rvr_streaming import StreamData, streaming
+from mercator_design.robot.protocols.rvr_messages import LIGHTS, Error, Processor, lights
+from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 
 SINGLE = 1e-7
 """Relative rounding of a number sent in single precision."""

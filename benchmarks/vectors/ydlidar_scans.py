@@ -10,8 +10,8 @@ from typing import Any
 
 from benchmarks.vectors.checks import Check, difference, each
 from benchmarks.vectors.pieces import difference_in_pieces, received
-from mercator_design.robot import ydlidar
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted, Turns
+from mercator_design.robot.protocols import ydlidar
+from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted, Turns
 
 FORMULA_DEG, FORMULA_M = 1e-4, 1e-6
 SDK_DEG = 0.04

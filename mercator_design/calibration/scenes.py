@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.log import read
-from mercator_design.robot.ydlidar import correction
+from mercator_design.robot.logs.log import read
+from mercator_design.robot.protocols.ydlidar import correction
 
 Floats = NDArray[np.float64]
 

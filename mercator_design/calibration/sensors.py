@@ -15,7 +15,7 @@ from scipy import stats
 from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_of
 from mercator_design.calibration.scenes import SHORTEST, Recording, Scene, Series, read_recording
 from mercator_design.errors import MercatorError
-from mercator_design.robot.samples import STANDARD_GRAVITY
+from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Ground
 

@@ -7,25 +7,13 @@ the output was not read to its end. Heavy modules are imported by the verb that 
 
 import click
 
-from mercator_design import __version__, address_space
-from mercator_design.cli import (
-    bundle,
-    calibrate,
-    deploy,
-    draw,
-    evaluate,
-    export,
-    missions,
-    race,
-    record,
-    robots,
-    runs,
-    schema,
-    tune,
-    validate,
-)
+from mercator_design import __version__
+from mercator_design.cli import draw, evaluate, export, missions, record, schema, validate
+from mercator_design.cli.races import race, runs, tune
+from mercator_design.cli.robots import bundle, calibrate, deploy, models
 from mercator_design.cli.terminal import terminable
 from mercator_design.command import run
+from mercator_design.system import address_space
 
 
 def main() -> None:
@@ -60,7 +48,7 @@ for _verb in (
     validate.validate,
     draw.draw,
     missions.missions,
-    robots.robots,
+    models.robots,
     schema.schema,
     bundle.bundle,
     deploy.deploy,

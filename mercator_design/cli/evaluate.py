@@ -72,7 +72,7 @@ def evaluate(
     """  # noqa: D301 - click reads the control character
     from mercator_design.design import evaluate as measure
     from mercator_design.design import fresh_instances
-    from mercator_design.race.executors import available_jobs
+    from mercator_design.race.running.executors import available_jobs
     from mercator_design.report.progress import EvaluationDisplay
     from mercator_design.report.summary import evaluation_json, evaluation_summary
 

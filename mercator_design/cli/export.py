@@ -11,8 +11,8 @@ import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
 from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell, warn
-from mercator_design.files import replacing
 from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.system.files import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,9 +54,9 @@ def irace(
     The command that runs it is printed.
     """
     from mercator_design.design import Designer
-    from mercator_design.irace_export import irace_files, write_irace_scenario
+    from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
     from mercator_design.missions.mission import load_mission
-    from mercator_design.race.executors import available_jobs
+    from mercator_design.race.running.executors import available_jobs
     from mercator_design.sim.simulate import Simulator
 
     simulator = Simulator(load_mission(mission, overrides))
@@ -76,8 +76,8 @@ def irace_log(directory: Path, output: Path | None) -> None:
 
     The race may be under way, of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
     """
-    from mercator_design.irace_log import write_irace_log
-    from mercator_design.run_files import read_journal, task_of
+    from mercator_design.exports.irace_log import write_irace_log
+    from mercator_design.runs.files import read_journal, task_of
 
     file = output or directory / "irace.Rdata"
     record = read_journal(directory).record
@@ -95,7 +95,7 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     which was measured if `mdesign deploy --start` started them. A log that is still being written is exported as far as
     it goes.
     """
-    from mercator_design.log_table import write_csv
+    from mercator_design.exports.robot_log_table import write_csv
 
     def write(file: BinaryIO) -> list[str]:
         return write_csv(logs, file, lambda doubt: warn([doubt]))
@@ -119,7 +119,7 @@ def mcap(log: Path, output: Path) -> None:
     docs/reference/robot-logs.md tells what each channel is. A log that is still being written is exported as far as it
     goes.
     """
-    from mercator_design.log_export import write_mcap
+    from mercator_design.exports.robot_logs import write_mcap
 
     if output == Path("-"):
         raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")

@@ -87,7 +87,7 @@ def load_plugins(
     from mercator_design.fsm.text import read_fsm
     from mercator_design.missions.plugin_files import read_plugin
     from mercator_design.missions.plugins import run_plugin
-    from mercator_design.run_files import read_provenance
+    from mercator_design.runs.files import read_provenance
 
     found = [(file, read_plugin(file)) for file in files]
     if found and controller is not None:
@@ -120,7 +120,7 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
 
     If the header has the digest of the mission that was raced, the last two must have it too.
     """
-    from mercator_design.loading import dump
+    from mercator_design.config.loading import dump
     from mercator_design.missions.mission import load_mission, parse_mission
 
     if given is not None:

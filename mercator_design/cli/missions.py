@@ -44,8 +44,8 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
 
     With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
     """
-    from mercator_design import shipped
-    from mercator_design.loading import dump, text_of
+    from mercator_design.config import shipped
+    from mercator_design.config.loading import dump, text_of
     from mercator_design.missions.mission import load_mission
 
     loaded = load_mission(mission, overrides)
@@ -75,7 +75,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     Prints the name of the picture.
     """
     from mercator_design.missions.mission import load_mission
-    from mercator_design.report.preview import save_preview
+    from mercator_design.report.pictures.preview import save_preview
 
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")
@@ -109,9 +109,9 @@ def sample(class_: "MissionClass", seed: int, number: int, output: Path) -> None
     The same class and seed give the same missions, the first of many being the first of a few. Prints the names of the
     files, CLASS-SEED-1.yaml and on; none may be there yet.
     """
-    from mercator_design.files import write_text
-    from mercator_design.loading import dump
+    from mercator_design.config.loading import dump
     from mercator_design.mission_sampler import sample_mission
+    from mercator_design.system.files import write_text
 
     with naming(output):
         output.mkdir(parents=True, exist_ok=True)

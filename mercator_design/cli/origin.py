@@ -74,7 +74,7 @@ class Origin:
 
     def what_differs(self, model: "RobotModel") -> str | None:
         """What says that a robot model is not what it was; empty if nothing does, None if not all could be compared."""
-        from mercator_design.loading import digest_of
+        from mercator_design.config.loading import digest_of
 
         found = digest_of(model)
         digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
@@ -91,8 +91,8 @@ class Origin:
 
 def origin_of(file: Path, header: Mapping[str, str]) -> Origin:
     """Where the controller of a file with such a header comes from."""
-    from mercator_design import provenance
     from mercator_design.design import Designer
+    from mercator_design.runs import provenance
 
     failed = file.parent.name == "failed"
     place = file.parent.parent if failed else file.parent

@@ -51,9 +51,9 @@ def record(
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
     quaternion. docs/reference/recorded-devices.md says what each measures.
     """
-    from mercator_design.files import replacing
     from mercator_design.report.recording import FORMATS, check_size, write_recording
     from mercator_design.sim.devices import DEVICES
+    from mercator_design.system.files import replacing
 
     if output.suffix not in FORMATS:
         raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")

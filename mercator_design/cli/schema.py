@@ -19,7 +19,7 @@ def schema(kind: str) -> None:
     and, as the first line of a mission beside it:
     # yaml-language-server: $schema=mission.schema.json
     """  # noqa: D301 - click reads the control character
-    from mercator_design.json_schema import json_schema
+    from mercator_design.config.json_schema import json_schema
     from mercator_design.missions.mission import Mission
     from mercator_design.sim.robot_model import RobotModel
 

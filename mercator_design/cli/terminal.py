@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def warn_of_doubts(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
     """Say what makes no difference when a mission's robots run a PFSM, or any of a flavour."""
-    from mercator_design.sim.doubts import doubts
+    from mercator_design.sim.checks.doubts import doubts
 
     warn(doubts(simulator.mission, simulator.robot_model, flavour, pfsm))
 

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design import spelling
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.cli.terminal import warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell_all, warn
+from mercator_design.config import spelling
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 
 if TYPE_CHECKING:
-    from mercator_design.yaml_tree import Node
+    from mercator_design.config.yaml_tree import Node
 
 
 @click.command(short_help="Check missions, robot models and FSM files.")
@@ -42,13 +42,13 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """What a valid file holds, in a few words."""
-    from mercator_design import shipped
+    from mercator_design.config import shipped
     from mercator_design.missions.mission import load_mission
 
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
-        from mercator_design.sim.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
-        from mercator_design.sim.impossible import doubts_of_angles
+        from mercator_design.sim.checks.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
+        from mercator_design.sim.checks.impossible import doubts_of_angles
         from mercator_design.sim.robot_model import load_robot_model
 
         content = _content(file)
@@ -79,7 +79,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
 def _content(file: Path) -> "dict[str, Node]":
     """Of a YAML file; empty if it has no keys, or is no such file."""
-    from mercator_design.yaml_tree import Fault, compose, read_text
+    from mercator_design.config.yaml_tree import Fault, compose, read_text
 
     try:
         content = compose(read_text(file), str(file), file.parent).content
@@ -90,9 +90,9 @@ def _content(file: Path) -> "dict[str, Node]":
 
 def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
     """Whether one of them is of robot.yaml alone."""
+    from mercator_design.config.schema import fields_of
     from mercator_design.missions.mission import Mission
-    from mercator_design.robot.settings import Settings
-    from mercator_design.schema import fields_of
+    from mercator_design.robot.devices.settings import Settings
     from mercator_design.sim.robot_model import RobotModel
 
     one_robot, mission, model = (set(map(spelling.folded, fields_of(kind))) for kind in (Settings, Mission, RobotModel))
@@ -101,8 +101,8 @@ def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
     """Whether more of them are of robot models only than of missions only, misspelt ones aside."""
+    from mercator_design.config.schema import fields_of
     from mercator_design.missions.mission import Mission
-    from mercator_design.schema import fields_of
     from mercator_design.sim.robot_model import RobotModel
 
     model, mission = (

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 
-from mercator_design.clocks import PROBE, Clock, from_line, probe
 from mercator_design.command import LEFT_OUT
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
 from mercator_design.fleet.ssh import Conversation, Robot, hear
+from mercator_design.robot.protocols.clocks import PROBE, Clock, from_line, probe
 
 COLUMNS = {
     "battery": "battery",

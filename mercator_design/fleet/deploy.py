@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+from mercator_design.config.loading import FieldError, Length, checked, read
 from mercator_design.errors import RobotError, SettingsError
 from mercator_design.fleet.bundle import bundle
 from mercator_design.fleet.ssh import Robot, on, run, shell
-from mercator_design.loading import FieldError, Length, checked, read
 
 PROGRAM, FSM = "mercator-robot.pyz", "fsm.txt"
 _MOST = 100  # robots at a time

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Annotated
 
+from mercator_design.config.loading import Name, Pattern, Range
 from mercator_design.errors import RobotError
-from mercator_design.loading import Name, Pattern, Range
 
 _OPTIONS = {
     "BatchMode": "yes",

@@ -1,4 +1,4 @@
-"""All robots begin together, or none does: the leader's end of a joint start (joint_start.py), over ssh."""
+"""All robots begin together, or none does: the leader's end of a joint start (robot/protocols/joint_start.py), over ssh."""
 
 import socket
 import time
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, Result, stop
 from mercator_design.fleet.ssh import Conversation, hear
-from mercator_design.joint_start import SILENCE, Leader
+from mercator_design.robot.protocols.joint_start import SILENCE, Leader
 
 _TICK = 0.01  # [s]
 _RESTS = 30.0  # [s] that robots may take to be at rest; one that starts up does that first

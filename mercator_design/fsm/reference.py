@@ -6,7 +6,7 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 import math
 from typing import Annotated, NamedTuple
 
-from mercator_design.schema import Range
+from mercator_design.config.schema import Range
 
 Constant = Annotated[float, Range(-1e9, 1e9)]
 NonNegative = Annotated[float, Range(0.0, 1e9)]

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
-from mercator_design.files import Unreadable, read_small
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, Parameter, numbered
@@ -29,6 +28,7 @@ from mercator_design.fsm.pfsm import (
     absolute_target,
     relative_target,
 )
+from mercator_design.system.files import Unreadable, read_small
 
 Tell = Callable[[str], None]
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import FieldError, Length, NonNegative, Radians, Range
+from mercator_design.config.loading import FieldError, Length, NonNegative, Radians, Range
 
 WALL_THICKNESS = 0.01
 """Of the outer walls [m], which stand outside the polygon; as the boxes of the ARGoS missions' dodecagon."""

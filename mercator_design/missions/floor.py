@@ -20,14 +20,14 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.colours import RGB, Colour, ColourName, rgb
+from mercator_design.config.colours import RGB, Colour, ColourName, rgb
+from mercator_design.config.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
+from mercator_design.config.schema import parameters_of, values_in
 from mercator_design.errors import described, excerpt
-from mercator_design.interruptions import signals_first
-from mercator_design.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
 from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
-from mercator_design.schema import parameters_of, values_in
+from mercator_design.system.interruptions import signals_first
 
 _COLOURS = (Colour, *typing.get_args(Colour))
 

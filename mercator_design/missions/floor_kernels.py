@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mercator_design.colours import RGB
+from mercator_design.config.colours import RGB
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import DISC, POLYGON, RECTANGLE, RING, FloorTable

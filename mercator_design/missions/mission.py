@@ -12,10 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from mercator_design import shipped
-from mercator_design.errors import MercatorError, MissionError, described
-from mercator_design.interruptions import signals_first
-from mercator_design.loading import (
+from mercator_design.config import shipped
+from mercator_design.config.loading import (
     FieldError,
     FilePath,
     KeywordsOf,
@@ -30,6 +28,8 @@ from mercator_design.loading import (
     plain,
     read,
 )
+from mercator_design.config.schema import parameters_of, problems
+from mercator_design.errors import MercatorError, MissionError, described
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Dynamics, Floor, FloorTable, check_call
 from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
@@ -37,8 +37,8 @@ from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.plugins import first_line, line_of
 from mercator_design.missions.trace import Trace
-from mercator_design.schema import parameters_of, problems
 from mercator_design.scores import EXPECTED, is_score
+from mercator_design.system.interruptions import signals_first
 
 _LONGEST = 10_000_000
 """Robots times cycles: their trace fills 250 MB."""

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import FieldError, Length, Range, checked
+from mercator_design.config.loading import FieldError, Length, Range, checked
 from mercator_design.missions.arena import Arena, Array, Coordinate, Heading, Point, Size
 
 Headings: TypeAlias = Heading | Literal["uniform"]

@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from types import ModuleType
 
 from mercator_design.errors import MissionError
-from mercator_design.files import Unreadable, read_small
+from mercator_design.system.files import Unreadable, read_small
 
 _LARGEST = 1024 * 1024  # bytes of a file
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of what is not a user's own

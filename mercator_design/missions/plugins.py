@@ -21,12 +21,12 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from mercator_design import jit
+from mercator_design.config.loading import FieldError, Length, check_parameter
+from mercator_design.config.schema import parameters_of, values_in
 from mercator_design.errors import MissionError, described
-from mercator_design.interruptions import signals_first
-from mercator_design.loading import FieldError, Length, check_parameter
 from mercator_design.missions.arena import Array
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
-from mercator_design.schema import parameters_of, values_in
+from mercator_design.system.interruptions import signals_first
 
 OBJECTIVES: dict[str, Callable[..., float]] = {}
 DYNAMICS: dict[str, Callable[..., "list[tuple[float, ...]]"]] = {}

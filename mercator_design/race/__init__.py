@@ -25,20 +25,12 @@ Research Perspectives 3:43-58), but that a surrogate proposes most of what is ra
 (True, 'fast', True)
 """
 
-from mercator_design.race.iterated import IteratedRace
-from mercator_design.race.options import RaceOptions
-from mercator_design.race.parameter import (
-    Configuration,
-    Parameter,
-    Value,
-    categorical,
-    integer,
-    ordered,
-    real,
-)
-from mercator_design.race.race import Experiment, Race, RaceRules
-from mercator_design.race.space import Space
-from mercator_design.race.summary import Elite, IterationSummary, Progress
+from mercator_design.race.methods.iterated import IteratedRace
+from mercator_design.race.racing.options import RaceOptions
+from mercator_design.race.racing.race import Experiment, Race, RaceRules
+from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.space.parameter import Configuration, Parameter, Value, categorical, integer, ordered, real
+from mercator_design.race.space.space import Space
 
 __all__ = [
     "Configuration",

@@ -6,12 +6,12 @@ from operator import sub
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mercator_design.analysis import Ablation
+from mercator_design.analysis.analysis import Ablation
 from mercator_design.design import Designer
-from mercator_design.fsm.grammar import module_of
-from mercator_design.race.importance import Explanation, Importance
-from mercator_design.race.summary import CONFIDENCE, Scores
-from mercator_design.race.task import Task
+from mercator_design.fsm.space.grammar import module_of
+from mercator_design.race.analysis.importance import Explanation, Importance
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.race.running.task import Task
 from mercator_design.report.columns import aligned, difference
 
 _ALPHA = 0.05
@@ -144,7 +144,7 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
     """
     from matplotlib.figure import Figure
 
-    from mercator_design.report.figures import house_style, save_figure
+    from mercator_design.report.pictures.figures import house_style, save_figure
 
     rows = list(_rows(ablation))
     with house_style():

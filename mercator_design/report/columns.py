@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from operator import sub
 
 from mercator_design.errors import excerpt, printable
-from mercator_design.race.summary import Scores
+from mercator_design.race.racing.summary import Scores
 
 _NOISE = 1e-9
 """Part of the largest score below which figures are nothing but its rounding."""

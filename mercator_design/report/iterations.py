@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Mapping
 
-from mercator_design.race.events import Finished, Iteration, Revised
-from mercator_design.race.record import Record
-from mercator_design.race.summary import Scores
+from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.events import Finished, Iteration, Revised
+from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
 
 _FIRST, _LAST = 10, 20

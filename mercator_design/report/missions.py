@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
 

@@ -10,7 +10,7 @@ from rich.table import Column
 
 from mercator_design.errors import printable
 from mercator_design.missions.mission import Mission
-from mercator_design.race.task import Task
+from mercator_design.race.running.task import Task
 
 _REFRESH = 0.1
 """Seconds from one look at a race to the next."""

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.errors import RaceError, printable
-from mercator_design.race.events import Session, Stop
-from mercator_design.race.journal import Reading, is_locked
-from mercator_design.race.record import Record
-from mercator_design.race.summary import Scores
+from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.events import Session, Stop
+from mercator_design.race.running.journal import Reading, is_locked
+from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
-from mercator_design.run_files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
+from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 
 
 def runs_table(folder: Path) -> tuple[str, list[str]]:

@@ -13,12 +13,12 @@ from mercator_design.fsm.modules import Parameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugins
-from mercator_design.race.record import Record
-from mercator_design.race.summary import CONFIDENCE, Scores
-from mercator_design.race.task import Result, Task
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.task import Result, Task
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
-from mercator_design.sim.doubts import dead_conditions, dead_transitions
+from mercator_design.sim.checks.doubts import dead_conditions, dead_transitions
 from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")

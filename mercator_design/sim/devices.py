@@ -21,8 +21,8 @@ from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.trace import every_nth
-from mercator_design.sim.lidar import scan
-from mercator_design.sim.noise import (
+from mercator_design.sim.kernels.lidar import scan
+from mercator_design.sim.kernels.noise import (
     ACCELEROMETER_DRAWS,
     AMBIENT_LIGHT_DRAWS,
     GYROSCOPE_DRAWS,
@@ -34,6 +34,10 @@ from mercator_design.sim.noise import (
     VELOCITY_DRAWS,
     noise,
 )
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.sensing import ground_under, sense_light, sense_obstacles, sense_robots
+from mercator_design.sim.kernels.sight import cast, is_lit
+from mercator_design.sim.kernels.swarm import History, Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import (
     AmbientLight,
@@ -49,11 +53,7 @@ from mercator_design.sim.robot_parts import (
     Neighbours,
     Proximity,
 )
-from mercator_design.sim.scene import Scene
-from mercator_design.sim.sensing import ground_under, sense_light, sense_obstacles, sense_robots
-from mercator_design.sim.sight import cast, is_lit
 from mercator_design.sim.staging import noise_row
-from mercator_design.sim.swarm import History, Swarm, new_swarm
 
 Floats = NDArray[np.float64]
 Cycles = NDArray[np.int64]

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from mercator_design import spelling
-from mercator_design.schema import Kind, fields_of, is_record
+from mercator_design.config import spelling
+from mercator_design.config.schema import Kind, fields_of, is_record
 
 
 def as_spelt(record: object, way: str) -> str:

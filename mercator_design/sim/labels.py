@@ -6,7 +6,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.colours import COLOURS, LABELS, RGB, ColourName
+from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Floor

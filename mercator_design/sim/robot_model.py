@@ -11,11 +11,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from mercator_design import shipped
+from mercator_design.config import shipped
+from mercator_design.config.loading import FieldError, Origin, Range, checked, is_name, read
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.loading import FieldError, Origin, Range, checked, is_name, read
 from mercator_design.sim.fields import as_spelt, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,

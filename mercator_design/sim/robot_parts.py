@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from mercator_design.colours import STATE_COLOURS, ColourName, Levels
-from mercator_design.loading import Ascending, FieldError, Length, NonNegative, Range
+from mercator_design.config.colours import STATE_COLOURS, ColourName, Levels
+from mercator_design.config.loading import Ascending, FieldError, Length, NonNegative, Range
 from mercator_design.missions.arena import Angle, Array, Height
 
 Spread = Annotated[float, Range(0.0, 1000.0)]

@@ -18,15 +18,15 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
-from mercator_design.sim import kernel
-from mercator_design.sim.chipmunk import new_bridge
 from mercator_design.sim.devices import Recording
+from mercator_design.sim.kernels import kernel
+from mercator_design.sim.kernels.chipmunk import new_bridge
+from mercator_design.sim.kernels.swarm import History, new_history
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
-from mercator_design.sim.swarm import History, new_history
 from mercator_design.sim.world import Instance, World
 
 if TYPE_CHECKING:
-    from mercator_design.sim.impossible import Doubt
+    from mercator_design.sim.checks.impossible import Doubt
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Simulator:
     @cached_property
     def doubts(self) -> "tuple[Doubt, ...]":
         """What of the mission cannot be, or is hardly meant, for these robots."""
-        from mercator_design.sim.impossible import doubts_of_mission  # takes long to import: scipy.ndimage
+        from mercator_design.sim.checks.impossible import doubts_of_mission  # takes long to import: scipy.ndimage
 
         return tuple(doubts_of_mission(self.mission, self.robot_model))
 

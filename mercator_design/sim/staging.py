@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from mercator_design.missions.arena import Box
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
-from mercator_design.sim import scene
+from mercator_design.sim.kernels import scene
+from mercator_design.sim.kernels.noise import GAUSSIAN, NO_NOISE, UNIFORM
+from mercator_design.sim.kernels.scene import Floats, Scene
 from mercator_design.sim.labels import level_row, simulated_labels
-from mercator_design.sim.noise import GAUSSIAN, NO_NOISE, UNIFORM
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import DiscBody, Gaussian, LightCamera, LightRing, Neighbours, Noise, Uniform
-from mercator_design.sim.scene import Floats, Scene
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
 

@@ -16,12 +16,12 @@ from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
-from mercator_design.sim.chipmunk import Robot, new_robot
-from mercator_design.sim.placing import first_free
+from mercator_design.sim.kernels.chipmunk import Robot, new_robot
+from mercator_design.sim.kernels.placing import first_free
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.swarm import Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.scene import Scene
 from mercator_design.sim.staging import new_scene
-from mercator_design.sim.swarm import Swarm, new_swarm
 
 Floats = NDArray[np.float64]
 

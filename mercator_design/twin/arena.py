@@ -16,19 +16,19 @@ from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
-from mercator_design.robot.multiflex import SENSORS
-from mercator_design.robot.ydlidar import encode_command
-from mercator_design.sim.chipmunk import new_bridge
+from mercator_design.robot.protocols.multiflex import SENSORS
+from mercator_design.robot.protocols.ydlidar import encode_command
 from mercator_design.sim.devices import PARTS, Recording
-from mercator_design.sim.kernel import move, note_poses
-from mercator_design.sim.lidar import scan
-from mercator_design.sim.noise import NO_NOISE, WHEELS_DRAWS, noise
+from mercator_design.sim.kernels.chipmunk import new_bridge
+from mercator_design.sim.kernels.kernel import move, note_poses
+from mercator_design.sim.kernels.lidar import scan
+from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.swarm import Swarm, new_history
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.scene import Scene
 from mercator_design.sim.simulate import Simulator, referee_motion
-from mercator_design.sim.swarm import Swarm, new_history
-from mercator_design.twin.drive import Treads
-from mercator_design.twin.lidar import FINE, Lidar
+from mercator_design.twin.devices.drive import Treads
+from mercator_design.twin.devices.lidar import FINE, Lidar
 
 Floats = NDArray[np.float64]
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
-from mercator_design.address_space import prepare_for_libraries
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, put, tell
 from mercator_design.errors import RobotError
-from mercator_design.robot.safety import go_first
+from mercator_design.robot.run.safety import go_first
+from mercator_design.system.address_space import prepare_for_libraries
 
 _PRIORITY = 3
 """Above that of runs and of their watchdogs: the devices of a real robot do not wait for its computer."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+from mercator_design.config.loading import Length, Origin, Range, read
 from mercator_design.errors import SettingsError
-from mercator_design.loading import Length, Origin, Range, read
-from mercator_design.robot.ports import DeviceName
+from mercator_design.robot.devices.ports import DeviceName
 
 Direction: TypeAlias = Literal["from_robot", "to_robot"]
 Time = Annotated[float, Range(0.0, 86_400.0)]

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TextIO
 
+from mercator_design.config.loading import dump
 from mercator_design.errors import RobotError
-from mercator_design.loading import dump
-from mercator_design.robot.log import now as time_of_day
-from mercator_design.robot.ports import DEVICES, DeviceName, PortNames
-from mercator_design.robot.settings import Limits, Settings, Swarm
+from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
+from mercator_design.robot.devices.settings import Limits, Settings, Swarm
+from mercator_design.robot.logs.log import now as time_of_day
 from mercator_design.twin.twin import Log, Twin
 
 ROBOT = "robot.yaml"

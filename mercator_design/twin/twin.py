@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 from mercator_design.errors import SettingsError
-from mercator_design.robot.health import SIDES
-from mercator_design.robot.ports import DeviceName
+from mercator_design.robot.devices.health import SIDES
+from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.twin.arena import Arena
+from mercator_design.twin.devices.hub import Hub
+from mercator_design.twin.devices.lidar import Lidar
+from mercator_design.twin.devices.rvr import Rvr
 from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat, LineFault, PortLoss, Script, Stall
-from mercator_design.twin.hub import Hub
-from mercator_design.twin.lidar import Lidar
-from mercator_design.twin.rvr import Rvr
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 """Is given what happens, event by event."""

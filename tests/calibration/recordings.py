@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from mercator_design.robot.log import FORMAT, plain, to_lines
-from mercator_design.robot.samples import STANDARD_GRAVITY
-from mercator_design.robot.ydlidar import correction
+from mercator_design.robot.devices.samples import STANDARD_GRAVITY
+from mercator_design.robot.logs.log import FORMAT, plain, to_lines
+from mercator_design.robot.protocols.ydlidar import correction
 
 BEAMS = 120
 

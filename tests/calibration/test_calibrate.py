@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mercator_design.calibration.scenes import read_recording
-from mercator_design.robot.log import FORMAT, to_lines
+from mercator_design.robot.logs.log import FORMAT, to_lines
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Uniform
 from tests.calibration import recordings

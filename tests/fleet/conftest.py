@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import joint_start
+from mercator_design.robot.protocols import joint_start
 from tests.fleet.fakes import FAKE, GO, PATIENT
 
 

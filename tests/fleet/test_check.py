@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from mercator_design.clocks import from_line, probe
 from mercator_design.fleet.check import COLUMNS
+from mercator_design.robot.protocols.clocks import from_line, probe
 from tests.fleet.fakes import settings
 from tests.robot.devices import Devices
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.robot.log import read
+from mercator_design.robot.logs.log import read
 from tests.fleet.fakes import settings
 from tests.robot.devices import Devices
 from tests.robot.ways import ATTEMPTS, LAST

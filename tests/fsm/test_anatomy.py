@@ -2,7 +2,7 @@
 
 import pytest
 
-from mercator_design.fsm.anatomy import elements, module_counts, most_modules, removed, without
+from mercator_design.analysis.pruning import elements, module_counts, most_modules, removed, without
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 
 

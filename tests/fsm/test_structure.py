@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.grammar import from_pfsm, parameters_text, to_pfsm
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.structure import PfsmStructure, canonical, neighbour
+from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
+from mercator_design.fsm.space.structure import PfsmStructure, canonical, neighbour
 from mercator_design.race import Space
 from tests.fsm.strategies import pfsms
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from mercator_design import seeds
-from mercator_design.colours import COLOURS
+from mercator_design.config.colours import COLOURS
+from mercator_design.config.loading import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
-from mercator_design.loading import dump
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import Disc, Dynamics, Floor, Rectangle, Tiles
 from mercator_design.missions.floor_kernels import colour_at

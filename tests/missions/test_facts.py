@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.floor import Disc, HalfPlane, PolygonZone, Rectangle, Tiles
 from mercator_design.missions.mission import load_mission

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 from mercator_design import seeds
-from mercator_design.colours import COLOURS
-from mercator_design.loading import FieldError
+from mercator_design.config.colours import COLOURS
+from mercator_design.config.loading import FieldError
 from mercator_design.missions.floor import (
     LARGEST_IMAGE,
     Disc,

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
-from mercator_design import seeds, shipped
-from mercator_design.colours import COLOURS
+from mercator_design import seeds
+from mercator_design.config import shipped
+from mercator_design.config.colours import COLOURS
+from mercator_design.config.loading import FieldError, Origin, dump
 from mercator_design.errors import MissionError, excerpt
-from mercator_design.loading import FieldError, Origin, dump
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
     Disc,

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import shipped
+from mercator_design.config import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugins import load_plugin
-from mercator_design.race.journal import read
-from mercator_design.run_files import JOURNAL
+from mercator_design.race.running.journal import read
+from mercator_design.runs.files import JOURNAL
 from mercator_design.sim.simulate import Simulator
 
 PLUGIN = '''
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from mercator_design.jit import jittable
-from mercator_design.loading import FilePath
+from mercator_design.config.loading import FilePath
 from mercator_design.missions.plugins import dynamic, objective
 
 File = Annotated[str, FilePath()]

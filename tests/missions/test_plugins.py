@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mercator_design import jit, shipped
+from mercator_design import jit
+from mercator_design.config import shipped
+from mercator_design.config.loading import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
-from mercator_design.loading import dump
 from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin, zone_references
@@ -40,7 +41,7 @@ SHRINK = """
 from typing import Annotated
 
 from mercator_design.jit import jittable
-from mercator_design.loading import Positive
+from mercator_design.config.loading import Positive
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Zone, dynamic
 
@@ -256,7 +257,7 @@ class TestLoading:
             from collections.abc import Mapping
             from dataclasses import dataclass
             from typing import Annotated, Literal, NamedTuple
-            from mercator_design.loading import Length, Positive, Range
+            from mercator_design.config.loading import Length, Positive, Range
             from mercator_design.missions.plugins import Zone, objective
 
             class Pair(NamedTuple):

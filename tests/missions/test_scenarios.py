@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import expected_scores as expected
-from mercator_design import schema, shipped
+from mercator_design.config import schema, shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES

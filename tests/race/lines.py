@@ -3,7 +3,7 @@
 import json
 import zlib
 
-from mercator_design.checked_lines import checksum
+from mercator_design.config.checked_lines import checksum
 
 
 def events_in(data):

@@ -12,12 +12,12 @@ import sys
 from pathlib import Path
 
 from mercator_design.race import IteratedRace, Space
-from mercator_design.race.events import Measured
-from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import Journal, read
-from mercator_design.race.record import Record
-from mercator_design.race.runner import Runner
-from mercator_design.race.testing import Testing, run_tests
+from mercator_design.race.running.evaluation import Testing, run_tests
+from mercator_design.race.running.events import Measured
+from mercator_design.race.running.executors import ThreadExecutor
+from mercator_design.race.running.journal import Journal, read
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import Runner
 
 SPACE = Space.from_text('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300

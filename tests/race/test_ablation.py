@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space
-from mercator_design.race.ablation import Flips, ablate
-from mercator_design.race.moves import Moves
+from mercator_design.race.analysis.ablation import Flips, ablate
+from mercator_design.race.methods.moves import Moves
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines_text
 

@@ -2,7 +2,7 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical
-from mercator_design.race.configurations_text import read_configurations, to_text
+from mercator_design.race.irace.configurations import read_configurations, to_text
 
 SPACE = Space.from_text("""
 x "--x " r (0, 0.9)

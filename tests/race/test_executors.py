@@ -16,10 +16,17 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import MissionError, RaceError
-from mercator_design.race import dask_executor, executors
-from mercator_design.race.dask_executor import BUNDLE, DaskExecutor
-from mercator_design.race.executors import Failed, ProcessExecutor, Stopped, ThreadExecutor, WorkerUnfit, in_order
-from mercator_design.race.record import Record
+from mercator_design.race.running import dask_executor, executors
+from mercator_design.race.running.dask_executor import BUNDLE, DaskExecutor
+from mercator_design.race.running.executors import (
+    Failed,
+    ProcessExecutor,
+    Stopped,
+    ThreadExecutor,
+    WorkerUnfit,
+    in_order,
+)
+from mercator_design.race.running.record import Record
 from tests.race.racing import measure, runner, undisturbed
 from tests.race.test_target import gone
 
@@ -279,7 +286,7 @@ def test_functions_of_a_script_reach_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         """
-from mercator_design.race.executors import ProcessExecutor, in_order
+from mercator_design.race.running.executors import ProcessExecutor, in_order
 
 def square(x):
     return x * x
@@ -333,7 +340,7 @@ class TestProcesses:
         script.write_text(
             """
 import os, time
-from mercator_design.race.executors import ProcessExecutor
+from mercator_design.race.running.executors import ProcessExecutor
 
 def work(seconds):
     print(os.getpid(), flush=True)

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race.expressions import Expression
-from mercator_design.race.operations import number, number_text
+from mercator_design.race.space.expressions import Expression
+from mercator_design.race.space.r_operators import number, number_text
 
 GIVEN = {"n": 3, "x": 0.5, "s": "1", "rule": "fast", "big": "100000"}
 

@@ -7,8 +7,8 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, Space, real
-from mercator_design.race.importance import Importance, explain
-from mercator_design.race.moves import Moves
+from mercator_design.race.analysis.importance import Importance, explain
+from mercator_design.race.methods.moves import Moves
 
 SPACE = Space.from_text("""
 a     "" r (0, 1)

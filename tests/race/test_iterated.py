@@ -19,11 +19,11 @@ from mercator_design.race import (
     Space,
     categorical,
     integer,
-    iterated,
     real,
 )
-from mercator_design.race.budget import minimum_budget, n_iterations
-from mercator_design.race.model import SamplingModel
+from mercator_design.race.methods import iterated
+from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.racing.budget import minimum_budget, n_iterations
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines_text
 

@@ -13,14 +13,15 @@ import zlib
 
 import pytest
 
-from mercator_design.checked_lines import from_line, to_line
+from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, journal, testing
-from mercator_design.race.events import Ahead, End, Extension, Finished, Measured, NewConfiguration, Revised
-from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.journal import Journal, is_locked, read
-from mercator_design.race.record import Record
-from mercator_design.race.runner import ExperimentFailed
+from mercator_design.race import IteratedRace, RaceOptions
+from mercator_design.race.running import evaluation, journal
+from mercator_design.race.running.events import Ahead, End, Extension, Finished, Measured, NewConfiguration, Revised
+from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.journal import Journal, is_locked, read
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import ExperimentFailed
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
@@ -159,7 +160,7 @@ class TestResume:
     def test_what_is_there_twice(self, tmp_path, complete):
         """Or is missing, though all checksums are right; in a journal of format 1 only what differs is refused."""
         path = tmp_path / "journal.jsonl"
-        resumed(path, testing=testing.Testing(runs=3))
+        resumed(path, testing=evaluation.Testing(runs=3))
         whole = events_in(path.read_bytes())
         found = {}
         for place, event in enumerate(whole):
@@ -326,7 +327,7 @@ class TestLock:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         script = (
-            "import sys, time; from pathlib import Path; from mercator_design.race.journal import Journal;"
+            "import sys, time; from pathlib import Path; from mercator_design.race.running.journal import Journal;"
             "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(60)"
         )
         with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, text=True) as process:

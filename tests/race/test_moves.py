@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, real
-from mercator_design.race.moves import Moves
+from mercator_design.race.methods.moves import Moves
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines_text
 

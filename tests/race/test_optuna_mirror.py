@@ -5,11 +5,12 @@ import time
 import optuna
 import pytest
 
-from mercator_design.race import IteratedRace, optuna_mirror
-from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.methods import METHODS
-from mercator_design.race.optuna_mirror import OptunaMirror
-from mercator_design.race.record import Record
+from mercator_design.race import IteratedRace
+from mercator_design.race.methods.table import METHODS
+from mercator_design.race.running import optuna_mirror
+from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.optuna_mirror import OptunaMirror
+from mercator_design.race.running.record import Record
 from tests.race.racing import SPACE, measure, runner, undisturbed
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, integer, real
-from mercator_design.race.effects import effects
-from mercator_design.race.model import SamplingModel
-from mercator_design.race.moves import Moves
-from mercator_design.race.proposals import MOST_LEARNT_FROM, Proposer
+from mercator_design.race.methods.additive_model import effects
+from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.methods.moves import Moves
+from mercator_design.race.methods.proposals import MOST_LEARNT_FROM, Proposer
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 
 

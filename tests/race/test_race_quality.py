@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import race_quality
 from mercator_design.race import RaceOptions
-from mercator_design.race.moves import Moves
+from mercator_design.race.methods.moves import Moves
 
 PARAMETERS = [
     {"name": "n", "type": "int", "low": 1, "high": 3, "log": False, "condition": None},

@@ -7,8 +7,8 @@ from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, real
-from mercator_design.race.model import SamplingModel
-from mercator_design.race.sampling import similar, sobol_sample, truncated_normal
+from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal
 from tests.race.spaces import machines_text
 
 

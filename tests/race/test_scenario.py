@@ -7,9 +7,9 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import RaceOptions
-from mercator_design.race.scenario import read_scenario
-from mercator_design.race.scenario_options import OPTIONS
-from mercator_design.race.scenario_text import Assignment
+from mercator_design.race.irace.scenario import read_scenario
+from mercator_design.race.irace.scenario_options import OPTIONS
+from mercator_design.race.irace.scenario_text import Assignment
 
 SPACE = 'x "--x " r (0, 1)\nrule "--rule " c (slow, fast)\n'
 

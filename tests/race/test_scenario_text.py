@@ -1,7 +1,7 @@
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race.scenario_text import read_assignments, to_text
+from mercator_design.race.irace.scenario_text import read_assignments, to_text
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ import re
 import pytest
 
 from mercator_design.race import IteratedRace, RaceOptions, Space
-from mercator_design.race.executors import ThreadExecutor
-from mercator_design.race.journal import read
-from mercator_design.race.record import Record
-from mercator_design.race.stagnation import PATIENCE, agreement, is_better, judged
-from mercator_design.race.summary import Elite, IterationSummary
-from mercator_design.race.tests import Concordance
+from mercator_design.race.racing.stagnation import PATIENCE, agreement, is_better, judged
+from mercator_design.race.racing.statistics import Concordance
+from mercator_design.race.racing.summary import Elite, IterationSummary
+from mercator_design.race.running.executors import ThreadExecutor
+from mercator_design.race.running.journal import read
+from mercator_design.race.running.record import Record
 from tests.race.racing import resumed, runner
 
 SPACE = Space.from_text('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')

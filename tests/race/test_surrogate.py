@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, real
-from mercator_design.race.moves import Moves
-from mercator_design.race.surrogate import Features, Surrogate
+from mercator_design.race.methods.moves import Moves
+from mercator_design.race.methods.surrogate import Features, Surrogate
 from tests.race.mixed import MIXED, mixed_cost
 from tests.race.spaces import machines_text
 

@@ -5,13 +5,13 @@ import time
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import events, testing  # whose classes pytest would take for tests
-from mercator_design.race.events import Measured
-from mercator_design.race.executors import Stopped, ThreadExecutor
-from mercator_design.race.journal import Journal, read
-from mercator_design.race.race import Experiment
-from mercator_design.race.record import Record
-from mercator_design.race.runner import ExperimentFailed
+from mercator_design.race.racing.race import Experiment
+from mercator_design.race.running import evaluation, events  # whose classes pytest would take for tests
+from mercator_design.race.running.events import Measured
+from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.journal import Journal, read
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import ExperimentFailed
 from tests.race import racing
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
@@ -34,12 +34,14 @@ def test_which_are_tested(ended):
     _, race = ended
     elites = [elite.configuration for elite in race.elites]
     assert len(elites) > 1
-    assert testing.Testing(runs=3).configurations(race) == elites[:1] == [race.best.configuration]
-    assert testing.Testing(runs=3, elites=99).configurations(race) == elites
+    assert evaluation.Testing(runs=3).configurations(race) == elites[:1] == [race.best.configuration]
+    assert evaluation.Testing(runs=3, elites=99).configurations(race) == elites
     bests = [iteration.elites[0].configuration for iteration in reversed(race.iterations)]
-    assert testing.Testing(runs=3, iterations=True).configurations(race) == list(dict.fromkeys([*elites[:1], *bests]))
+    assert evaluation.Testing(runs=3, iterations=True).configurations(race) == list(
+        dict.fromkeys([*elites[:1], *bests])
+    )
     assert len(set(bests)) > 1
-    assert testing.Testing(runs=2, elites=2).experiments(race) == [
+    assert evaluation.Testing(runs=2, elites=2).experiments(race) == [
         Experiment(elites[0], 0), Experiment(elites[0], 1), Experiment(elites[1], 0), Experiment(elites[1], 1),
     ]  # fmt: skip
 
@@ -74,17 +76,17 @@ def test_cut_at_every_line(tmp_path):
 def test_more_tests_can_be_asked_for(tmp_path):
     path = tmp_path / "journal.jsonl"
     resumed(path)
-    assert resumed(path, testing=testing.Testing(runs=5)) == (*EXPECTED, 5)
-    assert resumed(path, testing=testing.Testing(runs=8)) == (*EXPECTED, 3)
-    assert resumed(path, testing=testing.Testing(runs=8, elites=3)) == (*EXPECTED, 16)
+    assert resumed(path, testing=evaluation.Testing(runs=5)) == (*EXPECTED, 5)
+    assert resumed(path, testing=evaluation.Testing(runs=8)) == (*EXPECTED, 3)
+    assert resumed(path, testing=evaluation.Testing(runs=8, elites=3)) == (*EXPECTED, 16)
 
 
 def test_after_a_larger_budget(tmp_path):
     path = tmp_path / "journal.jsonl"
-    resumed(path, testing=testing.Testing(runs=5))
+    resumed(path, testing=evaluation.Testing(runs=5))
     with Journal(path, new=False) as one:
         one.note(events.Extension(budget=500))
-    winner, digest, _ = resumed(path, testing=testing.Testing(runs=5))
+    winner, digest, _ = resumed(path, testing=evaluation.Testing(runs=5))
     longer = undisturbed(budgets=(racing.BUDGET, 500))
     assert (winner, digest) == (longer.ends[-1].winner, longer.digest())
     assert winner in read(path).record.test_scores()
@@ -142,7 +144,7 @@ def test_other_instances_are_refused(ended):
 
 def test_two_results_of_one_test(tmp_path):
     path = tmp_path / "journal.jsonl"
-    resumed(path, testing=testing.Testing(runs=2))
+    resumed(path, testing=evaluation.Testing(runs=2))
     known = events_in(path.read_bytes())
     event = {"event": "test", "configuration": EXPECTED[0], "instance": 1, "seed": 1, "score": 1.0}
     path.write_bytes(journal_of([*known, known[-1], event]))

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mercator_design.robot.ports import DEVICES, PortNames
-from mercator_design.robot.rvr import Unknown
-from mercator_design.robot.ydlidar import Packet, encode_command
+from mercator_design.robot.devices.ports import DEVICES, PortNames
+from mercator_design.robot.protocols.rvr import Unknown
+from mercator_design.robot.protocols.ydlidar import Packet, encode_command
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.twin.devices.lidar import FINE, SPINS_UP, Lidar
 from mercator_design.twin.faults import Flip, PortLoss, Script, Silence, WrongBaud
-from mercator_design.twin.lidar import FINE, SPINS_UP, Lidar
 from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
 

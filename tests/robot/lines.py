@@ -3,11 +3,11 @@
 import math
 from typing import NamedTuple
 
-from mercator_design.robot import multiflex, rvr, ydlidar
-from mercator_design.robot.multiflex import Acknowledgement, Distances
-from mercator_design.robot.rvr_messages import Processor, lights
-from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.multiflex import Acknowledgement, Distances
+from mercator_design.robot.protocols.rvr_messages import Processor, lights
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 
 STREAMED = [name for name in SERVICES if name not in {"speed", "core_time", "encoders"}]
 QUIET = {name: dict.fromkeys(service.attributes, 0.0) for name, service in SERVICES.items()}

@@ -9,8 +9,8 @@ import time
 import pytest
 
 from mercator_design.errors import RobotError, Signalled, Stopped
-from mercator_design.robot import rvr
-from mercator_design.robot.safety import STALL, Brake, Signals
+from mercator_design.robot.protocols import rvr
+from mercator_design.robot.run.safety import STALL, Brake, Signals
 
 
 class Wire:

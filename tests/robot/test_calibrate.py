@@ -12,15 +12,16 @@ import time
 import pytest
 
 from mercator_design.errors import MercatorError, RobotError
-from mercator_design.robot import ground_calibration, person, proximity_calibration, settings_file
 from mercator_design.robot.cli import main
 from mercator_design.robot.cli.calibrate import _give
-from mercator_design.robot.ground_calibration import check_light, confused, doubts, ground_sensor
-from mercator_design.robot.mercator import Mercator
-from mercator_design.robot.ports import open_ports
-from mercator_design.robot.proximity_calibration import direction, hub
-from mercator_design.robot.settings import Settings, read_settings
-from mercator_design.twin import hub as twin_hub
+from mercator_design.robot.devices import settings_file
+from mercator_design.robot.devices.ports import open_ports
+from mercator_design.robot.devices.settings import Settings, read_settings
+from mercator_design.robot.run.mercator import Mercator
+from mercator_design.robot.setup import ground_calibration, prompt, proximity_calibration
+from mercator_design.robot.setup.ground_calibration import check_light, confused, doubts, ground_sensor
+from mercator_design.robot.setup.proximity_calibration import direction, hub
+from mercator_design.twin.devices import hub as twin_hub
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON
 
@@ -237,7 +238,7 @@ class TestColor:
 
 def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
     fingers, terminal = os.openpty()
-    monkeypatch.setattr(person, "_STDIN", terminal)
+    monkeypatch.setattr(prompt, "_STDIN", terminal)
     os.write(fingers, b"\n\n")
     time.sleep(0.05)  # until the terminal has them
     waited = []
@@ -247,7 +248,7 @@ def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
         if len(waited) == 1:
             os.write(fingers, b"\n")
 
-    person.ask("Wait", press)
+    prompt.ask("Wait", press)
     assert len(waited) >= 2
     os.close(fingers)
     os.close(terminal)

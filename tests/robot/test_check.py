@@ -11,11 +11,11 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from mercator_design.robot import check as checking
-from mercator_design.robot import start, talk
-from mercator_design.robot.check import check_clock, check_console, check_programs, check_uart
-from mercator_design.robot.ydlidar import DeviceInfo, Health, Packet, ScanStarted
-from mercator_design.twin import hub
+from mercator_design.robot.devices import link, start
+from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
+from mercator_design.robot.setup import check as checking
+from mercator_design.robot.setup.check import check_clock, check_console, check_programs, check_uart
+from mercator_design.twin.devices import hub
 from tests.robot.devices import CLEAR, Devices
 
 
@@ -114,7 +114,7 @@ def test_a_battery_with_which_no_run_starts(found, devices):
 
 def test_lines_that_are_damaged(found, devices, monkeypatch):
     """One byte of a hundred is wrong: three of five packets of the lidar are refused."""
-    monkeypatch.setattr(talk, "_TRIES", 20)
+    monkeypatch.setattr(link, "_TRIES", 20)
     devices.torn = {"lidar"}
     devices.noisy = {"rvr", "proximity"}
     _, _, wrong, _ = found()
@@ -221,7 +221,7 @@ def test_devices_that_are_left_out(found, robot_command, devices, tmp_path, monk
 
 
 def test_each_device_by_itself(found, devices, monkeypatch):
-    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(link, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
@@ -260,7 +260,7 @@ def test_each_device_by_itself(found, devices, monkeypatch):
     ],
 )
 def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, words):
-    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(link, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
     trouble(devices)
@@ -290,7 +290,7 @@ def test_names_that_others_may_have(found, monkeypatch):
 
 def test_a_line_that_hears_itself(found, devices, monkeypatch):
     """With a jumper in the place of the RVR: it is not the UART."""
-    monkeypatch.setattr(talk, "_TRIES", 1)
+    monkeypatch.setattr(link, "_TRIES", 1)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
     devices.joined = {"rvr"}

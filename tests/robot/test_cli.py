@@ -17,11 +17,11 @@ import pytest
 
 from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.errors import MercatorError, Signalled
-from mercator_design.robot import swarm
 from mercator_design.robot.cli import cli
 from mercator_design.robot.cli.options import new_file
-from mercator_design.robot.ports import DEVICES
-from mercator_design.robot.swarm import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
+from mercator_design.robot.devices.ports import DEVICES
+from mercator_design.robot.run import network
+from mercator_design.robot.run.network import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 1"
@@ -198,7 +198,7 @@ class TestStop:
 
     def test_a_name_that_is_not_found_in_time(self, robot_command, answering, monkeypatch):
         port, _ = answering
-        monkeypatch.setattr(swarm, "_LOOK_UP", 0.2)
+        monkeypatch.setattr(network, "_LOOK_UP", 0.2)
         over, found = threading.Event(), socket.gethostbyname
 
         def look_up(host):
@@ -216,7 +216,7 @@ class TestStop:
         assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}, as if nothing ran there\n"
 
     def test_more_descriptors_than_select_knows(self, robot_command, answering, monkeypatch):
-        speaking = swarm._speaking
+        speaking = network._speaking
 
         def far():
             with speaking() as near:
@@ -225,7 +225,7 @@ class TestStop:
             return made
 
         usual = resource.getrlimit(resource.RLIMIT_NOFILE)
-        monkeypatch.setattr(swarm, "_speaking", far)
+        monkeypatch.setattr(network, "_speaking", far)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(2048, usual[0]), usual[1]))
         try:
             code, out, err = robot_command("stop", "127.0.0.1", "--port", answering[0])

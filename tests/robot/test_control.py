@@ -2,8 +2,8 @@
 
 import time
 
-from mercator_design.robot.control import Control
-from mercator_design.robot.safety import STALL
+from mercator_design.robot.run.control import Control
+from mercator_design.robot.run.safety import STALL
 
 
 class Robot:

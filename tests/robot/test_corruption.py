@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mercator_design.robot import rvr
+from mercator_design.robot.protocols import rvr
 from tests.robot.lines import LINES
 
 FIXED = settings(derandomize=True, deadline=None, max_examples=100)

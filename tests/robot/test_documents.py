@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.joint_start import LEAD, SILENCE
-from mercator_design.robot.health import ANSWERS_WINDOW, FEWEST_ANSWERS, IN_TIME, WINDOW, matters_below
-from mercator_design.robot.mercator import COMMANDS_END, POLL
-from mercator_design.robot.safety import STALL
-from mercator_design.robot.settings import CONTROL_PERIOD, Limits, parse_settings
+from mercator_design.robot.devices.health import ANSWERS_WINDOW, FEWEST_ANSWERS, IN_TIME, WINDOW, matters_below
+from mercator_design.robot.devices.settings import CONTROL_PERIOD, Limits, parse_settings
+from mercator_design.robot.protocols.joint_start import LEAD, SILENCE
+from mercator_design.robot.run.mercator import COMMANDS_END, POLL
+from mercator_design.robot.run.safety import STALL
 
 ROOT = Path(__file__).parents[2]
 REFERENCE, EXPLANATION = ROOT / "docs" / "reference", ROOT / "docs" / "explanation"

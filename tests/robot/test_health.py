@@ -5,8 +5,16 @@ import random
 import pytest
 
 from mercator_design.errors import Stopped
-from mercator_design.robot.health import ANSWERS_WINDOW, FEWEST_ANSWERS, IN_TIME, WINDOW, Answers, LineHealth, RvrHealth
-from mercator_design.robot.settings import Limits
+from mercator_design.robot.devices.health import (
+    ANSWERS_WINDOW,
+    FEWEST_ANSWERS,
+    IN_TIME,
+    WINDOW,
+    Answers,
+    LineHealth,
+    RvrHealth,
+)
+from mercator_design.robot.devices.settings import Limits
 
 
 def look(line, since, seconds, lost):

@@ -13,9 +13,9 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.files import replacing
-from mercator_design.robot import install as installation
-from mercator_design.robot.install import IDLE, LIMITS, RULES, RUN
+from mercator_design.robot.setup import install as installation
+from mercator_design.robot.setup.install import IDLE, LIMITS, RULES, RUN
+from mercator_design.system.files import replacing
 
 
 def usb(path, vid, pid, serial_number, location):

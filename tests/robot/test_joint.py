@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from mercator_design.clocks import Clock, from_line, probe, to_line
-from mercator_design.robot.log import read
-from mercator_design.robot.swarm import HEARTBEAT, Speaker
+from mercator_design.robot.logs.log import read
+from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
+from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
 
 PATIENT = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 60.0\n"
@@ -238,7 +238,7 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
 
 
 def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
-    fault = "from mercator_design.joint_start import Follower; Follower.look = None; time.sleep(0.1)"
+    fault = "from mercator_design.robot.protocols.joint_start import Follower; Follower.look = None; time.sleep(0.1)"
 
     def attempt(number):
         with awaiting(tmp_path / str(number), fault=fault) as (robot, leader):

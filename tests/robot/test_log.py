@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mercator_design.checked_lines import to_line
-from mercator_design.colours import COLOURS
+from mercator_design.config.checked_lines import to_line
+from mercator_design.config.colours import COLOURS
 from mercator_design.errors import RobotError, Signalled
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
 from mercator_design.fsm.behaviours import BEHAVIOURS
@@ -20,9 +20,9 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
 from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
-from mercator_design.robot import log as log_module
 from mercator_design.robot.cli import cli
-from mercator_design.robot.log import Log, controller_of, read, replay, to_lines
+from mercator_design.robot.logs import log as log_module
+from mercator_design.robot.logs.log import Log, controller_of, read, replay, to_lines
 from tests.fsm.test_parity import program_arrays
 
 FSM = (  # all that a Mercator can run

@@ -11,15 +11,16 @@ import pytest
 from mercator_design.errors import RobotError, Stopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
-from mercator_design.robot import mercator, ports, start, talk
-from mercator_design.robot.mercator import COMMANDS_END, Mercator
-from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.ports import DEVICES, PortNames, open_ports
-from mercator_design.robot.rvr import Device, Response
-from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Processor
-from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import STREAMED, converted
-from mercator_design.robot.settings import Limits, Settings
+from mercator_design.robot.devices import link, ports, start
+from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
+from mercator_design.robot.devices.samples import STREAMED, converted
+from mercator_design.robot.devices.settings import Limits, Settings
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr import Device, Response
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Processor
+from mercator_design.robot.protocols.rvr_streaming import StreamData
+from mercator_design.robot.run import mercator
+from mercator_design.robot.run.mercator import COMMANDS_END, Mercator
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
@@ -41,7 +42,7 @@ NEAR = ReferenceModel().neighbour_range
 @pytest.fixture(autouse=True)
 def soon(request, monkeypatch):
     """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
-    monkeypatch.setattr(talk, "_LOOK", 0.0002)
+    monkeypatch.setattr(link, "_LOOK", 0.0002)
     if "whole_start" not in request.fixturenames:
         monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
 
@@ -190,7 +191,7 @@ class TestReadings:
 def impatient(monkeypatch):
     """Devices that say nothing are given up soon."""
     monkeypatch.setattr(mercator, "_BEGIN", 0.6)
-    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(link, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
 
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mercator_design.robot import multiflex
-from mercator_design.robot.multiflex import BINARY_MODE, NOTHING, TEXT_MODE, Acknowledgement, Distances, crc8
+from mercator_design.robot.protocols import multiflex
+from mercator_design.robot.protocols.multiflex import BINARY_MODE, NOTHING, TEXT_MODE, Acknowledgement, Distances, crc8
 
 FIXED = settings(derandomize=True, deadline=None, max_examples=200)
 MILLIMETRES = st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8).map(tuple)

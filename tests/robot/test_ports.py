@@ -17,8 +17,8 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.robot import ports
-from mercator_design.robot.ports import BAUD, DEVICES, PortNames, Ports, find_port, open_ports
+from mercator_design.robot.devices import ports
+from mercator_design.robot.devices.ports import BAUD, DEVICES, PortNames, Ports, find_port, open_ports
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.robot import start, talk
-from mercator_design.robot.ports import open_port
-from mercator_design.robot.rvr import Host
-from mercator_design.robot.ydlidar import encode_command
+from mercator_design.robot.devices import link, start
+from mercator_design.robot.devices.ports import open_port
+from mercator_design.robot.protocols.rvr import Host
+from mercator_design.robot.protocols.ydlidar import encode_command
 from tests.robot.devices import Devices
 from tests.robot.ways import LAST, SLOW, SOON, free_port, running
 
@@ -137,7 +137,7 @@ def test_a_port_that_another_program_has(stop, devices):
 
 
 def test_a_robot_that_does_not_answer_is_told_nevertheless(stop, devices, monkeypatch):
-    monkeypatch.setattr(talk, "_TRIES", 2)
+    monkeypatch.setattr(link, "_TRIES", 2)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     leave_running(devices)
     devices.silent = {"rvr"}

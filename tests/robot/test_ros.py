@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 
 from mercator_design.errors import RobotError, Stopped
-from mercator_design.robot import control, mercator, ros, ros_messages, safety
-from mercator_design.robot.ros import Node, Orders, Reports, serve
-from mercator_design.robot.ros_messages import PUBLISHED
-from mercator_design.robot.rvr_messages import Processor
-from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import STREAMED, Sample, converted
-from mercator_design.robot.settings import Settings, Swarm
-from mercator_design.robot.sweep import BINS, Sweep
-from mercator_design.robot.ydlidar import Packet
+from mercator_design.robot.devices.samples import STREAMED, Sample, converted
+from mercator_design.robot.devices.settings import Settings, Swarm
+from mercator_design.robot.devices.sweep import BINS, Sweep
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import StreamData
+from mercator_design.robot.protocols.ydlidar import Packet
+from mercator_design.robot.ros import messages
+from mercator_design.robot.ros import node as ros
+from mercator_design.robot.ros.messages import PUBLISHED
+from mercator_design.robot.ros.node import Node, Orders, Reports, serve
+from mercator_design.robot.run import control, mercator, safety
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
 from tests.robot.ways import asked
@@ -43,14 +45,14 @@ def turned(q, vector):
 class TestMessages:
     def test_imu_has_the_axes_of_the_rvr(self):
         vector = {"x": 0.25, "y": 0.5, "z": 1.0}
-        found = ros_messages.imu(12.5, sampled(accelerometer=vector, gyroscope=vector))
+        found = messages.imu(12.5, sampled(accelerometer=vector, gyroscope=vector))
         assert found["header"] == {"stamp": {"secs": 12, "nsecs": 500_000_000}, "frame_id": ""}
         assert found["angular_velocity"] == pytest.approx({name: math.radians(v) for name, v in vector.items()})
         assert found["linear_acceleration"] == pytest.approx({name: 9.80665 * v for name, v in vector.items()})
 
     def test_orientation_turns_by_roll_then_pitch_then_yaw(self):
         roll, pitch, yaw = 20.0, 10.0, 90.0
-        q = ros_messages.imu(0.0, sampled(imu={"roll": roll, "pitch": pitch, "yaw": yaw}))["orientation"]
+        q = messages.imu(0.0, sampled(imu={"roll": roll, "pitch": pitch, "yaw": yaw}))["orientation"]
         cr, cp, cy = np.cos(np.radians([roll, pitch, yaw]))
         sr, sp, sy = np.sin(np.radians([roll, pitch, yaw]))
         about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -62,31 +64,31 @@ class TestMessages:
     def test_odometry(self):
         place, q, speed = {"x": 1.0, "y": 2.0}, {"w": 0.1, "x": 0.2, "y": 0.3, "z": 0.4}, {"x": -0.1, "y": 0.3}
         turning = {"x": 10.0, "y": 20.0, "z": 30.0}
-        found = ros_messages.odometry(3.0, sampled(locator=place, quaternion=q, velocity=speed, gyroscope=turning))
+        found = messages.odometry(3.0, sampled(locator=place, quaternion=q, velocity=speed, gyroscope=turning))
         pose, twist = found["pose"]["pose"], found["twist"]["twist"]
         assert pose == {"position": place | {"z": 0.0}, "orientation": q}
         assert twist["linear"] == speed | {"z": 0.0}
         assert twist["angular"] == pytest.approx({name: math.radians(v) for name, v in turning.items()})
 
     def test_light_and_colours(self):
-        assert ros_messages.illuminance(1.0, Sample(0.0, (500.0,)))["illuminance"] == 500.0
-        assert ros_messages.colour((1, 2, 3)) == {"r": 1, "g": 2, "b": 3, "a": 255.0}
+        assert messages.illuminance(1.0, Sample(0.0, (500.0,)))["illuminance"] == 500.0
+        assert messages.colour((1, 2, 3)) == {"r": 1, "g": 2, "b": 3, "a": 255.0}
 
     def test_times_before_the_epoch_of_a_clock_that_has_not_begun(self):
-        assert ros_messages.stamp(-5.0) == {"secs": 0, "nsecs": 0}
+        assert messages.stamp(-5.0) == {"secs": 0, "nsecs": 0}
 
     @pytest.mark.parametrize("degrees", range(-180, 180, 15))
     def test_a_scan_begins_at_the_back_and_is_counter_clockwise(self, degrees):
         ring = [0.0] * BINS
         ring[degrees * 4 % BINS] = 1.5
-        found = ros_messages.scan(1.0, ring, 0.14)
+        found = messages.scan(1.0, ring, 0.14)
         (place,) = np.flatnonzero(found["ranges"])
         assert found["ranges"][place] == 1.5
         apart = found["angle_min"] + place * found["angle_increment"] - math.radians(degrees)
         assert abs(apart) <= 0.51 * found["angle_increment"]
 
     def test_what_a_scan_says_of_itself(self):
-        found = ros_messages.scan(1.0, [2.0] * BINS, 0.14)
+        found = messages.scan(1.0, [2.0] * BINS, 0.14)
         assert found["header"]["frame_id"] == "laser_frame"
         assert (found["angle_min"], found["angle_max"]) == (-math.pi, math.pi)
         assert len(found["ranges"]) == len(found["intensities"]) == 720
@@ -95,14 +97,14 @@ class TestMessages:
         assert (found["scan_time"], found["time_increment"] * 719) == (0.14, pytest.approx(0.14))
 
     def test_a_scan_has_the_nearer_of_two_and_nothing_beyond_its_limits(self):
-        found = ros_messages.scan(1.0, [3.0, 2.0] * (BINS // 2), 0.14)["ranges"]
+        found = messages.scan(1.0, [3.0, 2.0] * (BINS // 2), 0.14)["ranges"]
         assert found.count(2.0) > 700
         ring = [0.0] * BINS
         ring[0], ring[400], ring[800] = 0.09, 12.1, 0.1
-        assert [r for r in ros_messages.scan(1.0, ring, 0.14)["ranges"] if r] == [0.1]
+        assert [r for r in messages.scan(1.0, ring, 0.14)["ranges"] if r] == [0.1]
 
     def test_ranges(self):
-        found = ros_messages.range_array(2.0, [math.inf, -math.inf, *[0.5] * 6])
+        found = messages.range_array(2.0, [math.inf, -math.inf, *[0.5] * 6])
         assert found["header"]["frame_id"] == "base_hub"
         assert [each["range"] for each in found["ranges"]] == [math.inf, -math.inf, *[0.5] * 6]
         assert [each["header"]["frame_id"] for each in found["ranges"]] == [f"base_range_{k}" for k in range(8)]
@@ -111,7 +113,7 @@ class TestMessages:
         assert (last["min_range"], last["max_range"]) == (0.05, 2.0)
 
     def test_frames_of_ranges_in_a_namespace(self):
-        found = ros_messages.range_array(2.0, [0.5] * 8, "robot1")
+        found = messages.range_array(2.0, [0.5] * 8, "robot1")
         assert found["header"]["frame_id"] == "base_robot1"
         assert found["ranges"][2]["header"]["frame_id"] == "robot1_base_range_2"
 

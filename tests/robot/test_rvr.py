@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design.errors import ProtocolError
-from mercator_design.robot import rvr_messages
-from mercator_design.robot.rvr import (
+from mercator_design.robot.protocols import rvr_messages
+from mercator_design.robot.protocols.rvr import (
     LONGEST,
     Device,
     Flags,
@@ -20,8 +20,8 @@ from mercator_design.robot.rvr import (
     Unknown,
     frame_decoder,
 )
-from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, NOTIFICATIONS, Error, Processor, lights
-from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, NOTIFICATIONS, Error, Processor, lights
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
 
 FIXED = settings(derandomize=True, deadline=None, max_examples=200)
 ONLY_ERRORS = Flags.ANSWER | Flags.ONLY_ERRORS

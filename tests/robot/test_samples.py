@@ -1,10 +1,10 @@
 """Sensors and the values of their samples stand in one table, as it is measured and as robot models have it."""
 
 from mercator_design.calibration.sensors import SENSORS
-from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.rvr_messages import Processor
-from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.samples import FIELDS, STREAMED, converted
+from mercator_design.robot.devices.samples import FIELDS, STREAMED, converted
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import StreamData
 from tests.robot.lines import QUIET
 
 

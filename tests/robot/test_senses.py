@@ -3,10 +3,10 @@
 import pytest
 
 from benchmarks.damaged_lines import perceived
-from mercator_design.robot.framing import Counts
-from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.senses import Senses, Whole
-from mercator_design.robot.settings import Limits, Settings
+from mercator_design.robot.devices.settings import Limits, Settings
+from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.run.senses import Senses, Whole
 
 
 def mean(values):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from mercator_design.robot.service import notify
+from mercator_design.robot.run.service import notify
 from tests.robot.ways import IMPATIENT, SOON, running
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.config.loading import dump, parse
 from mercator_design.errors import FsmError, SettingsError
 from mercator_design.fsm import ReferenceModel
-from mercator_design.loading import dump, parse
-from mercator_design.robot.ports import PortNames
-from mercator_design.robot.settings import Limits, Settings, control_period_of, nearest, read_settings
+from mercator_design.robot.devices.ports import PortNames
+from mercator_design.robot.devices.settings import Limits, Settings, control_period_of, nearest, read_settings
 
 
 def settings(text):

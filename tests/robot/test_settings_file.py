@@ -5,9 +5,9 @@ import os
 import pytest
 
 from mercator_design.errors import SettingsError
-from mercator_design.robot import settings_file
-from mercator_design.robot.settings import Settings, read_settings
-from mercator_design.robot.settings_file import change, put, rehearse
+from mercator_design.robot.devices import settings_file
+from mercator_design.robot.devices.settings import Settings, read_settings
+from mercator_design.robot.devices.settings_file import change, put, rehearse
 
 LABELS = {"black": (7, 8, 6), "gray": (93, 99, 90)}
 

@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from mercator_design.robot.settings import Settings, Swarm
-from mercator_design.robot.swarm import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Heartbeats, signature
+from mercator_design.robot.devices.settings import Settings, Swarm
+from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Heartbeats, signature
 
 KEY, LASTS = "a key that nobody guesses", 2.0
 

@@ -7,8 +7,8 @@ import pytest
 from benchmarks.turning import ROBOTS, perceived
 from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.robot.sweep import BINS, STEP, Sweep
-from mercator_design.robot.ydlidar import Packet, correction
+from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
+from mercator_design.robot.protocols.ydlidar import Packet, correction
 
 TURN = 360 * 64
 THREE = [(0.0, 0.3), (2.0, 0.6), (-1.0, 0.5)]

@@ -7,11 +7,11 @@ import time
 import pytest
 
 from mercator_design.errors import RobotError
-from mercator_design.robot import talk as talk_module
-from mercator_design.robot.rvr import Device, Host
-from mercator_design.robot.rvr_messages import Error
-from mercator_design.robot.start import wake_rvr
-from mercator_design.robot.talk import Talk
+from mercator_design.robot.devices import link as talk_module
+from mercator_design.robot.devices.link import Talk
+from mercator_design.robot.devices.start import wake_rvr
+from mercator_design.robot.protocols.rvr import Device, Host
+from mercator_design.robot.protocols.rvr_messages import Error
 
 
 class Line:

@@ -18,13 +18,13 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.robot.cli import teleop as command
-from mercator_design.robot.health import ANSWERS_WINDOW, IN_TIME
-from mercator_design.robot.keyboard import Keyboard, keyboard, keys
-from mercator_design.robot.log import read
-from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.settings import Limits, Settings
-from mercator_design.robot.swarm import Speaker
-from mercator_design.robot.teleop import HELD, REPEATED, Stick, nearest_ahead
+from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME
+from mercator_design.robot.devices.settings import Limits, Settings
+from mercator_design.robot.logs.log import read
+from mercator_design.robot.run.mercator import COMMANDS_END
+from mercator_design.robot.run.network import Speaker
+from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys
+from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
@@ -139,7 +139,7 @@ def test_what_is_ahead():
 
 FAULTS = """
 import os, time
-from mercator_design.robot.teleop import Stick
+from mercator_design.robot.teleop.teleop import Stick
 way = Stick.way
 def faulty(self, now):
     if os.path.exists("fault"):

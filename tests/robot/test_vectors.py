@@ -10,7 +10,7 @@ from benchmarks.vectors import multiflex_frames, rvr_frames, ydlidar_scans
 from benchmarks.vectors.formats import replay
 from benchmarks.vectors.pieces import difference_in_pieces
 from mercator_design.errors import MercatorError
-from mercator_design.robot import multiflex
+from mercator_design.robot.protocols import multiflex
 
 DATA = Path(__file__).parents[1] / "data"
 FORMATS = {"robot_rvr": rvr_frames, "robot_ydlidar": ydlidar_scans, "robot_multiflex": multiflex_frames}

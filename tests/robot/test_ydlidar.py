@@ -6,8 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mercator_design.robot import ydlidar
-from mercator_design.robot.ydlidar import LONGEST_TURN, DeviceInfo, Health, Packet, ScanStarted, Turns, correction
+from mercator_design.robot.protocols import ydlidar
+from mercator_design.robot.protocols.ydlidar import (
+    LONGEST_TURN,
+    DeviceInfo,
+    Health,
+    Packet,
+    ScanStarted,
+    Turns,
+    correction,
+)
 
 FIXED = settings(derandomize=True, deadline=None, max_examples=200)
 ANGLE = st.integers(0, 360 * 64 - 1)

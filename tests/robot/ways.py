@@ -13,7 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from mercator_design.robot.log import read
+from mercator_design.robot.logs.log import read
 from tests.robot.devices import Devices
 
 LATEST = 0.25
@@ -40,7 +40,7 @@ OFTEN = "from mercator_design.robot import mercator; mercator.POLL = 0.2\n"
 """Lets a program ask after the battery more often."""
 SLOW = """
 import time
-from mercator_design.robot.mercator import Mercator
+from mercator_design.robot.run.mercator import Mercator
 close = Mercator.close
 Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
 """

@@ -12,7 +12,8 @@ from mercator_design.fsm import parse
 from mercator_design.fsm.perception import ground_by_vote, light_direction, nearest_label, perceive
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, PARTS, Recording
-from mercator_design.sim.noise import LIDAR_DRAWS, draw, noise
+from mercator_design.sim.kernels.noise import LIDAR_DRAWS, draw, noise
+from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import (
     AmbientLight,
@@ -23,7 +24,6 @@ from mercator_design.sim.robot_parts import (
     Neighbours,
     Uniform,
 )
-from mercator_design.sim.swarm import new_history
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
 

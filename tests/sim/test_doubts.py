@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from mercator_design import shipped
 from mercator_design.cli import cli
+from mercator_design.config import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.sim.doubts import doubts, doubts_of_floor, doubts_of_model
+from mercator_design.sim.checks.doubts import doubts, doubts_of_floor, doubts_of_model
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mercator_design import shipped
 from mercator_design.cli import cli
+from mercator_design.config import shipped
 from mercator_design.design import Designer
 from mercator_design.errors import MissionError
 from mercator_design.mission_sampler import sample_mission
@@ -21,8 +21,8 @@ from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.trace import Trace
 from mercator_design.missions.zone_distance import border_points, distance_to
-from mercator_design.sim.impossible import doubts_of_angles, doubts_of_mission
-from mercator_design.sim.reach import reach_of
+from mercator_design.sim.checks.impossible import doubts_of_angles, doubts_of_mission
+from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import LightRing
 from mercator_design.sim.simulate import Simulator
@@ -130,7 +130,7 @@ class TestReach:
         assert told(far) == []
 
     def test_zones_that_a_plugin_may_move_are_let_be(self, monkeypatch):
-        monkeypatch.setattr("mercator_design.sim.impossible.is_ours", lambda _: False)
+        monkeypatch.setattr("mercator_design.sim.checks.impossible.is_ours", lambda _: False)
         assert told("floor.dynamics=[{name: visited, zones: [nest], color: red}]") == []
 
 

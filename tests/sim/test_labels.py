@@ -7,18 +7,18 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from mercator_design import shipped
 from mercator_design.cli import cli
-from mercator_design.colours import COLOURS
+from mercator_design.config import shipped
+from mercator_design.config.colours import COLOURS
+from mercator_design.config.schema import FieldError
 from mercator_design.design import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.summary import describe
-from mercator_design.robot.settings import Settings, nearest
-from mercator_design.schema import FieldError
-from mercator_design.sim.doubts import dead_transitions
+from mercator_design.robot.devices.settings import Settings, nearest
+from mercator_design.sim.checks.doubts import dead_transitions
 from mercator_design.sim.labels import robot_labels, simulated_labels
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.sim.lidar import _meet_disc, _meet_wall, scan
+from mercator_design.sim.kernels.lidar import _meet_disc, _meet_wall, scan
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import DiscBody, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator

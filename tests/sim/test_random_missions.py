@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mercator_design import shipped
-from mercator_design.colours import COLOURS
+from mercator_design.config import shipped
+from mercator_design.config.colours import COLOURS
+from mercator_design.config.loading import FieldError
 from mercator_design.errors import MissionError
-from mercator_design.fsm.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.loading import FieldError
+from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
     Disc,
@@ -36,7 +36,7 @@ from mercator_design.missions.placement import (
     RectanglePlacement,
 )
 from mercator_design.race import Space
-from mercator_design.sim.reach import reach_of
+from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import (
     BoxBody,

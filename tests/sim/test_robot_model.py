@@ -3,10 +3,10 @@ import math
 
 import pytest
 
-from mercator_design import shipped
+from mercator_design.config import shipped
+from mercator_design.config.loading import dump, parse
 from mercator_design.errors import MissionError
 from mercator_design.fsm import ReferenceModel
-from mercator_design.loading import dump, parse
 from mercator_design.sim.devices import DEVICES, PARTS
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 

@@ -4,8 +4,8 @@ import pytest
 
 from benchmarks import same_distribution
 from mercator_design.jit import jittable
-from mercator_design.sim import kernel
-from mercator_design.sim.motion import glide
+from mercator_design.sim.kernels import kernel
+from mercator_design.sim.kernels.motion import glide
 
 FALSE_ALARM = 1e-6  # chance of a rejection if nothing differs, over the choice of seeds
 PUSHING = "8 that push, the original's constants, 20 s"

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.fsm import Readings, parse
+from mercator_design.sim.kernels.sight import distance_to_box, distance_to_wall
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Ground, Neighbours, Uniform
-from mercator_design.sim.sight import distance_to_box, distance_to_wall
 from tests.sim.worlds import at, simulator
 
 STOP = parse("--nstates 1 --s0 1")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mercator_design.fsm import parse
-from mercator_design.sim import sensing
+from mercator_design.sim.kernels import sensing
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import LidarNeighbours
 from tests.sim.test_light import lights

@@ -1,6 +1,6 @@
 """Small arenas for tests, and a client's end of a robot's lines."""
 
-from mercator_design.robot import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.twin.arena import Arena, without_noise
 from mercator_design.twin.twin import Twin

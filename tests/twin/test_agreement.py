@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.twin_perception import decisions, perception, run
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.robot.log import controller_of, read, to_lines
+from mercator_design.robot.logs.log import controller_of, read, to_lines
 from tests.twin.recorded import ROBOTS, unpack
 
 

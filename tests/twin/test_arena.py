@@ -8,16 +8,16 @@ import pytest
 
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
-from mercator_design.robot.rvr_streaming import streaming
-from mercator_design.robot.samples import STREAMED
-from mercator_design.robot.ydlidar import Turns, decoder, encode_command
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.protocols.ydlidar import Turns, decoder, encode_command
 from mercator_design.sim import devices
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian
 from mercator_design.twin import arena as of_arenas
-from mercator_design.twin import lidar
 from mercator_design.twin.arena import MEASURED, TREADS, without_noise
-from mercator_design.twin.lidar import Lidar
+from mercator_design.twin.devices import lidar
+from mercator_design.twin.devices.lidar import Lidar
 from tests.sim.worlds import look
 from tests.twin.arenas import MERCATOR, QUIET, Talk, arena
 

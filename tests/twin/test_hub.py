@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mercator_design.robot.multiflex import (
+from mercator_design.robot.protocols.multiflex import (
     BINARY_MODE,
     NOTHING,
     TEXT_MODE,
@@ -14,7 +14,7 @@ from mercator_design.robot.multiflex import (
     decoder,
     use_sensors,
 )
-from mercator_design.twin.hub import Hub
+from mercator_design.twin.devices.hub import Hub
 
 AROUND = [0.5, 1.2345, 2.0, 2.1, math.inf, -math.inf, 0.05, 0.04]
 MILLIMETRES = (500, 1234, 2000, NOTHING, NOTHING, 0, 50, 40)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.robot.ydlidar import (
+from mercator_design.robot.protocols.ydlidar import (
     DeviceInfo,
     Health,
     Packet,
@@ -14,7 +14,7 @@ from mercator_design.robot.ydlidar import (
     decoder,
     encode_command,
 )
-from mercator_design.twin.lidar import FINE, RATE, SPINS_UP, Lidar
+from mercator_design.twin.devices.lidar import FINE, RATE, SPINS_UP, Lidar
 from tests.twin.recordings import ydlidar_sessions
 
 SAMPLES = 719

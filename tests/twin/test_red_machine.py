@@ -6,7 +6,7 @@ import pytest
 from benchmarks.twin_agreement import Case, trace
 from benchmarks.twin_stepped import stepped_run
 from benchmarks.two_samples import mann_whitney
-from mercator_design.colours import COLOURS
+from mercator_design.config.colours import COLOURS
 from mercator_design.fsm import parse
 from mercator_design.fsm.conditions import COLOUR_LABELS, colour_label
 from mercator_design.missions.mission import load_mission

@@ -17,9 +17,9 @@ from benchmarks.robot_cycles import NEAR, kept, most
 from benchmarks.twin import measure
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.robot import safety
-from mercator_design.robot.log import replay
-from mercator_design.robot.settings import read_settings
+from mercator_design.robot.devices.settings import read_settings
+from mercator_design.robot.logs.log import replay
+from mercator_design.robot.run import safety
 from mercator_design.sim.simulate import Simulator
 from tests.robot.ways import ALL, LATEST, in_time, soonest
 from tests.twin.arenas import QUIET

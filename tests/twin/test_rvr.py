@@ -6,11 +6,11 @@ import struct
 
 import pytest
 
-from mercator_design.robot.rvr import Flags, Frame, Host, Notification, Response, Unknown
-from mercator_design.robot.rvr_messages import COMMANDS, LIGHTS, Error, Processor, lights
-from mercator_design.robot.rvr_streaming import SERVICES, StreamData, streaming
-from mercator_design.robot.samples import STREAMED
-from mercator_design.twin.rvr import SLEEPS, WAKES, Rvr
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.protocols.rvr import Flags, Frame, Host, Notification, Response, Unknown
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor, lights
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.twin.devices.rvr import SLEEPS, WAKES, Rvr
 from tests.twin.recordings import sdk
 
 TREAD_DISTANCE = 0.2

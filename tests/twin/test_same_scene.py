@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.same_scene import BODY, HALF, MERCATOR, Unturned, World, angles_off, driven, obstacle, pull
 from benchmarks.twin_stepped import settings_of
-from mercator_design.colours import COLOURS
+from mercator_design.config.colours import COLOURS
 from mercator_design.fsm import Wheels
-from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.rvr_messages import Processor
-from mercator_design.robot.rvr_streaming import StreamData
-from mercator_design.robot.senses import Senses
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import StreamData
+from mercator_design.robot.run.senses import Senses
 
 ALONE = (0.0, 0.0, 0.0)
 

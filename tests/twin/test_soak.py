@@ -24,10 +24,10 @@ import yaml
 
 from mercator_design.errors import RobotError
 from mercator_design.fsm import parse
-from mercator_design.robot.log import replay
-from mercator_design.robot.mercator import COMMANDS_END
-from mercator_design.robot.settings import Limits
-from mercator_design.robot.swarm import HEARTBEAT, STOP, Speaker
+from mercator_design.robot.devices.settings import Limits
+from mercator_design.robot.logs.log import replay
+from mercator_design.robot.run.mercator import COMMANDS_END
+from mercator_design.robot.run.network import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
 from tests.robot.ways import ALL
 from tests.twin.processes import EXPLORE, events, first, start, twin

@@ -19,13 +19,13 @@ import serial
 from numba.core import event  # noqa: TID251 - plays the compiler
 
 from mercator_design.errors import RobotError
-from mercator_design.robot import multiflex, rvr, ydlidar
 from mercator_design.robot.cli import main
-from mercator_design.robot.ports import open_port, open_ports
-from mercator_design.robot.rvr import Response
-from mercator_design.robot.rvr_streaming import StreamData, streaming
-from mercator_design.robot.settings import read_settings
-from mercator_design.robot.ydlidar import Packet
+from mercator_design.robot.devices.ports import open_port, open_ports
+from mercator_design.robot.devices.settings import read_settings
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+from mercator_design.robot.protocols.rvr import Response
+from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
+from mercator_design.robot.protocols.ydlidar import Packet
 from mercator_design.twin.arena import Arena
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, _free_ports, open_log
@@ -121,7 +121,7 @@ def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
         port = port_names(terminals.robots[0]).rvr
         code = f"""
 import time
-from mercator_design.robot.ports import open_port
+from mercator_design.robot.devices.ports import open_port
 port = open_port("rvr", {port!r})
 print(flush=True)
 time.sleep(60)

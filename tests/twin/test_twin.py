@@ -5,9 +5,9 @@ import math
 import pytest
 
 from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.robot.multiflex import Distances
-from mercator_design.robot.rvr_streaming import StreamData, streaming
-from mercator_design.robot.ydlidar import Packet, Turns, encode_command
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
+from mercator_design.robot.protocols.ydlidar import Packet, Turns, encode_command
 from tests.twin.arenas import QUIET, Talk
 
 

@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterator
 from typing import Annotated
 
-from mercator_design.colours import Colour, rgb
+from mercator_design.config.colours import Colour, rgb
+from mercator_design.config.loading import FieldError, Length, Positive, Range, checked
 from mercator_design.jit import jittable
-from mercator_design.loading import FieldError, Length, Positive, Range, checked
 from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import Site, Zones, dynamic

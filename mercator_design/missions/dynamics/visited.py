@@ -1,8 +1,8 @@
 """Zones that take another colour when a robot has been there: trails, things taken away, fields that grow again."""
 
-from mercator_design.colours import Colour, rgb
+from mercator_design.config.colours import Colour, rgb
+from mercator_design.config.loading import Positive
 from mercator_design.jit import jittable
-from mercator_design.loading import Positive
 from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.loading import Positive, Range
+from mercator_design.config.loading import Positive, Range
 from mercator_design.missions.arena import Array, Point, Size
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace

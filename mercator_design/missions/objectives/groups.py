@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.config.loading import Range
 from mercator_design.jit import compiled, jittable
-from mercator_design.loading import Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains

@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.colours import Colour, ColourName, rgb
-from mercator_design.loading import FieldError, Length, Range
+from mercator_design.config.colours import Colour, ColourName, rgb
+from mercator_design.config.loading import FieldError, Length, Range
 from mercator_design.missions.plugins import When, Zones, objective
 from mercator_design.missions.trace import Trace
 

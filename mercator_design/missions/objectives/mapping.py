@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.config.loading import FieldError, Range
 from mercator_design.jit import compiled
-from mercator_design.loading import FieldError, Range
 from mercator_design.missions.arena import Array, Size
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace, every_nth

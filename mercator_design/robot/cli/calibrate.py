@@ -5,16 +5,16 @@ from pathlib import Path
 
 import click
 
-from mercator_design.colours import COLOURS, ColourName
 from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, put, tell
-from mercator_design.loading import dump
-from mercator_design.robot import ground_calibration, proximity_calibration
+from mercator_design.config.colours import COLOURS, ColourName
+from mercator_design.config.loading import dump
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
-from mercator_design.robot.ground_calibration import ground_sensor
-from mercator_design.robot.person import ask
-from mercator_design.robot.proximity_calibration import hub
-from mercator_design.robot.safety import Signals
-from mercator_design.robot.settings_file import change, rehearse
+from mercator_design.robot.devices.settings_file import change, rehearse
+from mercator_design.robot.run.safety import Signals
+from mercator_design.robot.setup import ground_calibration, proximity_calibration
+from mercator_design.robot.setup.ground_calibration import ground_sensor
+from mercator_design.robot.setup.prompt import ask
+from mercator_design.robot.setup.proximity_calibration import hub
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(

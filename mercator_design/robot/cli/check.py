@@ -4,16 +4,16 @@ from collections.abc import Iterable
 
 import click
 
-from mercator_design.clocks import answer, day_of, from_line, to_line
 from mercator_design.command import WITHOUT
 from mercator_design.errors import RobotError
-from mercator_design.robot.channel import Channel
-from mercator_design.robot.check import check as findings
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
-from mercator_design.robot.findings import Finding
-from mercator_design.robot.ports import DeviceName
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.devices.findings import Finding
+from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.protocols.clocks import answer, day_of, from_line, to_line
+from mercator_design.robot.run.channel import Channel
+from mercator_design.robot.setup.check import check as findings
 
 
 @click.command(short_help="Look for what is wrong with this robot.")

@@ -7,10 +7,10 @@ import click
 
 from mercator_design.command import put, tell
 from mercator_design.errors import RobotError
-from mercator_design.robot import install as installation
 from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of
 from mercator_design.robot.cli.rows import show
-from mercator_design.robot.ports import user_name
+from mercator_design.robot.devices.ports import user_name
+from mercator_design.robot.setup import install as installation
 
 
 @click.command(short_help="Give ports their names, and systemd its services.")

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from mercator_design.command import FILE, NumberRange, naming
 from mercator_design.errors import SettingsError
-from mercator_design.robot.settings import Settings, read_settings
+from mercator_design.robot.devices.settings import Settings, read_settings
 
 _VARIABLE = "MERCATOR_ROBOT"
 _SETTINGS, _FILE = "settings", "robot"

@@ -8,8 +8,8 @@ import click
 from mercator_design.command import NumberRange, OutputFile, tell
 from mercator_design.errors import Signalled
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
-from mercator_design.robot.recording import record as write
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.teleop.recording import record as write
 
 
 @click.command(short_help="Record the sensors of the robot at rest.")

@@ -9,8 +9,8 @@ from mercator_design.command import FILE, put, tell
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Pfsm
 from mercator_design.fsm.conditions import ground_level
-from mercator_design.robot.log import Decision
-from mercator_design.robot.log import replay as decisions
+from mercator_design.robot.logs.log import Decision
+from mercator_design.robot.logs.log import replay as decisions
 
 
 @click.command(short_help="Show and check the decisions of a run, from its log.")

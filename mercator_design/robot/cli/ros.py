@@ -6,8 +6,8 @@ import click
 
 from mercator_design.command import NumberRange, tell
 from mercator_design.robot.cli.options import ROBOT
-from mercator_design.robot.ros import Node, serve
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.ros.node import Node, serve
 
 
 @click.command(short_help="Be a node of ROS 1.")

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from mercator_design.command import put
 from mercator_design.errors import RobotError, printable
-from mercator_design.robot.findings import Finding
+from mercator_design.robot.devices.findings import Finding
 
 
 def show(findings: Iterable[Finding]) -> None:

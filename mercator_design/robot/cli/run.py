@@ -7,12 +7,12 @@ import click
 
 from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, OutputFile, naming_header, read_controller, tell
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
-from mercator_design.robot.joint import AtOnce, Joint
-from mercator_design.robot.ports import DeviceName
-from mercator_design.robot.runner import Run
-from mercator_design.robot.runner import run as drive
-from mercator_design.robot.senses import why_device_is_needed
-from mercator_design.robot.settings import Settings
+from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.run.joint import AtOnce, Joint
+from mercator_design.robot.run.runner import Run
+from mercator_design.robot.run.runner import run as drive
+from mercator_design.robot.run.senses import why_device_is_needed
 
 
 @click.command(short_help="Run the PFSM of an fsm.txt.")

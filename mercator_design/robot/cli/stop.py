@@ -7,14 +7,14 @@ from pathlib import Path
 import click
 
 from mercator_design.command import FILE, put, tell
+from mercator_design.config.loading import FieldError, text_of
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
-from mercator_design.loading import FieldError, text_of
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
-from mercator_design.robot.rest import rest
-from mercator_design.robot.safety import Signals
-from mercator_design.robot.settings import Settings, Swarm, check_key
-from mercator_design.robot.swarm import Speaker
+from mercator_design.robot.devices.settings import Settings, Swarm, check_key
+from mercator_design.robot.run.network import Speaker
+from mercator_design.robot.run.safe_stop import rest
+from mercator_design.robot.run.safety import Signals
 
 _BEATS = 0.1
 """[s] between heartbeats."""

@@ -7,9 +7,9 @@ import click
 
 from mercator_design.command import NumberRange, OutputFile, tell
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
-from mercator_design.robot.settings import Settings
-from mercator_design.robot.teleop import HELD, REPEATED
-from mercator_design.robot.teleop import teleop as drive
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.teleop.teleop import HELD, REPEATED
+from mercator_design.robot.teleop.teleop import teleop as drive
 
 _SPEED = 0.15
 """[m/s]"""

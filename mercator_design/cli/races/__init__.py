@@ -1,0 +1,1 @@
+"""The verbs that race: race, tune, runs."""

@@ -1,0 +1,242 @@
+"""What the verbs that race have in common: new and resumed races, their folders, failures, signals."""
+
+import shlex
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from mercator_design.cli.terminal import Interrupt, terminal_width
+from mercator_design.command import put, tell
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from mercator_design.race.running.events import Finished, Iteration
+    from mercator_design.race.running.executors import Executor
+    from mercator_design.race.running.optuna_mirror import OptunaMirror
+    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.race.running.task import Result
+    from mercator_design.report.progress import RaceDisplay
+    from mercator_design.runs.folder import RunFolder
+
+_MOST_TOLD = 10
+"""Failures that are told one by one."""
+
+RESUME = click.option(
+    "--resume",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIRECTORY",
+    help="Go on with the race of this folder, instead of a new one.",
+)
+OUTPUT = click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the results, new or empty.  [default: the next free runs/NAME-N]",
+)
+ON_FAILURE = click.option(
+    "--on-failure",
+    type=click.Choice(["stop", "reject"]),
+    default="stop",
+    show_default=True,
+    help="What an experiment that fails does: stop the race, or reject its configuration.",
+)
+OPTUNA = click.option(
+    "--optuna",
+    metavar="URL",
+    help="Show the race in an Optuna storage too, e.g. sqlite:///race.db, for optuna-dashboard.",
+)
+
+
+def method_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --method of a verb."""
+    return click.option(
+        "--method",
+        type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
+        default=default,
+        show_default=True,
+        help="What proposes configurations and decides which of them run on.",
+    )
+
+
+def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[str], needed: Sequence[str]) -> None:
+    """Refuse what does not go together.
+
+    Args:
+        context: Of the verb.
+        resumed: Whether there is a race to go on with.
+        began_with: Parameters that a race begins with, so that one that is resumed cannot have them.
+        needed: Parameters that one that is new must have.
+    """
+    parameters = {one.name: one for one in context.command.params if one.name}
+    for name in began_with if resumed else ():
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            hint = _hint(parameters[name])
+            raise click.UsageError(f"{hint} is what the race began with: it cannot be given with --resume")
+    for name in () if resumed else needed:
+        if context.params[name] is None:
+            kind = parameters[name].param_type_name
+            raise click.UsageError(f"Missing {kind} '{_hint(parameters[name])}'.")
+
+
+def _hint(parameter: click.Parameter) -> str:
+    return parameter.human_readable_name if isinstance(parameter, click.Argument) else parameter.opts[-1]
+
+
+def reopen(path: Path, task: str) -> "RunFolder":
+    """The folder of a race to go on with, which is of such a task."""
+    from mercator_design.runs.files import read_provenance
+    from mercator_design.runs.folder import RunFolder
+
+    found = str(read_provenance(path).race["task"])
+    if found != task:
+        verb = {"mission": "race", "scenario": "tune"}[found]
+        raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")
+    return RunFolder.reopen(path)
+
+
+def free_folder(name: str) -> Path:
+    """The first of runs/NAME-1, -2, ... that did not exist; it does now."""
+    number = 1
+    while True:
+        folder = Path("runs") / f"{name}-{number}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def run(
+    folder: "RunFolder",
+    executor: "Executor",
+    how: dict[str, Any],
+    *,
+    on_failure: "OnFailure",
+    optuna: str | None,
+    interrupt: Interrupt,
+) -> None:
+    """Run the race of a folder to its end, and print its summary.
+
+    Args:
+        folder: Of the race.
+        executor: Runs its experiments.
+        how: They are run, for the journal.
+        on_failure: As `Task.run`.
+        optuna: Storage to mirror the race into.
+        interrupt: What may stop it.
+    """
+    from mercator_design.race.running.executors import Stopped
+    from mercator_design.race.running.runner import ExperimentFailed
+    from mercator_design.report.columns import with_notes_wrapped
+    from mercator_design.report.progress import RaceDisplay
+    from mercator_design.report.summary import race_summary
+
+    for note in folder.journal.notes:
+        tell(f"Note: {note}")
+    folder.journal.open_session(**how)
+    before, tested = len(folder.journal.experiments), len(folder.journal.tests)
+    resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
+    try:
+        with (
+            executor,
+            RaceDisplay(folder.task, folder.journal.budget) as display,
+            _mirror(optuna, folder) as mirror,
+        ):
+            result = _run(folder, executor, on_failure, interrupt, display, mirror)
+    except Stopped:
+        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
+        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
+        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
+        raise
+    except ExperimentFailed as error:
+        tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
+        tell(f"To go on without it:      {resume} --on-failure reject")
+        raise
+    summary = race_summary(
+        result,
+        folder.task,
+        folder.journal,
+        new=len(result.finished) - before,
+        tested=len(folder.journal.tests) - tested,
+        seconds=display.seconds,
+        jobs=how["jobs"],
+        folder=folder.path,
+    )
+    try:
+        folder.finish(result, seconds=round(display.seconds, 3))
+    finally:
+        put(with_notes_wrapped(summary, terminal_width()), nl=False)
+
+
+def _run(
+    folder: "RunFolder",
+    executor: "Executor",
+    on_failure: "OnFailure",
+    interrupt: Interrupt,
+    display: "RaceDisplay",
+    mirror: "OptunaMirror | None",
+) -> "Result":
+    known = {number for number, one in folder.journal.experiments.items() if one.failure}
+    done = failed = 0
+    is_told = False
+
+    def watch(finished: "Sequence[Finished]") -> None:
+        nonlocal done, failed
+        done += len(finished)
+        display.update(done)
+        if mirror is not None:
+            mirror.note(finished)
+        for one in finished:
+            if one.failure and one.experiment not in known:
+                command = folder.keep_failed(one)
+                failed += 1
+                if failed <= _MOST_TOLD:
+                    tell(f"Warning: configuration {one.configuration} is rejected: {one.failure}; see {command}")
+
+    def stopped() -> bool:
+        nonlocal is_told
+        if interrupt.came() and not is_told:
+            is_told = True
+            tell("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
+        return interrupt.came()
+
+    result = folder.task.run(
+        executor,
+        folder.journal,
+        on_failure=on_failure,
+        watch=watch,
+        watch_iterations=_tell_note,
+        testing=folder.testing,
+        watch_tests=display.update_tests,
+        stopped=stopped,
+    )
+    if mirror is not None:
+        mirror.finish(result.configuration)
+    return result
+
+
+def _tell_note(ended: "Iteration") -> None:
+    if ended.note:
+        tell(f"Note: iteration {ended.iteration}: {ended.note}")
+
+
+def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager[OptunaMirror | None]":
+    """What copies the race into an Optuna storage, if there is to be one."""
+    if storage is None:
+        return nullcontext()
+    from mercator_design.race.running.optuna_mirror import OptunaMirror
+
+    task = folder.task
+    return OptunaMirror(
+        storage,
+        f"{task.name}, seed {task.race.seed}, budget {folder.journal.budget}, {folder.path.resolve()}",
+        task.race,
+        maximise=task.maximise,
+        complain=lambda what: tell(f"Warning: {what}"),
+    )

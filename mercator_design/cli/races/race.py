@@ -1,0 +1,200 @@
+"""mdesign race: a mission becomes a controller."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
+from mercator_design.cli.races.common import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
+from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
+from mercator_design.command import NumberRange, tell
+from mercator_design.fsm.pfsm import FLAVOURS
+
+if TYPE_CHECKING:
+    from mercator_design.race.running.evaluation import Testing
+    from mercator_design.race.running.executors import Executor
+    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.runs.folder import RunFolder
+
+_WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
+
+
+@click.command(short_help="Design control software for a mission.")
+@click.argument("mission", required=False)
+@click.option(
+    "--budget",
+    type=click.IntRange(1, 10**9),
+    help="Experiments that may be run; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and cma-es. "
+    "With --resume, a larger one to go on to.",
+)
+@SEED
+@JOBS
+@OUTPUT
+@RESUME
+@click.option(
+    "--flavour",
+    type=click.Choice(FLAVOURS),
+    default="watermelon",
+    show_default=True,
+    help="Modules to design with.",
+)
+@method_option("surrogate")
+@click.option(
+    "--executor",
+    "executor_name",
+    type=click.Choice(["threads", "processes", "dask"]),
+    default="threads",
+    show_default=True,
+    help="What runs experiments; results do not depend on it.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Of Dask, such as tcp://host:8786 or a scheduler file.")
+@click.option(
+    "--timeout",
+    type=NumberRange(0, min_open=True),
+    metavar="SECONDS",
+    help="An experiment that takes longer has failed (with --executor processes).",
+)
+@ON_FAILURE
+@click.option(
+    "--test-runs",
+    type=click.IntRange(0, 10**6),
+    metavar="N",
+    help="Measure the winner on N fresh instances when the race has ended, beyond the budget.",
+)
+@click.option(
+    "--test-elites",
+    type=click.IntRange(1, 10**6),
+    metavar="N",
+    help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
+)
+@click.option("--test-iterations", is_flag=True, help="Measure as many of each iteration's elites there, too.")
+@OPTUNA
+@SET
+@PLUGIN
+@click.pass_context
+def race(
+    context: click.Context,
+    mission: str | None,
+    budget: int | None,
+    seed: int,
+    jobs: int | None,
+    output: Path | None,
+    resume: Path | None,
+    flavour: str,
+    method: str,
+    executor_name: str,
+    scheduler: str | None,
+    timeout: float | None,
+    on_failure: "OnFailure",
+    test_runs: int | None,
+    test_elites: int | None,
+    test_iterations: bool,
+    optuna: str | None,
+    overrides: tuple[str, ...],
+) -> None:
+    """Design control software for MISSION, by iterated F-race unless another method is chosen.
+
+    MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
+    fsm.txt in the results' folder, and a summary to stdout.
+
+    A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with a larger
+    --budget.
+    """
+    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("mission", "budget"))
+    executor = _executor(executor_name, jobs, scheduler, timeout)
+    how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
+    tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
+    if resume is not None:
+        folder = reopen(resume, "mission")
+    else:
+        assert mission is not None  # noqa: S101 - as was checked
+        assert budget is not None  # noqa: S101
+        testing = _testing(None, tests)
+        folder = _new_folder(
+            mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
+        )
+
+    def stop() -> None:
+        folder.task.stop()
+        executor.stop()
+
+    with folder, Interrupt(then=stop) as interrupt:
+        if resume is not None:
+            if budget is not None:
+                folder.extend(budget)
+            folder.test(_testing(folder.testing, tests))
+            folder.task.prepare(tell)
+        run(folder, executor, how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+
+
+def _testing(before: "Testing | None", given: dict[str, Any]) -> "Testing | None":
+    """What is tested, as it was before unless something else is asked for."""
+    from mercator_design.race.running.evaluation import Testing
+
+    asked = {name: value for name, value in given.items() if value is not None}
+    if before is None and "runs" not in asked and asked:
+        raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
+    if before is None and not asked:
+        return None
+    testing = Testing(**asked) if before is None else replace(before, **asked)
+    return testing if testing.runs else None
+
+
+def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> "Executor":
+    from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, available_jobs
+
+    if (scheduler is not None) != (name == "dask"):
+        raise click.UsageError(
+            "--executor dask and --scheduler go together; for a scheduler of your own: "
+            "dask scheduler --scheduler-file s.json, then --scheduler s.json"
+        )
+    if timeout is not None and name != "processes":
+        raise click.UsageError("--timeout needs --executor processes: only a process can be stopped from outside")
+    if scheduler is not None:
+        from mercator_design.race.running.dask_executor import DaskExecutor
+
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
+        return DaskExecutor(scheduler, jobs, announce=lambda what: tell(f"Note: {what}"))
+    if name == "processes":
+        return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
+    return ThreadExecutor(jobs or available_jobs())
+
+
+def _new_folder(
+    mission: str,
+    overrides: tuple[str, ...],
+    output: Path | None,
+    how: dict[str, Any],
+    testing: "Testing | None",
+    *,
+    budget: int,
+    seed: int,
+    flavour: str,
+    method: str,
+) -> "RunFolder":
+    from mercator_design.design import Designer
+    from mercator_design.missions.mission import load_mission
+    from mercator_design.runs.folder import RunFolder
+    from mercator_design.runs.provenance import Request
+    from mercator_design.sim.simulate import Simulator
+
+    simulator = Simulator(load_mission(mission, overrides))
+    warn_of_mission(simulator, refuse=True)
+    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
+    warn_of_doubts(simulator, flavour)
+    simulator.rehearse(announce=tell)
+    request = Request(mission=mission, set=overrides, flavour=flavour, method=method, **how)
+    return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

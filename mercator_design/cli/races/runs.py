@@ -1,0 +1,184 @@
+"""mdesign runs: what races have left behind."""
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
+from mercator_design.cli.terminal import Interrupt, terminal_width
+from mercator_design.command import naming, put, tell, warn
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mercator_design.race.running.executors import Executor
+    from mercator_design.race.running.task import Task
+
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+@contextlib.contextmanager
+def _stoppable(task: "Task[Any]", jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
+    """What runs experiments of a task, and what tells that they are to stop."""
+    from mercator_design.race.running.executors import Stopped, ThreadExecutor, available_jobs
+
+    with Interrupt(then=task.stop) as interrupt:
+        try:
+            with ThreadExecutor(jobs or available_jobs()) as executor:
+                yield executor, interrupt.came
+        except Stopped:
+            interrupt.check("stopped before it was done")
+            raise
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def runs(context: click.Context) -> None:
+    """List, show, verify and analyse races that were run.
+
+    Without a command it lists those in the folder runs.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_runs, folder=Path("runs"))
+
+
+@runs.command("list")
+@click.argument("folder", type=_FOLDER, default="runs")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def list_runs(folder: Path, *, as_json: bool = False) -> None:
+    """List the races in the folders within FOLDER, by default runs."""
+    from mercator_design.report.runs import runs_json, runs_table
+
+    if as_json:
+        put(runs_json(folder))
+        return
+    table, notes = runs_table(folder)
+    put(table)
+    warn(notes)
+
+
+@runs.command(short_help="Show a race and what came of it.")
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "--csv", "what", type=click.Choice(["experiments", "configurations", "tests"]), help="Print a table as CSV."
+)
+def show(directory: Path, what: str | None) -> None:
+    """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
+    from mercator_design.report.columns import with_notes_wrapped
+    from mercator_design.report.runs import run_summary
+    from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
+
+    if what is None:
+        put(with_notes_wrapped(run_summary(directory), terminal_width()))
+    elif what == "experiments":
+        put(experiments_table(directory).to_csv(index=False), nl=False)
+    elif what == "tests":
+        put(tests_table(directory).to_csv(index=False), nl=False)
+    else:
+        put(configurations_table(directory).to_csv(), nl=False)
+
+
+@runs.command(short_help="Check the journal of a race, and run a sample of it again.")
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "-n",
+    "--number",
+    type=click.IntRange(0, 10**9),
+    default=20,
+    show_default=True,
+    help="Experiments to run again, spread over the race.",
+)
+@JOBS
+@PLUGIN
+def verify(directory: Path, number: int, jobs: int | None) -> None:
+    """Check the journal of DIRECTORY, and run a sample of its experiments again.
+
+    Exit code 1 if something is not as it was.
+    """
+    from mercator_design.runs.files import restored
+    from mercator_design.runs.verification import verify as verify_run
+
+    task = restored(directory)
+    with _stoppable(task, jobs) as (executor, stopped):
+        for line in verify_run(directory, task, number, executor, announce=tell, stopped=stopped):
+            put(line)
+
+
+@runs.command(short_help="Tell which modules or parameters explain the scores.")
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "--of",
+    "what",
+    type=click.Choice(["modules", "parameters"]),
+    help="How often each module is in a PFSM, or the parameters of the grammar.  [default: modules, if there are any]",
+)
+@seed_of("Of what is random here.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+@PLUGIN
+def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
+    """Tell which modules or parameters explain the scores in the race of DIRECTORY."""
+    from mercator_design.analysis.analysis import importance as found
+    from mercator_design.report.analysis import importance_csv, importance_page
+
+    task, explanation = found(directory, modules=None if what is None else what == "modules", seed=seed)
+    put((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
+
+
+@runs.command(short_help="Find what the winner of a race needs.")
+@click.argument("directory", type=_FOLDER)
+@click.option(
+    "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this one to the winner."
+)
+@click.option("--from-first", "first", is_flag=True, help="Go from the best of the first iteration to the winner.")
+@click.option(
+    "-n",
+    "--runs",
+    type=click.IntRange(2, 10**6),
+    default=30,
+    show_default=True,
+    help="Fresh instances that changes are chosen on, and as many others that their path is measured on.",
+)
+@JOBS
+@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path, dir_okay=False),
+    callback=picture,
+    metavar="FILE.png|FILE.svg",
+    help="Draw it, too.",
+)
+@PLUGIN
+def ablation(
+    directory: Path, start: int | None, first: bool, runs: int, jobs: int | None, as_csv: bool, plot: Path | None
+) -> None:
+    """Find what the winner of DIRECTORY needs, by taking out of it what matters least, again and again.
+
+    States and transitions are taken out until the initial state is alone. With --from or --from-first, other
+    configurations become the winner instead, by the parameter that gains most, again and again.
+    """
+    from mercator_design.analysis.analysis import ablation as found
+    from mercator_design.report.analysis import ablation_csv, ablation_page, save_ablation
+    from mercator_design.report.progress import AblationDisplay
+    from mercator_design.runs.files import restored
+
+    if start is not None and first:
+        raise click.UsageError("--from and --from-first exclude each other")
+    task = restored(directory)
+    with _stoppable(task, jobs) as (executor, stopped), AblationDisplay() as display:
+        result = found(
+            directory,
+            task,
+            executor,
+            start=start,
+            first=first,
+            runs=runs,
+            announce=tell,
+            watch=display.update,
+            stopped=stopped,
+        )
+    put(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
+    if plot is not None:
+        with naming(plot):
+            save_ablation(plot, result)

@@ -1,0 +1,236 @@
+"""mdesign tune: the parameters of any program, as irace finds them."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mercator_design.cli.races.common import (
+    ON_FAILURE,
+    OPTUNA,
+    OUTPUT,
+    RESUME,
+    check_usage,
+    free_folder,
+    method_option,
+    reopen,
+    run,
+)
+from mercator_design.cli.terminal import Interrupt
+from mercator_design.command import FILE, naming, put, tell
+from mercator_design.errors import MercatorError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mercator_design.race.irace.scenario_text import Assignment
+    from mercator_design.race.irace.tuner import Tuner
+    from mercator_design.race.running.events import Measured
+    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.runs.folder import RunFolder
+
+_WHAT_IT_BEGAN_WITH = (
+    "scenario",
+    "scenario_option",
+    "seed",
+    "output",
+    "method",
+    "exec_dir",
+    "target_runner",
+    "check",
+    "only_test",
+)
+
+
+@click.command(short_help="Find parameters of a program, by irace's scenario.")
+@click.argument("scenario", type=FILE, required=False)
+@click.option("-s", "--scenario", "scenario_option", type=FILE, help="SCENARIO, as irace's option.")
+@click.option(
+    "--max-experiments",
+    type=click.IntRange(1, 10**9),
+    help="Experiments that may be run.  [default: the scenario's; with --resume, a larger number to go on to]",
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="Master seed of all randomness.  [default: the scenario's]"
+)
+@click.option(
+    "-j", "--parallel", type=click.IntRange(1, 256), help="Experiments run at once.  [default: the scenario's]"
+)
+@click.option("--exec-dir", type=click.Path(path_type=Path), help="Folder that they run in.  [default: the scenario's]")
+@click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
+@method_option("irace")
+@click.option("--speculate", is_flag=True, help="Let idle workers run ahead of the race: more runs than the budget.")
+@click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
+@click.option(
+    "--only-test", type=FILE, help="Run the configurations of this file on the scenario's test instances, and no race."
+)
+@OUTPUT
+@RESUME
+@ON_FAILURE
+@OPTUNA
+@click.pass_context
+def tune(
+    context: click.Context,
+    scenario: Path | None,
+    scenario_option: Path | None,
+    max_experiments: int | None,
+    seed: int | None,
+    parallel: int | None,
+    exec_dir: Path | None,
+    target_runner: Path | None,
+    method: str,
+    speculate: bool,
+    check: bool,
+    only_test: Path | None,
+    output: Path | None,
+    resume: Path | None,
+    on_failure: "OnFailure",
+    optuna: str | None,
+) -> None:
+    """Find parameters of the program of SCENARIO, irace's scenario.txt.
+
+    The best configurations are written to best.txt in the results' folder, as irace's configurationsFile has them, and
+    a summary to stdout. What is not obeyed of a scenario is refused.
+
+    A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with more
+    --max-experiments.
+    """
+    if scenario is not None and scenario_option is not None:
+        raise click.UsageError("SCENARIO and --scenario name the same: give one of them")
+    needed = () if scenario_option is not None else ("scenario",)
+    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=needed)
+    scenario = scenario or scenario_option
+    if (check or only_test is not None) and (optuna is not None or speculate):
+        raise click.UsageError("--optuna and --speculate are of a race: --check and --only-test run none")
+    if check and (only_test is not None or output is not None):
+        raise click.UsageError("--check takes neither --only-test nor --output")
+    from mercator_design.race.irace.scenario import read_scenario
+    from mercator_design.race.irace.tuner import Tuner
+    from mercator_design.race.methods.table import RACES
+    from mercator_design.race.running.executors import ThreadExecutor
+
+    if resume is not None:
+        folder = reopen(resume, "scenario")
+    else:
+        assert scenario is not None  # noqa: S101 - as was checked
+        given = _given(
+            maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
+        )
+        tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
+        for note in tuner.race.notes:
+            tell(f"Note: {note}")
+        if check:
+            _check(tuner)
+            return
+        if only_test is not None:
+            _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, on_failure)
+            return
+        folder = _new_folder(scenario, tuner, output, method)
+    assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
+    folder.task.speculates = speculate
+    jobs = parallel or folder.task.scenario.jobs
+    with folder, Interrupt(then=folder.task.stop) as interrupt:
+        if resume is not None and max_experiments is not None:
+            folder.extend(max_experiments)
+        how: dict[str, Any] = {"executor": "threads", "jobs": jobs}
+        run(folder, ThreadExecutor(jobs), how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+
+
+def _given(**options: "Path | int | None") -> "list[Assignment]":
+    """What the command line sets, by irace's names; its paths are relative to the present folder."""
+    from mercator_design.race.irace.scenario_text import Assignment
+
+    return [
+        Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")
+        for name, value in options.items()
+        if value is not None
+    ]
+
+
+def _check(tuner: "Tuner") -> None:
+    """Run the first experiments of a race: configurations to begin with, and two more.
+
+    In a thread, as all runs of programs: a signal in the main thread then finds each program that has started.
+    """
+    from mercator_design.race.running.executors import Failed, Rejected, ThreadExecutor
+
+    failed = False
+
+    def show(command: str, run: "Callable[[], Measured]", *, is_cost: bool) -> bool:
+        """Show a command and what came of it; gives whether it ran."""
+        nonlocal failed
+        put(command)
+        ((_, result),) = executor.run(lambda _: run(), [0])
+        interrupt.check("Not all of these have run")
+        if isinstance(result, Failed):
+            failed = failed or not isinstance(result.error, Rejected)
+            put(printable(f"  {result.reason}"))
+        elif is_cost:
+            put(f"  cost {result.score:g}")
+        return not isinstance(result, Failed)
+
+    evaluate = tuner.evaluate
+    ran = []
+    with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(1) as executor:
+        for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
+            call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
+            if show(tuner.command_line(call), partial(tuner.function, call), is_cost=evaluate is None):
+                ran.append(call)
+        if evaluate is not None:
+            alive = [call.configuration for call in ran]
+            for call in ran:
+                show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
+    if failed:
+        raise MercatorError("expected all of these to give a cost, found that some failed")
+
+
+def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
+    """Test configurations, and show their costs as a table; with an output, write it there as tests.csv."""
+    import csv
+    import io
+
+    from mercator_design.race.irace.configurations import read_configurations
+    from mercator_design.race.running.executors import Stopped, ThreadExecutor
+    from mercator_design.report.columns import aligned
+    from mercator_design.system.files import write_text
+
+    instances = tuner.scenario.test_instances
+    if not instances:
+        expected = "testInstances, testInstancesDir or testInstancesFile"
+        raise MercatorError(f"{tuner.scenario.path}: expected test instances for --only-test ({expected}), found none")
+    configurations, notes = read_configurations(file, tuner.scenario.space)
+    for note in notes:
+        tell(f"Note: {note}")
+    if not configurations:
+        raise MercatorError(f"{file}: expected configurations, found none")
+    with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:
+        try:
+            costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
+        except Stopped:
+            interrupt.check("No test is kept")
+            raise
+    rows: list[list[object]] = [["test instance", "seed", *range(1, len(configurations) + 1)]]
+    for number, instance in enumerate(instances):
+        rows.append([instance, tuner.test_seed(number), *(f"{of[number]:.15g}" for of in costs)])
+    means = [f"{sum(of) / len(of):.6g}" for of in costs]
+    put("\n".join(aligned([*rows, ["mean", None, *means]])))
+    if output is not None:
+        table = io.StringIO()
+        csv.writer(table, lineterminator="\n").writerows(rows)
+        with naming(output):
+            output.mkdir(parents=True, exist_ok=True)
+            write_text(output / "tests.csv", table.getvalue())
+
+
+def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str) -> "RunFolder":
+    from mercator_design.race.running.evaluation import Testing
+    from mercator_design.runs.folder import RunFolder
+    from mercator_design.runs.provenance import Request
+
+    of = tuner.scenario
+    testing = None
+    if of.test_instances and of.test_elites:
+        testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
+    request = Request(scenario=str(scenario.absolute()), method=method)
+    return RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)

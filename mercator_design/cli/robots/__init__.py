@@ -1,0 +1,1 @@
+"""The verbs for robots: models, noise calibration, the program as one file, deployment."""

@@ -1,0 +1,38 @@
+"""mdesign bundle: the program for the robot as one file."""
+
+from pathlib import Path
+
+import click
+
+from mercator_design.command import OUTPUT_FILE, naming, tell
+
+
+@click.command(short_help="Write mercator-robot as one file.")
+@click.option(
+    "-o",
+    "--output",
+    type=OUTPUT_FILE,
+    default="mercator-robot.pyz",
+    show_default=True,
+    metavar="FILE",
+    help="File to write.",
+)
+def bundle(output: Path) -> None:
+    """Write mercator-robot as one file, which runs on a robot's Pi with Python 3.11 or later and nothing else.
+
+    What it needs, click, PyYAML and pyserial, is in it as it is installed here. One that is there already is replaced.
+    """
+    from mercator_design.errors import RobotError
+    from mercator_design.fleet.bundle import bundle as make
+    from mercator_design.fleet.bundle import is_bundle
+    from mercator_design.system.files import write_bytes
+
+    with naming(output):
+        if output.is_file() and not is_bundle(output):
+            raise RobotError(f"{output} is there already, and is no zip application; give another name, or remove it")
+    data = make()
+    with naming(output):
+        write_bytes(output, data)
+        if output.is_file():
+            output.chmod(0o755)
+    tell(f"{output} is written; on the robot: python3 {output.name} --help")

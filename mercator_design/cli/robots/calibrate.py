@@ -1,0 +1,70 @@
+"""mdesign calibrate: the noise of a robot's sensors, from recordings."""
+
+import os
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.options import picture, seed_of
+from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell
+from mercator_design.errors import MercatorError
+
+
+@click.command(short_help="Fit the noise of a robot's sensors to recordings.")
+@click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
+@click.option(
+    "-o",
+    "--output",
+    type=OUTPUT_FILE,
+    required=True,
+    metavar="MODEL.yaml",
+    help="Robot model to write, a new file.",
+)
+@click.option(
+    "--plot", type=FILE, callback=picture, metavar="FILE.png|FILE.svg", help="Draw what was measured and fitted."
+)
+@click.option(
+    "--base", default="mercator", show_default=True, help="Robot model whose noise is measured: a file or name."
+)
+@click.option("--name", help="Of the robot model.  [default: the file's]")
+@seed_of("Of simulated measurements, which tell how exact and how good a fit is.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def calibrate(
+    recordings: tuple[Path, ...],
+    output: Path,
+    plot: Path | None,
+    base: str,
+    name: str | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Fit the noise of a robot's sensors to what `mercator-robot record` wrote, and write it as a robot model.
+
+    The robot must be at rest, but may be moved between: each time that it stands still is a scene of its own. Of each
+    sensor the likelier of a Gaussian and a uniform distribution is taken. `mdesign evaluate --robot-model MODEL.yaml`
+    then measures controllers with this noise.
+
+    \b
+    Columns: sensor; samples that counted; scenes; noise, with the
+    interval of its parameter; by how much Akaike's criterion is larger
+    for the other distribution (below 2: nobody can tell); the chance p of
+    a fit as bad if the noise is this (below 0.05: it is something else).
+    """  # noqa: D301 - click reads the control character
+    from mercator_design.calibration.sensors import calibrate as fit
+    from mercator_design.config.loading import is_name
+    from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
+    from mercator_design.sim.robot_model import load_robot_model
+    from mercator_design.system.files import write_text
+
+    if output.exists():
+        raise MercatorError(f"{output} is there already; give another name, or remove it")
+    result = fit(recordings, load_robot_model(base), seed=seed)
+    for note in result.notes:
+        tell(f"Note: {note}")
+    if plot is not None:
+        with naming(plot):
+            save_noise(plot, result)
+    beside = base if is_name(base) else os.path.relpath(base, output.parent)
+    with naming(output):
+        write_text(output, model_text(result, beside, name))
+    put(calibration_json(result, seed) if as_json else calibration_page(result))

@@ -1,0 +1,154 @@
+"""mdesign deploy: control software on many robots."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mercator_design.command import (
+    FILE,
+    FLAVOUR,
+    LENIENT,
+    WITHOUT,
+    NumberRange,
+    naming_header,
+    put,
+    read_controller,
+    tell,
+)
+from mercator_design.errors import RobotError, printable
+from mercator_design.fsm.text import FsmFile
+
+if TYPE_CHECKING:
+    from mercator_design.fleet.deploy import Fleet, Result
+
+
+@click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
+@click.argument("fsm", type=FILE, required=False)
+@click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
+@click.option(
+    "--check", is_flag=True, help="Look for what is wrong with the robots: batteries, lines, clocks; before a start."
+)
+@click.option("--start", is_flag=True, help="Run FSM on all robots together, if all that was before went well on all.")
+@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
+@click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
+@WITHOUT
+@FLAVOUR
+@LENIENT
+@click.option("--stop", is_flag=True, help="Instead, stop what runs on the robots.")
+@click.option(
+    "--collect",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Instead, or after that, copy the logs of each robot to a folder of its name in DIR.",
+)
+@click.option(
+    "--timeout",
+    type=NumberRange(1.0, 3600.0),
+    default=60.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="For each connection to a robot.",
+)
+def deploy(
+    fsm: Path | None,
+    robots: Path,
+    check: bool,
+    start: bool,
+    duration: float | None,
+    dry_run: bool,
+    without: tuple[str, ...],
+    flavour: str | None,
+    lenient: bool,
+    stop: bool,
+    collect: Path | None,
+    timeout: float,
+) -> None:
+    """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; check, start and stop them, collect logs.
+
+    Robots that are started begin within a control cycle of each other, or none does. Prints a row for each robot; exit
+    code 1 if something failed on any.
+    """
+    ends = stop or collect is not None
+    if (fsm is not None or check) == ends:
+        raise click.UsageError("expected FSM or --check, or --stop or --collect")
+    if (start and fsm is None) or ((duration is not None or dry_run) and not start):
+        raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
+    if fsm is None and (flavour is not None or lenient):
+        raise click.UsageError("--flavour and --lenient are of FSM")
+    if without and not (start or check):
+        raise click.UsageError("--without is of --start and --check")
+
+    from mercator_design.fleet import deploy as do
+    from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of
+
+    fleet = do.read_fleet(robots)
+    results = []
+    cycle = CONTROL_PERIOD
+    if fsm is not None:
+        file = read_controller(fsm, flavour, lenient=lenient)
+        with naming_header(fsm):
+            cycle = control_period_of(file.header)
+            _refuse_what_is_needed(without, file)
+    if not ends:
+        results += _shown(do.copy(fleet, fsm, timeout))
+    left_out = [f"--without={device}" for device in without]
+    if check and all(each.is_done for each in results):
+        _check(fleet, timeout, left_out)
+    if start and all(each.is_done for each in results):
+        given = {"duration": duration, "flavour": flavour}
+        options = [f"--{name}={value}" for name, value in given.items() if value is not None]
+        options += ["--dry-run"] * dry_run + ["--lenient"] * lenient + left_out
+        _start(fleet, options, timeout, cycle)
+    if stop:
+        results += _shown(do.stop(fleet, timeout))
+    if collect is not None:
+        results += _shown(do.collect(fleet, collect, timeout))
+    failed = {each.robot.name for each in results if not each.is_done}
+    if failed:
+        raise RobotError(f"{len(failed)} of {len(fleet.robots)} robots failed")
+
+
+def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
+    """Refuse to go without devices that the PFSM needs; a robot whose own settings need one refuses that itself."""
+    from mercator_design.fsm import ReferenceModel
+    from mercator_design.robot.devices.settings import reference_model_of
+    from mercator_design.robot.run.senses import why_device_is_needed
+
+    model = reference_model_of(file.header, ReferenceModel())
+    for device in without:
+        if why := why_device_is_needed(device, file.pfsm.reads, model):
+            raise click.UsageError(f"--without {device}: {why}")
+
+
+def _check(fleet: "Fleet", timeout: float, options: list[str]) -> None:
+    from mercator_design.fleet.check import check, table, wrong
+
+    checked = check(fleet, timeout, options)
+    for row in table(checked):
+        put(printable(row))
+    for row in (found := [*wrong(checked)]):
+        put(f"WRONG  {printable(row)}")
+    if found:
+        names = {each.robot.name for each in checked if [*wrong([each])]}
+        raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
+
+
+def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> None:
+    from mercator_design.fleet.start import start
+
+    started = start(fleet, options, timeout, cycle)
+    _shown(started.results)
+    if started.why:
+        raise RobotError(f"no robot runs: {started.why}")
+    if len(started.results) > 1:
+        spread, uncertainty = 1000.0 * started.spread, 1000.0 * started.uncertainty
+        tell(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
+
+
+def _shown(results: "list[Result]") -> "list[Result]":
+    for each in results:
+        row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
+        put(printable(row))
+    return results

@@ -1,0 +1,38 @@
+"""mdesign robots: list and show robot models."""
+
+import click
+
+from mercator_design.cli.terminal import terminal_width
+from mercator_design.command import put
+from mercator_design.errors import MissionError
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def robots(context: click.Context) -> None:
+    """List and show the shipped robot models.
+
+    Without a command it lists them.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_robots)
+
+
+@robots.command("list")
+def list_robots() -> None:
+    """List the shipped robot models."""
+    from mercator_design.report.missions import robot_models_table
+
+    put(robot_models_table(terminal_width()))
+
+
+@robots.command("show")
+@click.argument("name")
+def show_robot(name: str) -> None:
+    """Print the YAML of a robot model as it stands, with its comments."""
+    from mercator_design.config import shipped
+    from mercator_design.config.loading import text_of
+    from mercator_design.sim.robot_model import load_robot_model
+
+    load_robot_model(name)
+    put(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True)

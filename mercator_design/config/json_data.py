@@ -1,0 +1,192 @@
+"""JSON data that a program wrote, read by the annotations that YAML files are read by; fast, as journals are long.
+
+A value is read as what it is, not by its looks: "1" is no number here, and 1 no text. `reader` only says whether data
+are as expected; what is wrong with them is said by config/building.py, as of a YAML file.
+"""
+
+import dataclasses
+import functools
+import math
+import typing
+from collections.abc import Callable, Mapping
+from types import NoneType
+from typing import Any, Literal
+
+from mercator_design.config import schema
+from mercator_design.config.building import Way, build, message
+from mercator_design.config.schema import FieldError, Kind
+from mercator_design.config.yaml_tree import DEEPEST, LARGEST_INTEGER, Fault, is_text, tree_of
+from mercator_design.errors import MercatorError
+
+WRONG: Any = object()
+"""What a reader gives for data that are not of its kind."""
+
+
+def from_json(
+    data: object,
+    kind: Kind,
+    *,
+    error: type[MercatorError],
+    label: str = "",
+    path: str = "",
+) -> Any:  # noqa: ANN401 - what `kind` says
+    """What JSON data describe.
+
+    Args:
+        data: As `json.loads` gives them.
+        kind: A dataclass, or any other annotation of config/building.py; `object` is whatever JSON can hold.
+        error: The class of errors to raise.
+        label: What the data are, in errors.
+        path: Where in that they are.
+
+    Raises:
+        error: with label, path of the key, what was expected and what was found.
+    """
+    value = reader(kind)(data)
+    if value is not WRONG:
+        return value
+    way = Way(None, path) if path else None
+    try:
+        tree = tree_of(data, label)
+        build(tree, kind, way)
+    except Fault as fault:
+        wrong = "; ".join(fault.args)
+    else:
+        wrong = message(tree, way, f"expected {schema.describe(kind)}, found something else")
+    raise error(wrong)
+
+
+@functools.cache
+def reader(kind: Kind) -> Callable[[Any], Any]:
+    """What makes a value of a kind from JSON data, or gives `WRONG`; for the kinds of config/building.py, and `object`."""
+    base, rules = schema.unwrapped(kind)
+    read = _reader(base)
+    if not rules:
+        return read
+    allows = [rule.allows for rule in rules]
+
+    def checked(data: Any) -> Any:  # noqa: ANN401 - as all readers here
+        value = read(data)
+        if value is WRONG or value is None:
+            return value
+        for allowed in allows:
+            if not allowed(value):
+                return WRONG
+        return value
+
+    return checked
+
+
+def _reader(base: Kind) -> Callable[[Any], Any]:
+    if base in _SCALARS:
+        return _SCALARS[base]
+    if schema.is_union(base):
+        return _union(base)
+    origin = schema.origin_of(base)
+    if origin is Literal:
+        words = {(type(word), word): word for word in typing.get_args(base)}
+        return lambda data: words.get((type(data), data), WRONG) if not isinstance(data, list | dict) else WRONG
+    if origin is tuple:
+        return _tuple(base)
+    if origin is Mapping:
+        return _mapping(base)
+    return _record(base)
+
+
+def _union(base: Kind) -> Callable[[Any], Any]:
+    readers = [reader(kind) for kind in typing.get_args(base)]
+
+    def read(data: Any) -> Any:  # noqa: ANN401
+        for one in readers:
+            value = one(data)
+            if value is not WRONG:
+                return value
+        return WRONG
+
+    return read
+
+
+def _tuple(base: Kind) -> Callable[[Any], Any]:
+    kinds = typing.get_args(base)
+    several = kinds[-1] is Ellipsis
+    readers = [reader(kind) for kind in kinds if kind is not Ellipsis]
+
+    def read(data: Any) -> Any:  # noqa: ANN401
+        if not isinstance(data, list) or not (several or len(data) == len(readers)):
+            return WRONG
+        values = tuple(one(item) for one, item in zip(readers * len(data) if several else readers, data, strict=True))
+        return WRONG if any(value is WRONG for value in values) else values
+
+    return read
+
+
+def _mapping(base: Kind) -> Callable[[Any], Any]:
+    read_key, read_item = map(reader, typing.get_args(base))
+
+    def read(data: Any) -> Any:  # noqa: ANN401
+        if not isinstance(data, dict):
+            return WRONG
+        values = {}
+        for key, item in data.items():
+            value = read_item(item)
+            if value is WRONG or read_key(key) is WRONG:
+                return WRONG
+            values[key] = value
+        return values
+
+    return read
+
+
+def _record(kind: Kind) -> Callable[[Any], Any]:
+    specification = schema.fields_of(kind)
+    readers = {name: reader(annotation) for name, (annotation, _) in specification.items()}
+    required = {name for name, (_, default) in specification.items() if default is dataclasses.MISSING}
+
+    def read(data: Any) -> Any:  # noqa: ANN401
+        if not isinstance(data, dict):
+            return WRONG
+        values = {}
+        for name, item in data.items():
+            one = readers.get(name)
+            if one is None or (value := one(item)) is WRONG:
+                return WRONG
+            values[name] = value
+        if not required <= values.keys():
+            return WRONG
+        try:
+            return kind(**values)
+        except FieldError:
+            return WRONG
+
+    return read
+
+
+def _int(data: Any) -> Any:  # noqa: ANN401
+    return data if type(data) is int and -LARGEST_INTEGER <= data <= LARGEST_INTEGER else WRONG
+
+
+def _float(data: Any) -> Any:  # noqa: ANN401
+    if type(data) is float:
+        return data if math.isfinite(data) else WRONG
+    return _int(data)  # which is a number, too, and stays as it was written
+
+
+def _str(data: Any) -> Any:  # noqa: ANN401
+    return data if type(data) is str and (data.isascii() or is_text(data)) else WRONG
+
+
+def _anything(data: Any, depth: int = 0) -> Any:  # noqa: ANN401
+    if isinstance(data, list | dict):
+        items = [*data.values(), *data] if isinstance(data, dict) else data
+        return data if depth < DEEPEST and all(_anything(item, depth + 1) is not WRONG for item in items) else WRONG
+    return data if data is None or isinstance(data, bool) or _float(data) is not WRONG else _str(data)
+
+
+_SCALARS: dict[Kind, Callable[[Any], Any]] = {
+    int: _int,
+    float: _float,
+    str: _str,
+    bool: lambda data: data if isinstance(data, bool) else WRONG,
+    NoneType: lambda data: data if data is None else WRONG,
+    object: _anything,
+}

@@ -1,0 +1,221 @@
+"""What a user writes in YAML becomes a frozen dataclass; here is decided from which parts: a base, overrides, defaults.
+
+The schema is the dataclass: its annotations say what is expected where. Understood are float (finite), int, bool, str,
+Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: told apart by a field that is a
+one-word Literal), and the rules of config/schema.py in Annotated. What a value may be is decided in config/building.py, which texts
+are refused before anything is built in config/yaml_tree.py.
+"""
+
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import yaml
+
+from mercator_design.config import schema
+from mercator_design.config.building import Way, build, is_name, message
+from mercator_design.config.schema import (
+    Ascending,
+    FieldError,
+    FilePath,
+    KeywordsOf,
+    Kind,
+    Length,
+    Name,
+    NonNegative,
+    Pattern,
+    Positive,
+    Radians,
+    Range,
+    check,
+    checked,
+)
+from mercator_design.config.writing import Dumper, digest_of, dump, plain
+from mercator_design.config.yaml_tree import (
+    MOST_MISTAKES,
+    Fault,
+    Node,
+    Origin,
+    clashes,
+    compose,
+    compose_all,
+    merge,
+    override,
+    read_text,
+)
+from mercator_design.errors import MercatorError, excerpt
+
+__all__ = [
+    "Ascending",
+    "FieldError",
+    "FilePath",
+    "KeywordsOf",
+    "Length",
+    "Name",
+    "NonNegative",
+    "Origin",
+    "Pattern",
+    "Positive",
+    "Radians",
+    "Range",
+    "check",
+    "check_parameter",
+    "checked",
+    "digest_of",
+    "dump",
+    "is_name",
+    "parse",
+    "plain",
+    "read",
+    "text_of",
+]
+
+T = TypeVar("T")
+
+FindBase: TypeAlias = Callable[[str, Path], Path]
+
+
+def read(
+    path: str | Path,
+    kind: type[T],
+    *,
+    error: type[MercatorError],
+    overrides: Sequence[str] = (),
+    defaults: Mapping[str, str] = types.MappingProxyType({}),
+    find_base: FindBase | None = None,
+) -> T:
+    """The dataclass `kind` that a YAML file describes.
+
+    Args:
+        path: the file; relative paths in it start from its folder.
+        kind: a dataclass.
+        error: the class of errors to raise.
+        overrides: assignments as `floor.zones[0].radius=0.3`, put in before anything is built.
+        defaults: values of top-level keys that the file may leave out.
+        find_base: where the file of a `base` is, given what the file calls it and the file's folder. What a file with
+            that key does not say is as its base says.
+
+    Raises:
+        error: with file, line, path of the key, what was expected and what was found, for each mistake.
+    """
+    folder = Path(path).parent
+    return parse(
+        text_of(path, error=error),
+        kind,
+        error=error,
+        label=str(path),
+        folder=folder,
+        overrides=overrides,
+        defaults=defaults,
+        find_base=find_base,
+    )
+
+
+def text_of(path: str | Path, *, error: type[MercatorError]) -> str:
+    """The text of a file that `read` would look at; errors are of the class given."""
+    try:
+        return read_text(Path(path))
+    except Fault as fault:
+        raise error(str(fault)) from None
+
+
+def parse(
+    text: str,
+    kind: type[T],
+    *,
+    error: type[MercatorError],
+    label: str = "text",
+    folder: Path | None = None,
+    overrides: Sequence[str] = (),
+    defaults: Mapping[str, str] = types.MappingProxyType({}),
+    find_base: FindBase | None = None,
+    may_be_empty: bool = False,
+    lines: bool = True,
+) -> T:
+    """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`.
+
+    One that `may_be_empty`, or of comments only, says nothing of any key. Without `lines` errors do not tell them.
+    """
+    try:
+        tree, mistakes = compose_all(text, label, folder or Path.cwd(), may_be_empty=may_be_empty, lines=lines)
+        if find_base is not None:
+            tree = _on_base(tree, find_base, [str(Path(label).resolve())])
+        mistakes += clashes(overrides)
+        for assignment in overrides:
+            try:
+                override(tree, assignment)
+            except Fault as fault:
+                mistakes += fault.args
+        if isinstance(tree.content, dict):
+            given = {key: dataclasses.replace(tree, content=text) for key, text in defaults.items()}
+            tree.content = given | tree.content
+        value = _built(tree, kind, mistakes)
+    except Fault as fault:
+        raise error(*_in_order(fault.args, label)) from None
+    if isinstance(getattr(value, "origin", None), Origin):
+        object.__setattr__(value, "origin", Origin(tree))
+    return typing.cast("T", value)
+
+
+def _built(tree: Node, kind: Kind, mistakes: Sequence[str]) -> object:
+    """The dataclass of a tree in which some mistakes were found already."""
+    try:
+        value: object = build(tree, kind)
+    except Fault as fault:
+        raise Fault(*mistakes, *fault.args) from None
+    if mistakes:
+        raise Fault(*mistakes)
+    return value
+
+
+def _in_order(mistakes: Sequence[str], label: str) -> list[str]:
+    """By the line of the file; those of other places come last, and too many are cut short."""
+
+    def line(mistake: str) -> float:
+        before, _, _ = mistake.removeprefix(f"{label}:").partition(":")
+        return int(before) if before.isdecimal() and mistake.startswith(f"{label}:") else float("inf")
+
+    told = sorted(mistakes[:MOST_MISTAKES], key=line)
+    return told + [f"{label}: its reading ended with {MOST_MISTAKES} mistakes"] * (len(mistakes) >= MOST_MISTAKES)
+
+
+def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
+    """A tree with what its base, and that one's base, say in addition; `labels` are the files on the way."""
+    if not isinstance(tree.content, dict) or "base" not in tree.content:
+        return tree
+    base = tree.content.pop("base")
+    way = Way(None, "base")
+    name = build(base, str, way)
+    try:
+        path = find_base(name, tree.folder)
+    except MercatorError as error:
+        raise Fault(*(message(base, way, each) for each in error.messages)) from None
+    file = str(path.resolve())
+    if file in labels:
+        raise Fault(message(base, way, f"{path} is based on itself"))
+    below = _on_base(compose(read_text(path), str(path), path.parent), find_base, [*labels, file])
+    if isinstance(below.content, dict):
+        for key in ("name", "description"):  # are the base's own
+            below.content.pop(key, None)
+    return merge(below, tree)
+
+
+def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
+    """Make sure that a file can give a value of a kind, and could have given the default.
+
+    Raises:
+        TypeError: saying what is wrong.
+    """
+    schema.check_annotation(kind)
+    if default is dataclasses.MISSING:
+        return
+    try:
+        text = yaml.dump([plain(default)], Dumper=Dumper)
+        build(compose(text, "", Path()), tuple[kind])
+    except (Fault, yaml.YAMLError):
+        raise TypeError(
+            f"its default {excerpt(repr(default))} cannot be written in YAML as {schema.describe(kind)}"
+        ) from None

@@ -1,0 +1,54 @@
+"""The missions and robot models that come with the package, and how a name or a path finds its file."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+
+from mercator_design.config import spelling
+from mercator_design.config.loading import is_name
+from mercator_design.errors import MissionError, excerpt
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def missions() -> dict[str, Path]:
+    """Name -> file of the shipped missions, in the order of their names."""
+    return _files(_folder())
+
+
+def robot_models() -> dict[str, Path]:
+    """Name -> file of the shipped robot models, in the order of their names."""
+    return _files(_folder() / "robots")
+
+
+def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
+    """The file that a name or path means: a path if it looks like one or there is such a file, else a shipped name.
+
+    Raises:
+        MissionError: if it is neither, with the nearest known name.
+    """
+    if not is_name(text) or _is_file(text):
+        return Path(text)
+    name = spelling.find(text, shipped)
+    if name is None:
+        near = get_close_matches(text[:100], shipped, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(shipped)}"
+        raise MissionError(f"{excerpt(text)}: no such {kind}; {hint}")
+    return shipped[name]
+
+
+def _is_file(text: str) -> bool:
+    try:
+        return Path(text).is_file()
+    except (OSError, ValueError):  # too long for a name of a file, or a NUL in it
+        return False
+
+
+def _folder() -> Path:
+    """In the package, or beside it in a checkout."""
+    packaged = _PACKAGE / "scenarios"
+    return packaged if packaged.is_dir() else _PACKAGE.parent / "scenarios"
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"), key=lambda path: path.stem)}

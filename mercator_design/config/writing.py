@@ -1,0 +1,60 @@
+"""From a dataclass to YAML: what is written can be read again, and is made for people."""
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from mercator_design.config import schema
+
+
+def dump(value: object) -> str:
+    """The YAML text of a dataclass, with every default filled in: `parse(dump(x), type(x))` equals x."""
+    return yaml.dump(plain(value), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def digest_of(value: object) -> str:
+    """16 hexadecimal digits; equal for values whose texts (`dump`) are equal."""
+    return hashlib.sha256(dump(value).encode()).hexdigest()[:16]
+
+
+def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
+    """A dataclass, or a value of one, as YAML and JSON have it."""
+    if schema.is_record(value):
+        kind: schema.Kind = type(value)
+        keywords = schema.keywords_of(kind)
+        fields = {name: plain(getattr(value, name)) for name in schema.fields_of(kind)}
+        return fields | fields.pop(keywords[0]) if keywords else fields
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+class Dumper(yaml.SafeDumper):
+    """Mappings in block style, lists of scalars in one line, long texts as they were written."""
+
+    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002 - yaml's signature
+        return True
+
+
+def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceNode:
+    flow = not any(isinstance(item, dict | list) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flow)
+
+
+def _represent_dict(dumper: yaml.SafeDumper, mapping: dict[str, Any]) -> yaml.MappingNode:
+    return dumper.represent_mapping("tag:yaml.org,2002:map", mapping, flow_style=False)
+
+
+def _represent_str(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    printable = all(line.isprintable() for line in text.split("\n"))
+    style = '"' if not printable else "|" if "\n" in text else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+Dumper.add_representer(list, _represent_list)
+Dumper.add_representer(dict, _represent_dict)
+Dumper.add_representer(str, _represent_str)

@@ -1,0 +1,323 @@
+"""From a YAML text to a tree of nodes that know their line; here is decided which texts are refused unseen.
+
+Files come from students, colleagues and strangers, so nothing in one may hang, exhaust or run anything: only
+regular files of at most 256 KiB, plain data (no anchors, aliases, tags or second document), text keys without
+duplicates, and 32 levels of nesting. The tree is built from the parser's events, so a bomb is refused at the
+first event that shows it.
+"""
+
+import json
+import operator
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+from mercator_design.config import spelling
+from mercator_design.errors import excerpt
+from mercator_design.system.files import Unreadable, read_small
+
+LARGEST_FILE = 256 * 1024
+DEEPEST = 32
+LARGEST_INTEGER = 2**63 - 1  # that numpy holds
+MOST_MISTAKES = 20
+"""That are told of one text; its reading ends with the last of them."""
+
+_Event: TypeAlias = Any  # yaml's event classes share no typed fields
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class Fault(Exception):  # noqa: N818 - becomes the error class that the caller of config/loading.py names
+    """What is wrong with a text: messages that name the places. Without any, all has been told."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Node:
+    """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys.
+
+    One that could not be read, which was told, has no content. A scalar without quotes is plain; of JSON data, a plain
+    scalar is no text.
+    """
+
+    content: "str | list[Node] | dict[str, Node] | None"
+    where: str
+    folder: Path
+    plain: bool = True
+    is_json: bool = False
+
+    @property
+    def found(self) -> str:
+        """What it is, for an error message."""
+        if isinstance(self.content, dict):
+            return "a mapping of keys"
+        if isinstance(self.content, list):
+            return f"a list of {len(self.content)}"
+        text = self.content or ""
+        if self.plain and (self.is_json or not text):
+            return excerpt(text) or "nothing"
+        return json.dumps(excerpt(text), ensure_ascii=False)
+
+    def child(self, step: str | int) -> "Node | None":
+        """The node at a key or an index, if there is one."""
+        if isinstance(self.content, dict) and isinstance(step, str):
+            return self.content.get(self.key(step))
+        if isinstance(self.content, list) and isinstance(step, int) and step < len(self.content):
+            return self.content[step]
+        return None
+
+    def key(self, word: str) -> str:
+        """A key as this mapping spells it; as given if it has none."""
+        return (spelling.find(word, self.content) if isinstance(self.content, dict) else None) or word
+
+    def nearest(self, way: "list[str | int]") -> "Node":
+        """The last node that exists on a way from here."""
+        node = self
+        for step in way:
+            child = node.child(step)
+            if child is None:
+                break
+            node = child
+        return node
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular, small, UTF-8 file.
+
+    Raises:
+        Fault: with the path and what is wrong with the file.
+    """
+    try:
+        data = read_small(path, LARGEST_FILE)
+    except Unreadable as error:
+        raise Fault(f"{path}: {error}") from None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
+
+
+def is_text(text: str) -> bool:
+    """Whether a text can be written: it has no half of a pair of characters, as JSON may have."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
+    """The tree of JSON data.
+
+    Raises:
+        Fault: They are nested too deep.
+    """
+    if depth > DEEPEST:
+        raise Fault(f"{where}: nested more than {DEEPEST} levels deep")
+    content: str | list[Node] | dict[str, Node]
+    if isinstance(data, dict):
+        content = {key: tree_of(item, where, depth + 1) for key, item in data.items()}
+    elif isinstance(data, list):
+        content = [tree_of(item, where, depth + 1) for item in data]
+    else:
+        content = data if isinstance(data, str) else json.dumps(data)
+    return Node(content=content, where=where, folder=Path(), plain=not isinstance(data, str), is_json=True)
+
+
+def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True) -> Node:
+    """The tree of the one document in a text; of an empty one, if it may be, that of a mapping without keys.
+
+    Raises:
+        Fault: with label, and with the line if there are `lines`.
+    """
+    tree, mistakes = compose_all(text, label, folder, may_be_empty=may_be_empty, lines=lines)
+    if mistakes:
+        raise Fault(*mistakes)
+    return tree
+
+
+def compose_all(
+    text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True
+) -> tuple[Node, list[str]]:
+    """As `compose`, with the mistakes after which the rest could be read.
+
+    Raises:
+        Fault: if it could not.
+    """
+    composer = _Composer(text, label, folder, lines=lines)
+    try:
+        return composer.document(may_be_empty=may_be_empty), composer.mistakes
+    except Fault as fault:
+        raise Fault(*composer.mistakes, *fault.args) from None
+
+
+class _Composer:
+    """Nodes from the parser's events; `mistakes` are those after which it went on."""
+
+    def __init__(self, text: str, label: str, folder: Path, *, lines: bool) -> None:
+        self.label, self.folder, self.lines = label, folder, lines
+        self.events: Iterator[_Event] = self._events(text)
+        self.mistakes: list[str] = []
+
+    def _events(self, text: str) -> Iterator[_Event]:
+        if len(text) > LARGEST_FILE:
+            raise Fault(f"{self.label}: expected at most {LARGEST_FILE // 1024} KiB of YAML")
+        try:
+            yield from yaml.parse(text, Loader=_Loader)
+        except yaml.MarkedYAMLError as error:
+            raise Fault(f"{self._place(error.problem_mark)}: not valid YAML: {error.problem}") from None
+        except (yaml.YAMLError, UnicodeError) as error:
+            reason = getattr(error, "reason", "unreadable characters")
+            raise Fault(f"{self.label}: not valid YAML: {reason}") from None
+
+    def _place(self, mark: yaml.Mark | None) -> str:
+        return f"{self.label}:{mark.line + 1}" if self.lines and mark else self.label
+
+    def _mistake(self, place: str, message: str) -> None:
+        """Note what is wrong at a place; the one too many ends the reading."""
+        self.mistakes.append(f"{place}: {message}")
+        if len(self.mistakes) >= MOST_MISTAKES:
+            raise Fault
+
+    def document(self, *, may_be_empty: bool = False) -> Node:
+        next(self.events)
+        if isinstance(next(self.events), yaml.StreamEndEvent):
+            if may_be_empty:
+                return Node(content={}, where=self.label, folder=self.folder)
+            raise Fault(f"{self.label}: expected keys and values, found an empty text")
+        root = self._node(next(self.events), 0)
+        next(self.events)
+        event = next(self.events)
+        if not isinstance(event, yaml.StreamEndEvent):
+            self._mistake(self._place(event.start_mark), "expected one document, found a second")
+        return root
+
+    def _node(self, event: _Event, depth: int) -> Node:
+        place = self._place(event.start_mark)
+        if depth > DEEPEST:
+            raise Fault(f"{place}: nested more than {DEEPEST} levels deep")
+        is_alias = isinstance(event, yaml.AliasEvent)
+        if is_alias or event.anchor is not None:
+            self._mistake(place, "anchors and aliases (&, *) are not understood; write the value out")
+        if is_alias:
+            return Node(content=None, where=place, folder=self.folder)
+        if event.tag is not None:
+            self._mistake(place, f"tags are not understood, found {excerpt(event.tag)}; write the value without it")
+        plain = not isinstance(event, yaml.ScalarEvent) or not event.style  # None or "", by parser
+        return Node(content=self._content(event, depth), where=place, folder=self.folder, plain=plain)
+
+    def _content(self, event: _Event, depth: int) -> "str | list[Node] | dict[str, Node]":
+        if isinstance(event, yaml.ScalarEvent):
+            return str(event.value)
+        if isinstance(event, yaml.SequenceStartEvent):
+            items: list[Node] = []
+            while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+                items.append(self._node(event, depth + 1))
+            return items
+        mapping: dict[str, Node] = {}
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            key = self._node(event, depth + 1)
+            value = self._node(next(self.events), depth + 1)
+            value.where = key.where
+            if not isinstance(key.content, str):
+                if key.content is not None:
+                    self._mistake(key.where, f"expected text as a key, found {key.found}")
+            elif key.content in mapping:
+                first = mapping[key.content].where
+                self._mistake(key.where, f"duplicate key '{excerpt(key.content)}'; the first is at {first}")
+            else:
+                mapping[key.content] = value
+        return mapping
+
+
+def steps(path: str) -> list[str | int]:
+    """The keys and indices of a path: `zones[1].name` -> zones, 1, name; empty if it is none."""
+    if not re.fullmatch(r"[^.\[\]]+(\[[0-9]{1,9}\])*(\.[^.\[\]]+(\[[0-9]{1,9}\])*)*", path):
+        return []
+    return [int(index) if index else key for index, key in re.findall(r"\[([0-9]+)\]|([^.\[\]]+)", path)]
+
+
+def clashes(assignments: Sequence[str]) -> list[str]:
+    """What is wrong with values given on the command line of which one sets what another sets, or a part of that."""
+    given: dict[tuple[str | int, ...], str] = {}
+    mistakes = []
+    for assignment in assignments:
+        path, _, _ = assignment.partition("=")
+        way = tuple(spelling.folded(step) if isinstance(step, str) else step for step in steps(path.strip()))
+        set_by = [earlier for other, earlier in given.items() if all(map(operator.eq, way, other))]
+        if way and set_by:
+            first = f"--set {excerpt(set_by[0])}"
+            mistakes.append(f"--set {excerpt(assignment)}: sets what {first} sets, too; give one of them")
+        elif way:
+            given[way] = assignment
+    return mistakes
+
+
+def override(tree: Node, assignment: str) -> None:
+    """Put a value given on the command line (`--set path=value`) into a tree; that is its place in errors.
+
+    Raises:
+        Fault: if it is not of that form, or goes through something that is not there.
+    """
+    label, folder = f"--set {excerpt(assignment)}", Path.cwd()
+    path, equals, text = assignment.partition("=")
+    way = steps(path.strip())
+    if not equals or not way:
+        raise Fault(f"{label}: expected path=value, as in robots=20 or floor.zones[0].radius=0.3")
+    nothing = Node(content="", where=label, folder=folder)
+    value = compose(text, label, folder, lines=False) if text.strip() else nothing
+    node = tree
+    while len(way) > 1 and (child := node.child(way[0])) is not None:
+        node = child
+        way = way[1:]
+    for step in reversed(way[1:]):  # in mappings that are not there yet
+        mapping = Node(content={}, where=label, folder=folder)
+        _put(mapping, step, value, label)
+        value = mapping
+    _put(node, way[0], value, label)
+
+
+_TAGS = ("shape", "device", "distribution")
+"""Keys that say what a mapping is; one that is something else has nothing to take over."""
+
+
+def merge(base: Node, changes: Node) -> Node:
+    """A tree with some values put in the place of the base's, key by key; lists are replaced whole."""
+    old, new = base.content, changes.content
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return changes
+    for tag in _TAGS:
+        if tag in old and tag in new and old[tag].content != new[tag].content:
+            return changes
+    merged = dict(old)
+    for word, value in new.items():
+        key = base.key(word)
+        merged[key] = merge(old[key], value) if key in old else value
+    return Node(content=merged, where=changes.where, folder=changes.folder)
+
+
+def _put(node: Node, step: str | int, value: Node, label: str) -> None:
+    content = node.content
+    if isinstance(content, dict) and isinstance(step, str):
+        content[node.key(step)] = value
+        return
+    if isinstance(content, list) and isinstance(step, int) and step < len(content):
+        content[step] = value
+        return
+    wanted = f"a list with an item [{step}]" if isinstance(step, int) else f"a mapping for the key '{step}'"
+    raise Fault(f"{label}: expected {wanted}, found {node.found} ({node.where})")
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a record was read, to name the place of what is found wrong with it later."""
+
+    tree: Node | None = None
+
+    def of(self, path: str, otherwise: str) -> str:
+        """File, line and path of a key, as "my.yaml:3: arena.walls"; `otherwise` for what was not read from a file."""
+        where = otherwise if self.tree is None else self.tree.nearest(steps(path)).where
+        return f"{where}: {path}" if path else where

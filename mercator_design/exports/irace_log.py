@@ -1,0 +1,304 @@
+"""A race as irace's log: an .Rdata with `iraceResults`, which irace's `read_logfile` and iraceplot read.
+
+irace has changed the names of what is in its log: those of irace 3 and of irace 4 are both here. Configurations and
+instances are counted from 1, as R does; costs are minimised. What R alone can make is left out or given as text:
+conditions are text, and `parameters` is a list, not an object of irace 4.
+"""
+
+import gzip
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mercator_design import __version__
+from mercator_design.errors import RaceError
+from mercator_design.race.irace.scenario_options import OPTIONS
+from mercator_design.race.irace.tuner import Tuner
+from mercator_design.race.racing.race import Experiment
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.task import Task
+from mercator_design.race.space.expressions import Expression
+from mercator_design.race.space.parameter import Parameter
+from mercator_design.race.space.space import Space
+from mercator_design.system.files import write_bytes
+
+if TYPE_CHECKING:
+    from rdata.parser import RObject
+
+_VERSION = "4.4"
+"""Of irace, whose names are used."""
+_KINDS = {"categorical": "c", "ordered": "o", "integer": "i", "real": "r"}
+_TESTS = {
+    "friedman": "friedman",
+    "t-test": "t.none",
+    "t-test-holm": "t.holm",
+    "t-test-bonferroni": "t.bonferroni",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Named:
+    """A vector of R whose members have names."""
+
+    members: NDArray[Any]
+    names: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Matrix:
+    """A matrix of R whose columns, and perhaps rows, have names."""
+
+    cells: NDArray[Any]
+    rows: Sequence[str] | None
+    columns: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A data.table of R, which is a data.frame to who does not know data.table."""
+
+    columns: dict[str, NDArray[Any]]
+
+
+def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
+    """Write a race, which may be under way.
+
+    Args:
+        path: Of the file.
+        task: What is raced.
+        record: Of the race.
+
+    Raises:
+        RaceError: There is no package rdata, no experiment yet, or the file cannot be written.
+    """
+    try:
+        from rdata.conversion import ConverterFromPythonToR
+        from rdata.conversion.to_r import DEFAULT_CLASS_MAP
+        from rdata.unparser import unparse_data
+    except ImportError:
+        raise RaceError("expected the package rdata, found none: in the clone, pip install '.[r]'") from None
+    if not record.experiments:
+        raise RaceError(f"{path}: expected a race with experiments, found none")
+    makers: dict[type, Any] = {**DEFAULT_CLASS_MAP, _Named: _named, _Matrix: _matrix, _Table: _table}
+    converter = ConverterFromPythonToR(constructor_dict=makers)
+    data = converter.convert_to_r_data({"iraceResults": irace_results(task, record)}, file_type="rda")
+    try:
+        write_bytes(path, gzip.compress(unparse_data(data, file_type="rda"), mtime=0))
+    except OSError as error:
+        raise RaceError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
+    """The object of irace's log, by the names that it has in R."""
+    space = task.race.space
+    iterations = [record.iterations[number] for number in sorted(record.iterations)]
+    elites = [np.array([number + 1 for number in one.elites], dtype=np.int32) for one in iterations]
+    experiments = record.results()
+    costs = [np.inf if one.score is None else task.cost(one.score) for one in experiments]
+    log = {
+        "iteration": _integers([one.iteration for one in experiments]),
+        "instance": _integers([one.instance + 1 for one in experiments]),
+        "configuration": _integers([one.configuration + 1 for one in experiments]),
+        "cost": np.array(costs, dtype=float),
+        "time": _missing(len(experiments)),
+        "bound": _missing(len(experiments)),
+    }
+    old_log = ["iteration", "instance", "configuration", "time", "bound"]
+    n_instances = 1 + max(one.instance for one in experiments)
+    instances = _integers([_instance(task, number) + 1 for number in range(n_instances)])
+    seeds = _integers([task.seed(number) for number in range(n_instances)])
+    columns = {number: column for column, number in enumerate(sorted(record.configurations))}
+    table = np.full((n_instances, len(columns)), _NA)
+    for one, cost in zip(experiments, costs, strict=True):
+        table[one.instance, columns[one.configuration]] = cost
+    names = [str(number + 1) for number in columns]
+    rejected = sorted({one.configuration + 1 for one in experiments if one.score is None})
+    parameters = _parameters(space)
+    return {
+        "scenario": {**_scenario(task, record), "parameters": parameters},
+        "irace_version": _VERSION,
+        "irace.version": _VERSION,
+        "mercator_design": __version__,
+        "parameters": parameters,
+        "allConfigurations": _configurations(space, record),
+        "allElites": elites,
+        "iterationElites": np.array([ids[0] for ids in elites], dtype=np.int32),
+        "experiments": _Matrix(table, [str(number + 1) for number in range(n_instances)], names),
+        "experimentLog": _Matrix(np.column_stack([log[name].astype(float) for name in old_log]), None, old_log),
+        "softRestart": _missing(len(elites)),  # not in a journal
+        "state": {
+            "experiment_log": _Table(log),
+            "instances_log": _Table({"instanceID": instances, "seed": seeds}),
+            ".irace": {"instancesList": _Table({"instance": instances, "seed": seeds})},
+            "rejected_ids": np.array(rejected, dtype=np.int32),
+            "rejectedIDs": np.array(rejected, dtype=np.int32),
+            "experimentsUsedSoFar": len(experiments),
+            "seed": task.race.seed,
+            "elapsed": _Named(_missing(3), ["user", "system", "wallclock"]),
+            "completed": "Ended" if record.is_complete else "Incomplete",
+        },
+        **_testing(task, record),
+    }
+
+
+_NA = np.uint64(0x7FF00000000007A2).view(np.float64)
+"""R's NA among numbers, which is a NaN of its own (rdata.missing.R_FLOAT_NA)."""
+
+
+def _missing(n: int) -> NDArray[np.float64]:
+    return np.full(n, _NA)
+
+
+def _integers(values: Sequence[int]) -> NDArray[Any]:
+    """Integers of R, or doubles if one is too large for that."""
+    return np.array(values, dtype=np.int32 if all(abs(value) < 2**31 for value in values) else float)
+
+
+def _instance(task: Task[Any], number: int) -> int:
+    """Which of the scenario's instances an instance of the race is; of a mission there is one."""
+    return task.place(number) if isinstance(task, Tuner) else 0
+
+
+def _configurations(space: Space, record: Record) -> pd.DataFrame:
+    numbers = sorted(record.configurations)
+    columns: dict[str, Any] = {".ID.": _integers([number + 1 for number in numbers])}
+    for parameter in space.parameters:
+        values = [record.configurations[number].get(parameter.name) for number in numbers]
+        if parameter.is_numeric:
+            columns[parameter.name] = np.array([_NA if value is None else float(value) for value in values])
+        else:
+            columns[parameter.name] = pd.array(values, dtype=object)
+    parents = [record.parents[number] for number in numbers]
+    columns[".PARENT."] = np.array([_NA if parent is None else parent + 1.0 for parent in parents])
+    return pd.DataFrame(columns, index=pd.RangeIndex(1, len(numbers) + 1))
+
+
+def _parameters(space: Space) -> dict[str, Any]:
+    """What irace's readParameters makes of parameters.txt."""
+    parameters = space.parameters
+    names = [one.name for one in parameters]
+
+    def named(values: Sequence[Any]) -> _Named:
+        return _Named(np.array(values), names)
+
+    domains = {one.name: _domain(one) for one in parameters}
+    in_order = sorted(parameters, key=lambda one: space.levels[one.name])
+    return {
+        "names": np.array(names),
+        "types": named([_KINDS[one.kind] for one in parameters]),
+        "switches": named([one.switch for one in parameters]),
+        "domain": domains,
+        "domains": domains,
+        "conditions": {one.name: True if one.condition is None else one.condition.text for one in in_order},
+        "isFixed": named([one.is_fixed for one in parameters]),
+        "transform": {one.name: "log" if one.log else "" for one in parameters},
+        "digits": named([one.digits for one in parameters]),
+        "isDependent": named([one.is_dependent for one in parameters]),
+        "depends": {one.name: _texts(_uses(one)) for one in parameters},
+        "hierarchy": named([space.levels[one.name] for one in parameters]),
+        "forbidden": _texts([expression.text for expression in space.forbidden]),
+        "nbParameters": len(parameters),
+        "nbFixed": len(parameters) - space.n_variable,
+        "nbVariable": space.n_variable,
+    }
+
+
+def _uses(parameter: Parameter) -> list[str]:
+    condition = () if parameter.condition is None else parameter.condition.names
+    return list(dict.fromkeys([*parameter.bound_names, *condition]))
+
+
+def _domain(parameter: Parameter) -> NDArray[Any]:
+    if not parameter.is_numeric:
+        return _texts(parameter.values)
+    if parameter.is_dependent:
+        bounds = (parameter.low, parameter.high)
+        return _texts([one.text if isinstance(one, Expression) else f"{one:.15g}" for one in bounds])
+    return np.array([parameter.low, parameter.high], dtype=float)
+
+
+def _texts(values: Sequence[str]) -> NDArray[Any]:
+    return np.array(values, dtype=object)
+
+
+def _scenario(task: Task[Any], record: Record) -> dict[str, Any]:
+    """The options of irace, as far as the race has them; the others have their defaults."""
+    options: Mapping[str, Any] = record.start.get("options", {})
+    found: dict[str, Any] = {}
+    for name, option in OPTIONS.items():
+        value = options.get(option.ours) if option.ours else None
+        found[name] = option.default if value is None else value
+    found |= {
+        "maxExperiments": record.budget,
+        "seed": task.race.seed,
+        "testType": _TESTS.get(options.get("test", ""), "friedman"),
+        "deterministic": options.get("instances") is not None,
+        "instances": _texts(["mission.yaml"]),
+        "testInstances": None,
+    }
+    if isinstance(task, Tuner):
+        scenario = task.scenario
+        found |= {
+            "scenarioFile": str(scenario.path),
+            "execDir": str(scenario.target.folder),
+            "targetRunner": str(scenario.target.runner),
+            "instances": _texts(scenario.instances),
+            "testNbElites": scenario.test_elites,
+            "testIterationElites": scenario.test_iterations,
+        }
+        if scenario.test_instances:
+            names = [f"{number + 1}t" for number in range(len(scenario.test_instances))]
+            found["testInstances"] = _Named(_texts(scenario.test_instances), names)
+    del found["parameters"]
+    return found
+
+
+def _testing(task: Task[Any], record: Record) -> dict[str, Any]:
+    """Tests, if there were any."""
+    if not record.tests:
+        return {}
+    configurations = list(dict.fromkeys(where.configuration for where in record.tests))
+    n_instances = 1 + max(where.instance for where in record.tests)
+    table = np.full((n_instances, len(configurations)), _NA)
+    for column, number in enumerate(configurations):
+        for row in range(n_instances):
+            test = record.tests.get(Experiment(number, row))
+            if test is not None:
+                table[row, column] = np.inf if test.score is None else task.cost(test.score)
+    names = [f"{number + 1}t" for number in range(n_instances)]
+    seeds = _integers([task.test_seed(number) for number in range(n_instances)])
+    columns = [str(number + 1) for number in configurations]
+    return {"testing": {"experiments": _Matrix(table, names, columns), "seeds": _Named(seeds, names)}}
+
+
+def _named(data: _Named, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
+    return _with(converter, data.members, {"names": _texts(data.names)})
+
+
+def _matrix(data: _Matrix, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
+    rows = None if data.rows is None else _texts(data.rows)
+    attributes = {"dim": _integers(data.cells.shape), "dimnames": [rows, _texts(data.columns)]}
+    return _with(converter, np.ravel(data.cells, order="F"), attributes)
+
+
+def _table(data: _Table, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
+    rows = _integers(range(1, 1 + len(next(iter(data.columns.values())))))
+    attributes = {"names": _texts([*data.columns]), "row.names": rows, "class": _texts(["data.table", "data.frame"])}
+    return _with(converter, [*data.columns.values()], attributes)
+
+
+def _with(converter: Any, value: object, attributes: dict[str, Any]) -> "RObject":  # noqa: ANN401
+    from rdata.conversion.to_r import build_r_object
+
+    plain = converter.convert_to_r_object(value)
+    return build_r_object(
+        plain.info.type,
+        value=plain.value,
+        is_object="class" in attributes,
+        attributes=converter.convert_to_r_attributes(attributes),
+    )

@@ -1,0 +1,75 @@
+"""A mission as a scenario of irace's: R's irace and `mdesign tune` design control software for it with what is written.
+
+scenario.txt       how to race, to be edited
+parameters.txt     the grammar of PFSMs; its switches are AutoMoDe's own, so a command line is a PFSM's text
+instances.txt      a mission a line: irace gives it another seed each time
+target-runner      what irace runs for an experiment: `mdesign evaluate --cost`
+mission.yaml ...   what that needs, as in the folder of a race
+"""
+
+import shlex
+import sys
+from pathlib import Path
+
+from mercator_design.design import Designer
+from mercator_design.errors import RaceError
+from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.missions.plugins import loaded_plugins
+from mercator_design.race.irace import scenario_text
+from mercator_design.system.files import write_bytes
+
+_RUNNER = """\
+#!/bin/sh
+# Runs an experiment for irace: ID INSTANCE_ID SEED MISSION --nstates ...; prints its cost and nothing else.
+seed=$3 mission=$4
+shift 4
+cd "$(dirname "$0")" || exit
+exec {python} -m mercator_design evaluate --cost --fsm-config "$*" --flavour {flavour} \\
+  --mission "$mission" --instance "$seed" --jobs 1{plugins}
+"""
+
+
+def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
+    """The files of the scenario of a mission, by path in its folder.
+
+    Args:
+        designer: For the mission; gives the budget and the seed.
+        jobs: Experiments to run at once.
+    """
+    files = designer.files()
+    plugins = "".join(f" --plugin {shlex.quote(f'plugins/{name}')}" for name in loaded_plugins())
+    settings: dict[str, scenario_text.Setting] = {
+        "parameterFile": "./parameters.txt",
+        "trainInstancesDir": "",  # target-runner finds the missions; irace splits an instance's path at blanks
+        "trainInstancesFile": "./instances.txt",
+        "targetRunner": "./target-runner",
+        "maxExperiments": designer.race.budget,
+        "seed": designer.race.seed,
+        "parallel": jobs,
+    }
+    runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, plugins=plugins)
+    texts = {
+        "scenario.txt": f"# {designer.name}, for irace 4.4 or mdesign tune\n{scenario_text.to_text(settings)}",
+        "parameters.txt": parameters_text(designer.flavour),
+        "instances.txt": "mission.yaml\n",
+        "target-runner": runner,
+    }
+    return {name: text.encode() for name, text in texts.items()} | files
+
+
+def write_irace_scenario(folder: Path, files: dict[str, bytes]) -> None:
+    """Write `irace_files` to a new or empty folder.
+
+    Raises:
+        RaceError: There is something in it already, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RaceError(f"{folder}: expected a new or empty folder for the scenario, found files in it")
+        for name, data in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(folder / name, data)
+        (folder / "target-runner").chmod(0o755)
+    except OSError as error:
+        raise RaceError(f"{folder}: cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,363 @@
+"""Logs of robots for other programs, of runs and recordings: rows of tables (exports/robot_log_table.py), and MCAP for Foxglove.
+
+Event by event, so that a log may be longer than memory. What each column and channel is: docs/reference/robot-logs.md.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, BinaryIO, TypeAlias
+
+from mercator_design import __version__
+from mercator_design.config.checked_lines import Event
+from mercator_design.fsm import Readings, Wheels
+from mercator_design.fsm.control import DRAWS
+from mercator_design.robot.devices.samples import FIELDS
+from mercator_design.robot.devices.sweep import BINS, STEP
+from mercator_design.robot.logs.log import NO_END, condition_met, controller_of, read, understanding
+from mercator_design.robot.logs.log_events import LINES
+
+Message: TypeAlias = tuple[str, Mapping[str, Any]]
+"""A topic, and what is said there."""
+Row: TypeAlias = dict[str, object]
+"""Cells by their columns; those that are left out are empty."""
+
+_SENSED: Mapping[str, tuple[str, ...]] = {**FIELDS, "lidar": ()}
+"""The values of each sensor's samples in a log, by name."""
+
+_INFO = 2
+"""A level of foxglove.Log."""
+_CYCLE = ("cycle", "state", "next_state", "behaviour", "condition", "cpu")
+"""What is told of each cycle under the same names."""
+
+_NUMBER, _INTEGER, _STRING = ({"type": kind} for kind in ("number", "integer", "string"))
+
+
+def _object(**properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _array(items: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+def _numbers(names: Iterable[str]) -> dict[str, Any]:
+    return _object(**dict.fromkeys(names, _NUMBER))
+
+
+_TIME = _object(sec=_INTEGER, nsec=_INTEGER) | {"title": "time"}
+_POSE = _object(position=_numbers("xyz"), orientation=_numbers("xyzw"))
+_SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "/state": (
+        "mercator.State",
+        _object(cycle=_INTEGER, state=_INTEGER, next_state=_INTEGER, behaviour=_STRING, condition=_STRING, cpu=_NUMBER),
+    ),
+    "/readings": ("mercator.Readings", _numbers(Readings._fields)),
+    "/draws": ("mercator.Draws", _object(draws=_array(_NUMBER))),
+    "/wheels": ("mercator.Wheels", _numbers(Wheels._fields)),
+    "/treads": ("mercator.Treads", _numbers(Wheels._fields)),
+    "/neighbours": ("mercator.Neighbours", _object(places=_array(_numbers(("distance", "bearing"))))),
+    "/odometry": (
+        "foxglove.PoseInFrame",
+        _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE),
+    ),
+    "/tf": (
+        "foxglove.FrameTransform",
+        _object(
+            timestamp=_TIME,
+            parent_frame_id=_STRING,
+            child_frame_id=_STRING,
+            translation=_numbers("xyz"),
+            rotation=_numbers("xyzw"),
+        ),
+    ),
+    "/lidar": (
+        "foxglove.LaserScan",
+        _object(
+            timestamp=_TIME,
+            frame_id=_STRING,
+            pose=_POSE,
+            start_angle=_NUMBER,
+            end_angle=_NUMBER,
+            ranges=_array(_NUMBER),
+            intensities=_array(_NUMBER),
+        ),
+    ),
+    "/notes": (
+        "foxglove.Log",
+        _object(timestamp=_TIME, level=_INTEGER, message=_STRING, name=_STRING, file=_STRING, line=_INTEGER),
+    ),
+    **{
+        f"/sensors/{name}": (f"mercator.{name.title().replace('_', '')}", _numbers(("age", *values)))
+        for name, values in _SENSED.items()
+    },
+    **{f"/lines/{name}": (f"mercator.{name.title()}Line", _numbers(values)) for name, values in LINES.items()},
+}
+"""Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
+
+
+class ExportedLog:
+    """A log event by event, with what follows from its start.
+
+    columns: Of its table.
+    counted, unit: Events that are counted, and as what.
+    time: Of the latest event [s since 1970], by the reference's clock if the robot's was measured, else by the robot's.
+    reference: Whose clock that is; empty if it is the robot's.
+    """
+
+    columns: Sequence[str]
+    counted: Sequence[str]
+    unit: str
+
+    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+        self.start, self._events = start, events
+        self.robot: str = start["robot"]
+        clock = start.get("clock") or {"reference": "", "ahead": 0.0}
+        self.reference: str = clock["reference"]
+        self.time = self._began = datetime.fromisoformat(start["time"]).timestamp() - clock["ahead"]
+        self._count, self._why = 0, NO_END
+
+    def events(self) -> Iterator[Event]:
+        """Those after the start."""
+        for event in self._events:
+            if event["event"] == "end":
+                self._why = event["why"]
+            else:
+                self.time = self._began + event["time"]
+            if event["event"] in self.counted:
+                self._count += 1
+            yield event
+
+    def rows(self, event: Event) -> Iterator[Row]:
+        """What the table has of an event."""
+        raise NotImplementedError
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        """What is said of an event."""
+        if event["event"] in ("note", "end"):
+            text = event["text"] if event["event"] == "note" else f"The end: {event['why']}"
+            stamp = _stamp(self.time)
+            note = {"timestamp": stamp, "level": _INFO, "message": text, "name": self.robot, "file": "", "line": 0}
+            yield "/notes", note
+
+    def summary(self) -> str:
+        """How much there was, and why it ended."""
+        return f"{self._count} {self.unit}; {self._why}"
+
+
+class _Run(ExportedLog):
+    columns = (
+        *("robot", "clock", "time", *_CYCLE),
+        *Readings._fields,
+        *(f"draw_{k}" for k in range(DRAWS)),
+        *Wheels._fields,
+        "neighbour_places",
+        *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
+        *(f"line_{name}_{value}" for name, values in LINES.items() for value in values),
+    )
+    counted = ("cycle",)
+    unit = "cycles"
+
+    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+        super().__init__(start, events)
+        self._pfsm, self._controller = controller_of(start)
+
+    def events(self) -> Iterator[Event]:
+        """Those after the start; cycles have `behaviour` and `condition`, and names in `sensed` and `lines`."""
+        for event in super().events():
+            if event["event"] == "cycle":
+                event["behaviour"] = self._pfsm.states[event["state"]].behaviour
+                event["condition"] = condition_met(self._controller, event)
+                event["sensed"] = {
+                    name: {"age": age, **_named(name, values)} for name, (age, *values) in event["sensed"].items()
+                }
+                event["lines"] = {
+                    name: dict(zip(LINES[name], values, strict=False))
+                    for name, values in (event.get("lines") or {}).items()
+                }
+            yield event
+
+    def rows(self, event: Event) -> Iterator[Row]:
+        if event["event"] == "cycle":
+            yield {
+                "robot": self.robot,
+                "clock": round(self.time, 6),
+                "time": event["time"],
+                **{name: event[name] for name in _CYCLE},
+                **Readings(*event["readings"])._asdict(),
+                **{f"draw_{k}": draw for k, draw in enumerate(event["draws"])},
+                **Wheels(*event["wheels"])._asdict(),
+                "neighbour_places": json.dumps(event["neighbours"], separators=(",", ":")),
+                **{
+                    f"sensed_{name}_{key}": _cell(value)
+                    for name, values in event["sensed"].items()
+                    for key, value in values.items()
+                },
+                **{
+                    f"line_{name}_{key}": value
+                    for name, values in event["lines"].items()
+                    for key, value in values.items()
+                },
+            }
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        yield from super().messages(event)
+        if event["event"] == "cycle":
+            yield "/state", {name: event[name] for name in _CYCLE}
+            yield "/readings", Readings(*event["readings"])._asdict()
+            yield "/draws", {"draws": event["draws"]}
+            yield "/wheels", _present(Wheels(*event["wheels"])._asdict())
+            places = [{"distance": distance, "bearing": bearing} for distance, bearing in event["neighbours"]]
+            yield "/neighbours", {"places": places}
+            for name, values in event["sensed"].items():
+                yield f"/sensors/{name}", _present(values)
+            for name, values in event["lines"].items():
+                yield f"/lines/{name}", values
+            if {"position", "attitude"} <= event["sensed"].keys():
+                position, yaw = event["sensed"]["position"], event["sensed"]["attitude"]["yaw"]
+                yield from _stands(self.time - position["age"], position["x"], position["y"], yaw)
+
+
+class _Recording(ExportedLog):
+    columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
+    counted = ("sample", "turn")
+    unit = "samples and turns"
+    _yaw: float | None = None  # the latest
+
+    def rows(self, event: Event) -> Iterator[Row]:
+        match event["event"]:
+            case "sample":
+                sensor, rows = event["sensor"], [event["values"]]
+            case "turn":
+                sensor, rows = "lidar", event["readings"]
+            case "wheels":
+                sensor, rows = "wheels", [[event[side] for side in Wheels._fields]]
+            case _:
+                return
+        cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event["time"], "sensor": sensor}
+        for values in rows:
+            yield cells | {f"value_{k}": _cell(value) for k, value in enumerate(values)}
+
+    def messages(self, event: Event) -> Iterator[Message]:
+        yield from super().messages(event)
+        match event["event"]:
+            case "sample":
+                sensor, values = event["sensor"], event["values"]
+                yield f"/sensors/{sensor}", _present(_named(sensor, values))
+                if sensor == "attitude":
+                    _, _, self._yaw = values
+                if sensor == "position" and self._yaw is not None:
+                    x, y = values
+                    yield from _stands(self.time, x, y, self._yaw)
+            case "turn":
+                yield (
+                    "/lidar",
+                    {
+                        "timestamp": _stamp(self.time),
+                        "frame_id": "robot",
+                        "pose": _pose(0.0, 0.0, 0.0),
+                        "start_angle": 0.0,
+                        "end_angle": (BINS - 1) * STEP,
+                        "ranges": _even(event["readings"]),
+                        "intensities": [],
+                    },
+                )
+            case "wheels":
+                yield "/treads", {side: event[side] for side in Wheels._fields}
+
+
+_KINDS: Mapping[str, type[ExportedLog]] = {"run": _Run, "recording": _Recording}
+
+
+def write_mcap(path: Path, file: BinaryIO) -> str:
+    """Write a log as MCAP, with messages at the times of cycles or samples; what there was, in words.
+
+    Raises:
+        RobotError: if it is no log of these kinds, or is damaged before its end.
+    """
+    from mcap.writer import Writer
+
+    writer = Writer(file, enable_data_crcs=True)
+    channels: dict[str, int] = {}
+    with understanding(path):
+        log = open_log(path)
+        writer.start(library=f"mercator-design {__version__}")
+        start = {name: value for name, value in log.start.items() if name != "event"}
+        writer.add_metadata(
+            "start", {name: value if isinstance(value, str) else json.dumps(value) for name, value in start.items()}
+        )
+        for event in log.events():
+            for topic, message in log.messages(event):
+                if topic not in channels:
+                    name, schema = _SCHEMAS[topic]
+                    number = writer.register_schema(name, "jsonschema", json.dumps({"title": name, **schema}).encode())
+                    channels[topic] = writer.register_channel(topic, "json", number)
+                data, at = json.dumps(message, allow_nan=False).encode(), _nanoseconds(log.time)
+                writer.add_message(channels[topic], log_time=at, data=data, publish_time=at)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return log.summary()
+
+
+def open_log(path: Path) -> ExportedLog:
+    """A log of any kind; errors are those of `read`."""
+    events = read(path, None)
+    start = next(events)
+    return _KINDS[start["kind"]](start, events)
+
+
+def _named(sensor: str, values: Sequence[float | None]) -> dict[str, float | None]:
+    return dict(zip(_SENSED[sensor], values, strict=True))
+
+
+def _cell(value: float | None) -> float:
+    """A value as a table has it: infinite where nothing is in sight."""
+    return math.inf if value is None else value
+
+
+def _present(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Values as a message has them: without those of nothing."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _stands(time: float, x: float, y: float, heading: float) -> Iterator[Message]:
+    """Where the robot says that it is, as a pose to look at, and so that what it sees is shown there."""
+    stamp, pose = _stamp(time), _pose(x, y, heading)
+    yield "/odometry", {"timestamp": stamp, "frame_id": "start", "pose": pose}
+    yield (
+        "/tf",
+        {
+            "timestamp": stamp,
+            "parent_frame_id": "start",
+            "child_frame_id": "robot",
+            "translation": pose["position"],
+            "rotation": pose["orientation"],
+        },
+    )
+
+
+def _pose(x: float, y: float, heading: float) -> dict[str, Any]:
+    """A foxglove.Pose on the floor."""
+    orientation = {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * heading), "w": math.cos(0.5 * heading)}
+    return {"position": {"x": x, "y": y, "z": 0.0}, "orientation": orientation}
+
+
+def _even(readings: Iterable[tuple[float, float]]) -> list[float]:
+    """Ranges of a turn at the even angles of a foxglove.LaserScan: the nearest of several, 0 where there is none."""
+    ranges = [0.0] * BINS
+    for angle, distance in readings:
+        k = round(angle / STEP) % BINS
+        if distance > 0.0 and not 0.0 < ranges[k] < distance:
+            ranges[k] = distance
+    return ranges
+
+
+def _stamp(time: float) -> dict[str, int]:
+    seconds, nanoseconds = divmod(_nanoseconds(time), 10**9)
+    return {"sec": seconds, "nsec": nanoseconds}
+
+
+def _nanoseconds(time: float) -> int:
+    """A time [s since 1970], of which microseconds are known."""
+    return round(1e6 * time) * 1000

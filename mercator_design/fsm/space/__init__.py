@@ -1,0 +1,1 @@
+"""All PFSMs of a flavour as a space of parameters, and moves from one PFSM to the next."""

@@ -1,0 +1,265 @@
+"""Moves in the structure of a PFSM, and the one PFSM that stands for all that are the same.
+
+The grammar numbers states and transitions, so that one PFSM has many configurations, and what is one step for a person
+(drop a state, and lead what led to it to where it led) changes half of the numbers. Here a step is one of the PFSM.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.modules import Module, Parameter, numbered
+from mercator_design.fsm.pfsm import MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.space.grammar import DIGITS, Value, from_pfsm, to_pfsm
+
+T = TypeVar("T")
+
+_ANOTHER_MOVE = 0.33
+"""Probability of one more move after each."""
+_ANYWHERE = 0.3
+"""Probability that a number that is tuned is drawn anew."""
+_STEP = 0.15
+"""Standard deviation of a small step of a number, as a part of its domain."""
+
+
+class Draws(Protocol):
+    """What is needed of a generator of random numbers, such as numpy's."""
+
+    def random(self) -> float: ...
+
+    def normal(self) -> float: ...
+
+
+class PfsmStructure:
+    """The structure of a flavour's PFSMs, in terms of configurations of the grammar."""
+
+    def __init__(self, flavour: str) -> None:
+        self._flavour = flavour
+
+    def canonical(self, configuration: Mapping[str, Value]) -> dict[str, Value]:
+        """The configuration that stands for all whose PFSMs are the same but for the numbering."""
+        return from_pfsm(canonical(to_pfsm(configuration, self._flavour)))
+
+    def neighbour(self, configuration: Mapping[str, Value], draws: Draws) -> dict[str, Value]:
+        """A configuration whose PFSM is one move or a few away, in canonical form."""
+        return from_pfsm(neighbour(to_pfsm(configuration, self._flavour), draws))
+
+
+def canonical(pfsm: Pfsm) -> Pfsm:
+    """The same PFSM, its states in the order in which a search from the initial one finds them.
+
+    States that cannot be reached are dropped. Transitions are sorted, as they are tested in random order; only if two
+    are alike, and lead to states of the same behaviour, does the order of these decide.
+    """
+    return replace(pfsm, states=_canonical(pfsm.states))
+
+
+def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
+    """A PFSM that is one move away, or with decreasing probability more, in canonical form."""
+    changed = _States(pfsm, draws)
+    changed.move()
+    while draws.random() < _ANOTHER_MOVE:
+        changed.move()
+    return replace(pfsm, states=_canonical(changed.states))
+
+
+def _canonical(states: Sequence[State]) -> tuple[State, ...]:
+    def rank(edge: Transition) -> tuple[object, ...]:
+        return edge.condition, edge.parameters, states[edge.target].behaviour, edge.target
+
+    edges = [sorted(state.transitions, key=rank) for state in states]
+    order = [0]
+    for i in order:
+        order += dict.fromkeys(edge.target for edge in edges[i] if edge.target not in order)
+    place = {old: new for new, old in enumerate(order)}
+    return tuple(
+        State(
+            states[i].behaviour,
+            states[i].parameters,
+            tuple(Transition(edge.condition, edge.parameters, place[edge.target]) for edge in edges[i]),
+        )
+        for i in order
+    )
+
+
+class _States:
+    """States of a PFSM that are being changed. A move returns whether it was possible."""
+
+    def __init__(self, pfsm: Pfsm, draws: Draws) -> None:
+        self.states = list(pfsm.states)
+        self._draws = draws
+        self._behaviours = tuple(numbered(BEHAVIOURS, pfsm.flavour).values())
+        self._conditions = tuple(numbered(CONDITIONS, pfsm.flavour).values())
+
+    def move(self) -> None:
+        """Make one possible move."""
+        often = (self.tune,) * 4 + (self.change_behaviour, self.change_condition) * 2
+        moves = (
+            *often,
+            self.redirect,
+            self.add_transition,
+            self.drop_transition,
+            self.add_state,
+            self.split_state,
+            self.drop_state,
+        )
+        while not self._any_of(moves)():
+            pass
+
+    def tune(self) -> bool:
+        """Another value of a parameter."""
+        places = [place for place in self._places() if self._at(*place).parameters]
+        if not places:
+            return False
+        place = self._any_of(places)
+        one = self._at(*place)
+        k = self._below(len(one.parameters))
+        value = self._near(one.module.parameters[k], one.parameters[k])
+        self._put(*place, replace(one, parameters=(*one.parameters[:k], value, *one.parameters[k + 1 :])))
+        return True
+
+    def change_behaviour(self) -> bool:
+        i = self._below(len(self.states))
+        module = self._any_of([m for m in self._behaviours if m.name != self.states[i].behaviour])
+        self.states[i] = replace(self.states[i], behaviour=module.name, parameters=self._values(module))
+        return True
+
+    def change_condition(self) -> bool:
+        if not (edges := self._edges()):
+            return False
+        i, j = self._any_of(edges)
+        edge = self.states[i].transitions[j]
+        module = self._any_of([m for m in self._conditions if m.name != edge.condition])
+        self._put(i, j, replace(edge, condition=module.name, parameters=self._values(module)))
+        return True
+
+    def redirect(self) -> bool:
+        """Another target of a transition."""
+        edges = self._edges()
+        if len(self.states) <= 2 or not edges:
+            return False
+        i, j = self._any_of(edges)
+        edge = self.states[i].transitions[j]
+        others = [k for k in range(len(self.states)) if k not in (i, edge.target)]
+        self._put(i, j, replace(edge, target=self._any_of(others)))
+        return True
+
+    def add_transition(self) -> bool:
+        free = self._free()
+        if len(self.states) == 1 or not free:
+            return False
+        i = self._any_of(free)
+        self._connect(i, self._any_of([k for k in range(len(self.states)) if k != i]))
+        return True
+
+    def drop_transition(self) -> bool:
+        """The grammar has one at least in each state."""
+        edges = [(i, j) for i, j in self._edges() if len(self.states[i].transitions) > 1]
+        if not edges:
+            return False
+        i, j = self._any_of(edges)
+        edges_of = self.states[i].transitions
+        self.states[i] = replace(self.states[i], transitions=edges_of[:j] + edges_of[j + 1 :])
+        return True
+
+    def add_state(self) -> bool:
+        """A new state, with a transition to it and one from it."""
+        free = self._free()
+        if len(self.states) == MOST_STATES or not free:
+            return False
+        new, i = len(self.states), self._any_of(free)
+        module = self._any_of(self._behaviours)
+        self.states.append(State(module.name, self._values(module)))
+        self._connect(i, new)
+        self._connect(new, self._below(new))
+        return True
+
+    def split_state(self) -> bool:
+        """A copy of a state takes over each transition to it with probability 1/2, and one leads to it."""
+        free = self._free()
+        if len(self.states) == MOST_STATES or not free:
+            return False
+        new, i = len(self.states), self._any_of(free)
+        for k, state in enumerate(self.states):
+            moved = (
+                replace(edge, target=new) if edge.target == i and self._draws.random() < 1 / 2 else edge
+                for edge in state.transitions
+            )
+            self.states[k] = replace(state, transitions=tuple(moved))
+        self.states.append(self.states[i])
+        self._connect(i, new)
+        if not self.states[new].transitions:
+            self._connect(new, i)
+        return True
+
+    def drop_state(self) -> bool:
+        """What led to it leads to where one of its own transitions led."""
+        n = len(self.states)
+        if n == 1:
+            return False
+        gone = self._below(n)
+        after = [edge.target for edge in self.states[gone].transitions]
+        rest = [k for k in range(n) if k != gone]
+        for k in rest:
+            edges = (
+                replace(edge, target=self._any_of(after)) if edge.target == gone else edge
+                for edge in self.states[k].transitions
+            )
+            kept = tuple(replace(edge, target=rest.index(edge.target)) for edge in edges if edge.target != k)
+            self.states[k] = replace(self.states[k], transitions=kept)
+        del self.states[gone]
+        for k, state in enumerate(self.states):
+            if not state.transitions and n > 2:
+                self._connect(k, self._any_of([other for other in range(n - 1) if other != k]))
+        return True
+
+    def _connect(self, i: int, target: int) -> None:
+        module = self._any_of(self._conditions)
+        edge = Transition(module.name, self._values(module), target)
+        self.states[i] = replace(self.states[i], transitions=(*self.states[i].transitions, edge))
+
+    def _free(self) -> list[int]:
+        """States that may have one more transition."""
+        return [i for i, state in enumerate(self.states) if len(state.transitions) < MOST_TRANSITIONS]
+
+    def _edges(self) -> list[tuple[int, int]]:
+        """State and place of each transition."""
+        return [(i, j) for i, state in enumerate(self.states) for j in range(len(state.transitions))]
+
+    def _places(self) -> list[tuple[int, int | None]]:
+        """Those of all modules; None is the state's own."""
+        return [*((i, None) for i in range(len(self.states))), *self._edges()]
+
+    def _at(self, i: int, j: int | None) -> State | Transition:
+        return self.states[i] if j is None else self.states[i].transitions[j]
+
+    def _put(self, i: int, j: int | None, one: State | Transition) -> None:
+        if isinstance(one, State):
+            self.states[i] = one
+            return
+        edges = list(self.states[i].transitions)
+        edges[j or 0] = one
+        self.states[i] = replace(self.states[i], transitions=tuple(edges))
+
+    def _values(self, module: Module) -> tuple[float, ...]:
+        return tuple(self._value(parameter, self._draws.random()) for parameter in module.parameters)
+
+    def _near(self, parameter: Parameter, value: float) -> float:
+        low, high = parameter.sampled
+        place = (value - low) / (high - low) + _STEP * self._draws.normal()
+        anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
+        return self._value(parameter, self._draws.random() if anywhere else place)
+
+    @staticmethod
+    def _value(parameter: Parameter, place: float) -> float:
+        low, high = parameter.sampled
+        value = low + place * (high - low)
+        return float(round(value)) if parameter.integer else round(value, DIGITS)
+
+    def _below(self, n: int) -> int:
+        return min(int(self._draws.random() * n), n - 1)
+
+    def _any_of(self, some: Sequence[T]) -> T:
+        return some[self._below(len(some))]

@@ -1,0 +1,184 @@
+"""irace's file of configurations: a table in columns, whose first line names the parameters; NA where one is inactive.
+
+It is read as R's read.table reads it. `#` begins a comment. A value with blanks is in quotes, and a backslash stands
+before a quote within. Rows may begin with their names, as irace prints tables: then the first line has one word fewer.
+Parameters of only one value may be left out. Reals are rounded to the digits of their parameters.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.space.parameter import Configuration, Parameter, Value
+from mercator_design.race.space.r_operators import number, number_text
+from mercator_design.race.space.space import Space
+from mercator_design.system.files import Unreadable, read_small
+
+_LARGEST = 16 * 1024 * 1024  # bytes
+_MISSING = {"NA", "<NA>"}
+_WORD = re.compile(
+    r"""\s*(?:(?P<quote>["'])(?P<quoted>(?:\\.|(?!(?P=quote)).)*+)(?P=quote)(?=[\s#]|$)
+         | (?P<bare>[^\s#"'][^\s#]*) | (?P<end>\#.*|$))""",
+    re.VERBOSE | re.DOTALL,
+)
+
+
+class _Word(NamedTuple):
+    text: str
+    written: str  # with its quotes
+
+    @property
+    def is_quoted(self) -> bool:
+        return self.text != self.written
+
+
+def read_lines(path: Path) -> list[tuple[int, str]]:
+    """The lines of a text file that have more than a comment, numbered, without blanks around them.
+
+    Raises:
+        RaceError: It cannot be read.
+    """
+    lines = ((number, line.partition("#")[0].strip()) for number, line in _lines(path))
+    return [(number, line) for number, line in lines if line]
+
+
+def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], list[str]]:
+    """The configurations of a file, and notes on those that are forbidden and so left out.
+
+    Raises:
+        RaceError: with file and line, what was expected and what was found.
+    """
+    rows = [(number, words) for number, line in _lines(path) if (words := _words(path, number, line))]
+    if not rows:
+        raise RaceError(f"{path}: expected a line with the names of parameters, found none")
+    number, header = rows.pop(0)
+    names = [word.text for word in header]
+    for name in names:
+        if name not in {parameter.name for parameter in space.parameters}:
+            raise RaceError(f"{path}:{number}: expected names of parameters, found '{excerpt(name)}'")
+    found: dict[tuple[Value | None, ...], tuple[int, Configuration]] = {}
+    notes = [
+        f"{path}:{number}: irace expects a column for parameter '{parameter.name}'"
+        for parameter in space.variable
+        if parameter.name not in names
+    ]
+    n_row_names = int(bool(rows) and len(rows[0][1]) == len(names) + 1)
+    for number, words in rows:
+        if len(words) != n_row_names + len(names):
+            raise RaceError(f"{path}:{number}: expected {n_row_names + len(names)} values, found {len(words)}")
+        try:
+            configuration = _configuration(space, dict(zip(names, words[n_row_names:], strict=True)))
+        except RaceError as error:
+            raise RaceError(f"{path}:{number}: {error}") from None
+        key = space.key(configuration)
+        if key in found:
+            raise RaceError(f"{path}:{number}: expected another configuration, found that of line {found[key][0]}")
+        if space.is_forbidden(configuration):
+            notes.append(f"{path}:{number}: is forbidden, and left out")
+        else:
+            found[key] = number, configuration
+    return [configuration for _, configuration in found.values()], notes
+
+
+def to_text(space: Space, configurations: Sequence[Configuration], comments: Sequence[str] = ()) -> str:
+    """Configurations as such a file, below comments.
+
+    Raises:
+        RaceError: A value cannot be written: it ends with a backslash and has blanks or begins with a quote.
+    """
+    names = [parameter.name for parameter in space.parameters]
+    rows = [names, *([_word(one.get(name)) for name in names] for one in configurations)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return "\n".join([*(f"# {comment}" for comment in comments), *lines]) + "\n"
+
+
+def _configuration(space: Space, words: dict[str, _Word]) -> Configuration:
+    values = {name: value for name, word in words.items() if (value := _value(space[name], word)) is not None}
+    fixed = {p.name: p.values[0] for p in space.parameters if p.is_fixed and p.name not in values}
+    active = space.build(lambda parameter, bounds: values.get(parameter.name, parameter.quantile(0.5, bounds)))
+    values |= {name: value for name, value in fixed.items() if name in active}
+    configuration = {
+        name: values[name] for name in (parameter.name for parameter in space.parameters) if name in values
+    }
+    if space.is_forbidden(configuration):
+        return configuration
+    space.check(configuration)
+    rounded = {name: _rounded(space[name], value) for name, value in configuration.items()}
+    try:
+        space.check(rounded)  # of which conditions, and bounds of others, may hold otherwise
+    except RaceError as error:
+        raise RaceError(f"rounded to the digits of its parameters: {error}") from None
+    return rounded
+
+
+def _value(parameter: Parameter, word: _Word) -> Value | None:
+    """What a word says of a parameter; nothing if that is missing."""
+    if word.text in _MISSING and not (word.is_quoted and word.text in parameter.values):
+        return None
+    if not parameter.is_numeric:  # whose values may have quotes of their own, which irace prints as they are
+        return word.written if word.written in parameter.values else word.text
+    try:
+        value = number(word.text)
+        if parameter.kind == "real":
+            return float(value)
+        if value == int(value):
+            return int(value)
+    except (ValueError, OverflowError):
+        pass
+    kind = "a whole number" if parameter.kind == "integer" else "a number"
+    raise RaceError(f"parameter '{parameter.name}': expected {kind}, found '{excerpt(word.text)}'")
+
+
+def _rounded(parameter: Parameter, value: Value) -> Value:
+    return parameter.rounded(value) if isinstance(value, float) else value
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """All lines of a text file, numbered.
+
+    Raises:
+        RaceError: It cannot be read.
+    """
+    try:
+        text = read_small(path, _LARGEST).decode("utf-8-sig")
+    except Unreadable as error:
+        raise RaceError(f"{path}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise RaceError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
+    return list(enumerate(text.splitlines(), start=1))
+
+
+def _words(path: Path, number: int, line: str) -> list[_Word]:
+    words: list[_Word] = []
+    position = 0
+    while True:
+        match = _WORD.match(line, position)
+        if match is None:
+            rest = excerpt(line[position:].strip())
+            raise RaceError(f"{path}:{number}: expected values, in quotes if they have blanks, found {rest}")
+        if match["end"] is not None:
+            return words
+        words.append(_read(match))
+        position = match.end()
+
+
+def _read(match: re.Match[str]) -> _Word:
+    quote = match["quote"]
+    text = match["bare"] if quote is None else match["quoted"].replace(f"\\{quote}", quote)
+    return _Word(text, match[0].strip())
+
+
+def _word(value: Value | None) -> str:
+    """A value as it is written: in quotes only if it would be read as something else."""
+    if value is None:
+        return "NA"
+    text = value if isinstance(value, str) else number_text(value)
+    in_quotes = [f"{quote}{text.replace(quote, chr(92) + quote)}{quote}" for quote in "\"'"]
+    for written in (*([text] if text not in _MISSING else []), *in_quotes):
+        match = _WORD.fullmatch(written)
+        if match is not None and match["end"] is None and _read(match).text == text:
+            return written
+    raise RaceError(f"expected a value that can be written in a table, found {excerpt(repr(text))}")

@@ -1,0 +1,208 @@
+"""irace's parameters.txt, read line by line.
+
+    file      := { parameter } { "[forbidden]" { expression } | "[global]" { "digits" "=" INTEGER } }
+    parameter := NAME "switch" type "(" domain ")" [ "|" condition ]
+    type      := c | o | i | r | i,log | r,log        categorical, ordered, integer, real
+
+"#" starts a comment anywhere, even within quotes. Values and bounds may be in double quotes; single quotes are part of
+a value, as in irace. `digits` holds for all real parameters. What irace would refuse is read and noted.
+"""
+
+import re
+from typing import NoReturn
+
+from mercator_design.errors import RaceError
+from mercator_design.race.space.expressions import Expression
+from mercator_design.race.space.parameter import DEFAULT_DIGITS, LARGEST_DIGITS, Kind, Parameter, bound_of
+from mercator_design.race.space.space import Space
+
+_KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
+_NAME = re.compile(r"[._A-Za-z0-9]+")
+_SWITCH = re.compile(r"""(?P<quote>["'])(?P<text>.*?)(?P=quote)""")
+_TYPE = re.compile(r"(?P<kind>[coir])(?P<log>,log)?(?=[\s(]|$)")
+_DIGITS = re.compile(r"digits\s*=\s*(?P<digits>\d+)$")
+
+
+def read_space(text: str, source: str) -> Space:
+    """The space that the text of a parameters.txt describes.
+
+    Raises:
+        RaceError: with source, line and column, what was expected and what was found.
+    """
+    sections: dict[str, list[_Line]] = {"": [], "[forbidden]": [], "[global]": []}
+    section = ""
+    for number, whole in enumerate(text.splitlines(), start=1):
+        line = _Line(whole.partition("#")[0].rstrip(), source, number)
+        if line.text.lstrip().startswith("["):
+            section = line.text.strip()
+            if section not in sections or section == "":
+                line.fail("[forbidden] or [global]", section)
+        elif line.text.strip():
+            sections[section].append(line)
+    digits = DEFAULT_DIGITS
+    for line in sections["[global]"]:
+        digits = line.digits()
+    if not sections[""]:
+        raise RaceError(f"{source}: expected at least one parameter, before [forbidden] and [global], found none")
+    parameters = [line.parameter(digits) for line in sections[""]]
+    _check_uses(sections[""], parameters)
+    forbidden = [line.expression() for line in sections["[forbidden]"]]
+    notes = [note for line in sections[""] for note in line.notes]
+    notes += _notes_on([p.condition for p in parameters if p.condition is not None] + forbidden, parameters)
+    try:
+        return Space(parameters, forbidden=forbidden, notes=notes)
+    except RaceError as error:
+        raise RaceError(f"{source}: {error}") from None
+
+
+def _check_uses(lines: "list[_Line]", parameters: list[Parameter]) -> None:
+    """Refuse here what needs the line for a good message: names given twice."""
+    seen: dict[str, int] = {}
+    for line, parameter in zip(lines, parameters, strict=True):
+        if parameter.name in seen:
+            line.position = 0
+            line.fail(f"a new name, as line {seen[parameter.name]} has this one", f"'{parameter.name}'")
+        seen[parameter.name] = line.number
+
+
+def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> list[str]:
+    """What irace refuses in expressions, and numbers that are not what they seem when text is compared with them."""
+    of_text = {parameter.name for parameter in parameters if not parameter.is_numeric}
+    notes = [note for expression in expressions for note in expression.doubled]
+    return notes + [told for expression in expressions for name, told in expression.odd_numbers if name in of_text]
+
+
+class _Line:
+    """One line, how far it has been read, and what irace would refuse of it."""
+
+    def __init__(self, text: str, source: str, number: int) -> None:
+        self.text = text
+        self.source = source
+        self.number = number
+        self.position = 0
+        self.notes: list[str] = []
+
+    def fail(self, expected: str, found: str | None = None) -> NoReturn:
+        rest = self.text[self.position :].strip()
+        found = found or (f"'{rest}'" if rest else "the end of the line")
+        raise RaceError(f"{self._place()}: expected {expected}, found {found}")
+
+    def _place(self) -> str:
+        rest = self.text[self.position :]
+        return f"{self.source}:{self.number}, column {self.position + len(rest) - len(rest.lstrip()) + 1}"
+
+    def digits(self) -> int:
+        match = _DIGITS.match(self.text.strip())
+        if match is None or not 1 <= int(match["digits"]) <= LARGEST_DIGITS:
+            self.fail(f"digits = 1 .. {LARGEST_DIGITS} (parameters belong before [forbidden] and [global])")
+        return int(match["digits"])
+
+    def expression(self) -> Expression:
+        """The rest of the line."""
+        self._skip_blanks()
+        return Expression(self.text[self.position :], source=self.source, line=self.number, column=self.position + 1)
+
+    def parameter(self, digits: int) -> Parameter:
+        name = self._take(_NAME, "the name of a parameter").group()
+        self._expect_blank("name")
+        if self.text[self.position :].lstrip().startswith("'"):
+            self.notes.append(f"{self._place()}: irace expects the switch in double quotes")
+        switch = self._take(_SWITCH, 'a switch in quotes such as "--name "')["text"]
+        self._expect_blank("switch")
+        kind = self._take(_TYPE, "a type: c, o, i, r, i,log or r,log")
+        self._expect_blank("type")
+        words = self._domain()
+        condition = self._condition()
+        try:
+            if kind["kind"] in "co":
+                return Parameter(
+                    name=name,
+                    kind=_KINDS[kind["kind"]],
+                    switch=switch,
+                    values=tuple(word for word, _ in words),
+                    log=kind["log"] is not None,
+                    condition=condition,
+                )
+            if len(words) != 2:
+                self.position = words[0][1]
+                self.fail("two bounds", f"{len(words)}")
+            low, high = (self._bound(*word) for word in words)
+            return Parameter(
+                name=name,
+                kind=_KINDS[kind["kind"]],
+                switch=switch,
+                low=low,
+                high=high,
+                log=kind["log"] is not None,
+                digits=digits if kind["kind"] == "r" else DEFAULT_DIGITS,
+                condition=condition,
+            )
+        except RaceError as error:
+            message = str(error)
+            if message.startswith(f"{self.source}:"):
+                raise
+            raise RaceError(f"{self.source}:{self.number}: {message}") from None
+
+    def _expect_blank(self, what: str) -> None:
+        following = self.text[self.position : self.position + 1]
+        if following and not following.isspace():
+            self.notes.append(f"{self._place()}: irace expects a blank after the {what}")
+
+    def _skip_blanks(self) -> None:
+        while self.text[self.position : self.position + 1].isspace():
+            self.position += 1
+
+    def _take(self, pattern: re.Pattern[str], expected: str) -> re.Match[str]:
+        self._skip_blanks()
+        match = pattern.match(self.text, self.position)
+        if match is None:
+            self.fail(expected)
+        self.position = match.end()
+        return match
+
+    def _domain(self) -> list[tuple[str, int]]:
+        """The words between the parentheses that follow, without quotes, each with its position."""
+        self._skip_blanks()
+        if self.text[self.position : self.position + 1] != "(":
+            self.fail("a domain in parentheses")
+        words, depth, quote, start = [], 0, "", self.position + 1
+        for position in range(self.position, len(self.text)):
+            character = self.text[position]
+            if character == '"':
+                quote = "" if quote else character
+            if quote or character == '"':
+                continue
+            depth += (character == "(") - (character == ")")
+            if depth == 0 or (character == "," and depth == 1):
+                words.append(self._word(start, position))
+                start = position + 1
+            if depth == 0:
+                self.position = position + 1
+                return words
+        return self.fail(f"the closing {quote or ')'} of the domain")
+
+    def _word(self, start: int, end: int) -> tuple[str, int]:
+        raw = self.text[start:end]
+        start += len(raw) - len(raw.lstrip())
+        word = raw.strip()
+        if not word:
+            self.position = start
+            self.fail("a value")
+        if word[0] == word[-1] == '"' and len(word) > 1:
+            return word[1:-1], start + 1
+        if word[0] == word[-1] == "'" and len(word) > 1:
+            same = f"for a part of the value {word}, and so does this"
+            self.notes.append(f"{self.source}:{self.number}: irace takes single quotes {same}: use double quotes")
+        return word, start
+
+    def _bound(self, word: str, position: int) -> float | Expression:
+        return bound_of(Expression(word, source=self.source, line=self.number, column=position + 1, arithmetic=True))
+
+    def _condition(self) -> Expression | None:
+        self._skip_blanks()
+        if self.position == len(self.text):
+            return None
+        if self.text[self.position] != "|":
+            self.fail("'|' and a condition, or the end of the line")
+        self.position += 1
+        return self.expression()

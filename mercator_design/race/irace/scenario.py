@@ -1,0 +1,358 @@
+"""irace's scenario.txt: what its options (race/irace/scenario_options.py) come to.
+
+Relative paths are relative to the scenario's file, those of the command line to
+the present folder.
+"""
+
+import math
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.irace.configurations import read_configurations, read_lines
+from mercator_design.race.irace.scenario_options import EXPECTED, MOST, OPTIONS, TESTS, in_names_of_irace, unknown
+from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments
+from mercator_design.race.irace.target_runner import REQUIRED, Target
+from mercator_design.race.racing.options import RaceOptions
+from mercator_design.race.space.parameter import Configuration
+from mercator_design.race.space.r_operators import number, number_text
+from mercator_design.race.space.space import Space
+from mercator_design.system.files import Unreadable, read_small
+
+_LARGEST = 16 * 1024 * 1024  # bytes
+_MOST_JOBS = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """What a scenario.txt comes to.
+
+    path: of the file.
+    name: for people.
+    space: what is configured.
+    parameters: the text of its file.
+    instances: as target runners get them.
+    test_instances: what the best are tested on when the race has ended, if there are any.
+    test_elites: how many of the best.
+    test_iterations: whether as many of each iteration, too.
+    initial: configurations to begin with.
+    target: what runs experiments.
+    jobs: how many at a time.
+    budget: experiments in all.
+    seed: of all that is random; 1 if there is none.
+    options: of the race.
+    settings: what is set, by irace's names, with absolute paths; without what is in the fields above as it is.
+    notes: what a user should know.
+    """
+
+    path: Path
+    name: str
+    space: Space
+    parameters: str
+    instances: tuple[str, ...]
+    test_instances: tuple[str, ...]
+    test_elites: int
+    test_iterations: bool
+    initial: tuple[Configuration, ...]
+    target: Target
+    jobs: int
+    budget: int
+    seed: int
+    options: RaceOptions
+    settings: Mapping[str, Setting]
+    notes: tuple[str, ...]
+
+
+def read_scenario(
+    path: Path, given: Sequence[Assignment] = (), *, base: RaceOptions | None = None, name: str | None = None
+) -> Scenario:
+    """The scenario of a file.
+
+    Args:
+        path: The file.
+        given: What else is set, and wins.
+        base: Options of the race that the file does not set; irace's unless given.
+        name: If not that of the file or its folder.
+
+    Raises:
+        RaceError: with file and line, what was expected and what was found.
+    """
+    return _Reader(path, given).scenario(base or RaceOptions.irace(), name)
+
+
+class _Reader:
+    def __init__(self, path: Path, given: Sequence[Assignment]) -> None:
+        self.path = path
+        assigned = [*read_assignments(_text(path), str(path)), *given]
+        self.found: dict[str, Assignment] = {}
+        self.notes: list[str] = []
+        for one in assigned:
+            if one.name not in OPTIONS:
+                raise RaceError(f"{one.place}: {unknown(one.name)}")
+            self.found[one.name] = one
+        for one in self.found.values():
+            option = OPTIONS[one.name]
+            if self.value(one.name) == self.read(one.name, option.default):
+                continue
+            if option.refused:
+                raise RaceError(
+                    f"{one.place}: {one.name}: expected no more than its default, found {excerpt(repr(one.value))}: "
+                    f"{option.refused}"
+                )
+            if option.ignored:
+                self.notes.append(f"{one.place}: {one.name} makes no difference: {option.ignored}")
+
+    def scenario(self, base: RaceOptions, name: str | None) -> Scenario:
+        parameters = self.file("parameterFile")
+        text = _text(parameters, "parameterFile", self.place("parameterFile"))
+        space = Space.from_text(text, str(parameters))
+        self.notes += space.notes
+        instances = self.instances("instances", "trainInstances")
+        if not instances:
+            raise RaceError(
+                f"{self.path}: expected instances: trainInstancesDir, trainInstancesFile or instances, found none"
+            )
+        options = self.options(base, len(instances))
+        if len(instances) % options.block_size:
+            size = options.block_size
+            raise RaceError(
+                f"{self.place('blockSize')}: blockSize: expected the number of instances ({len(instances)}) "
+                f"to be a multiple of it, found {size}"
+            )
+        initial: list[Configuration] = []
+        if self.value("configurationsFile"):
+            initial, notes = read_configurations(self.file("configurationsFile"), space)
+            self.notes += notes
+        folder = self.path.resolve().parent
+        return Scenario(
+            path=self.path,
+            name=name or (folder.name if self.path.stem == "scenario" and folder.name else self.path.stem),
+            space=space,
+            parameters=text,
+            instances=instances,
+            test_instances=self.instances("testInstances", "testInstances"),
+            test_elites=self.count("testNbElites"),
+            test_iterations=bool(self.value("testIterationElites")),
+            initial=tuple(initial),
+            target=self.target(),
+            jobs=self.jobs(),
+            budget=self.budget(space, options),
+            seed=1 if self.value("seed") is None else self.count("seed"),
+            options=options,
+            settings={one: self.value(one) for one in self.found if not OPTIONS[one].ignored},
+            notes=tuple(self.notes),
+        )
+
+    def place(self, name: str) -> str:
+        return self.found[name].place if name in self.found else str(self.path)
+
+    def value(self, name: str) -> Setting:
+        """What an option is set to, or else its default; absolute, if it is a path."""
+        if name not in self.found:
+            return self.read(name, OPTIONS[name].default)
+        return self.read(name, self.found[name].value)
+
+    def read(self, name: str, given: Setting) -> Setting:
+        option = OPTIONS[name]
+        if option.kind == "object":
+            return None if given in ("", ()) else given
+        value = given[0] if isinstance(given, tuple) and len(given) == 1 else given
+        if value is None or (value == "" and option.kind != "text"):
+            value = option.default
+        if value is None:
+            return None
+        if name == "batchmode" and value in ("", 0):
+            return "0"
+        figure = _figure(value)
+        valid = isinstance(value, str)
+        if option.kind in {"flag", "count", "part"}:
+            most = MOST if option.kind == "count" else 1
+            valid = figure is not None and 0 <= figure <= most and (option.kind == "part" or figure == int(figure))
+        if not valid:
+            raise RaceError(
+                f"{self.place(name)}: {name}: expected {EXPECTED[option.kind]}, found {excerpt(repr(given))}"
+            )
+        match option.kind:
+            case "path":
+                return os.path.normpath(self.path.resolve().parent / Path(str(value)).expanduser())
+            case "flag":
+                return bool(figure)
+            case "count":
+                return int(figure or 0)
+            case "part":
+                return figure
+        return value
+
+    def count(self, name: str) -> int:
+        value = self.value(name)
+        return int(value) if isinstance(value, (int, float)) else 0
+
+    def file(self, name: str) -> Path:
+        return Path(str(self.value(name)))
+
+    def options(self, base: RaceOptions, n_instances: int) -> RaceOptions:
+        """The race's: only what the file sets is other than in the base."""
+        changes: dict[str, object] = {}
+        for name in self.found:
+            option, value = OPTIONS[name], self.value(name)
+            if option.ours:
+                changes[option.ours] = None if value == option.default == 0 else value
+        if self.value("deterministic"):
+            changes["instances"] = n_instances
+        if "eachTest" in self.found and "firstTest" not in self.found and (each := self.count("eachTest")):
+            changes["first_test"] = first = math.ceil(base.first_test / each) * each
+            if first != base.first_test:
+                self.notes.append(f"{self.place('eachTest')}: eachTest: firstTest is {first}, a multiple of it")
+        if "testType" in self.found:
+            test = str(self.value("testType")).lower()
+            changes["test"] = TESTS.get(test, test)
+        try:
+            return replace(base, **changes)  # type: ignore[arg-type]
+        except RaceError as error:
+            message = in_names_of_irace(error)
+            raise RaceError(f"{self.place(message.partition(':')[0])}: {message}") from None
+
+    def jobs(self) -> int:
+        jobs = self.count("parallel")
+        if jobs > _MOST_JOBS:
+            raise RaceError(f"{self.place('parallel')}: parallel: expected 0 to {_MOST_JOBS}, found {jobs}")
+        return max(jobs, 1)
+
+    def budget(self, space: Space, options: RaceOptions) -> int:
+        budget = self.count("maxExperiments")
+        if self.value("minExperiments") is not None:
+            budget = max(budget, self.count("minExperiments"), options.minimum_budget(max(space.n_variable, 1)))
+        if not budget:
+            raise RaceError(f"{self.path}: expected a budget, maxExperiments = N, found none")
+        return budget
+
+    def instances(self, name: str, files: str) -> tuple[str, ...]:
+        """Training or test instances, which can be arguments of programs."""
+        instances = self.listed(name, files)
+        for one in instances:
+            if "\0" in one or not _is_text(one):
+                raise RaceError(f"{self.path}: {name}: expected text without NUL bytes, found {one!r}")
+        return instances
+
+    def listed(self, name: str, files: str) -> tuple[str, ...]:
+        """Instances that are given here, in a file, or all files of a folder."""
+        given = self.value(name)
+        if given is not None:
+            return tuple(self.instance(name, one) for one in (given if isinstance(given, tuple) else (given,)))
+        folder = self.value(f"{files}Dir")
+        if self.value(f"{files}File") is not None:
+            file = _existing(self.file(f"{files}File"), f"{files}File", self.place(f"{files}File"))
+            lines = [line for _, line in read_lines(file)]
+            if not lines:
+                raise RaceError(f"{file}: expected an instance a line, found none")
+            return tuple(line if folder is None else f"{folder}/{line}" for line in lines)
+        if folder is None:
+            return ()
+        within = Path(str(folder))
+        if not within.is_dir():
+            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected a folder, found none at {folder}")
+        found = sorted(
+            str(one)
+            for one in within.rglob("*")
+            if one.is_file() and not any(part.startswith(".") for part in one.relative_to(within).parts)
+        )
+        if not found:
+            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected files in {folder}, found none")
+        return tuple(found)
+
+    def instance(self, name: str, given: object) -> str:
+        if isinstance(given, str):
+            return given
+        if isinstance(given, bool) or not isinstance(given, (int, float)):
+            raise RaceError(f"{self.place(name)}: {name}: expected {EXPECTED['object']}, found {excerpt(repr(given))}")
+        return number_text(given)
+
+    def target(self) -> Target:
+        cmdline = str(self.value("targetCmdline"))
+        for word in REQUIRED:
+            if f"{{{word}}}" not in cmdline:
+                raise RaceError(
+                    f"{self.place('targetCmdline')}: targetCmdline: expected {{{word}}} in it, found {cmdline!r}"
+                )
+        folder = self.file("execDir")
+        if not folder.is_dir():
+            raise RaceError(f"{self.place('execDir')}: execDir: expected a folder, found none at {folder}")
+        launcher = self.program("targetRunnerLauncher")
+        if launcher is None:
+            runner = self.program("targetRunner")
+        else:
+            runner = _existing(self.file("targetRunner"), "targetRunner", self.place("targetRunner"))
+        if runner is None:
+            raise RaceError(f"{self.place('targetRunner')}: targetRunner: expected a program, found none")
+        return Target(
+            runner=runner,
+            launcher=launcher,
+            cmdline=cmdline,
+            evaluator=self.program("targetEvaluator"),
+            folder=folder,
+            timeout=self.count("targetRunnerTimeout"),
+            retries=self.count("targetRunnerRetries"),
+        )
+
+    def on_path(self, name: str) -> Path | None:
+        """The command that a program's name is, as a shell finds it: a launcher's first of all, as irace does."""
+        given = self.found[name].value if name in self.found else None
+        if not isinstance(given, str) or "/" in given or given.startswith((".", "~")):
+            return None
+        if name != "targetRunnerLauncher" and self.file(name).exists():
+            return None
+        found = shutil.which(given)
+        return None if found is None else Path(found).absolute()
+
+    def program(self, name: str) -> Path | None:
+        """A program that may be run, if there is to be one."""
+        if self.value(name) is None:
+            return None
+        file = self.on_path(name) or _existing(self.file(name), name, self.place(name))
+        if not os.access(file, os.X_OK):
+            raise RaceError(
+                f"{self.place(name)}: {name}: expected a program that may be executed, found that {file} may not "
+                f"(chmod +x makes it so)"
+            )
+        return file
+
+
+def _figure(value: Setting) -> float | None:
+    if isinstance(value, (bool, int, float)):
+        return None if math.isnan(value) else value
+    try:
+        return number(value) if isinstance(value, str) else None
+    except ValueError:
+        return None
+
+
+def _is_text(text: str) -> bool:
+    """Whether it is Unicode: names of files may be something else."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _existing(file: Path, name: str, place: str) -> Path:
+    if not file.is_file():
+        found = "a folder" if file.is_dir() else "none"
+        raise RaceError(f"{place}: {name}: expected a file, found {found} at {file}")
+    return file
+
+
+def _text(file: Path, name: str = "", place: str = "") -> str:
+    """What is in a file, which is named by an option of some place unless it is the scenario itself."""
+    where = f"{place}: {name}: " if name else ""
+    try:
+        return read_small(file, _LARGEST).decode("utf-8-sig")
+    except Unreadable as error:
+        raise RaceError(f"{where}{file}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise RaceError(
+            f"{where}{file}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}"
+        ) from None

@@ -1,0 +1,242 @@
+"""What all methods of a race are: they ask for experiments, are told their costs, and end with elites.
+
+What is asked depends on the space, the budget, the seed and the costs alone. Costs are minimised; one that is infinite
+rejects its configuration for good. The budget is never exceeded, not even by an experiment.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mercator_design import seeds
+from mercator_design.errors import RaceError
+from mercator_design.race.racing.race import Experiment, check_costs
+from mercator_design.race.racing.stagnation import judged
+from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.space import Space
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Batches = Generator[list[Experiment], Sequence[float], None]
+
+
+class Asking(ABC):
+    """A method at work on a space.
+
+    Args:
+        space: What to configure.
+        budget: How many experiments to make at most.
+        seed: Of everything that is random here.
+
+    Attributes:
+        options: What else makes the method what it is.
+        configurations: All that were ever proposed; an experiment names one by its place in this list.
+        parents: What configuration each of these comes from, if from one.
+        elites: The best after the last iteration that has ended, best first.
+        iterations: Summaries of the iterations that have ended.
+        notes: What differs from what a user may expect.
+        stop_reason: Why there are no more iterations, None as long as there may be.
+
+    Raises:
+        RaceError: The budget or seed is not a whole number, or the space leaves nothing to choose.
+    """
+
+    options: "DataclassInstance"
+
+    def __init__(self, space: Space, *, budget: int, seed: int) -> None:
+        self.space = space
+        self.budget = _whole("budget", budget, 1)
+        self.seed = _whole("seed", seed, 0)
+        if space.n_variable == 0:
+            raise RaceError("space: expected at least one parameter with more than one value, found none")
+        self.configurations: list[Configuration] = []
+        self.parents: list[int | None] = []
+        self.elites: list[Elite] = []
+        self.iterations: list[IterationSummary] = []
+        self.notes: list[str] = []
+        self.stop_reason: str | None = None
+
+        self._iteration = 0
+        self._used = 0
+        self._costs: list[dict[int, float]] = []  # of each configuration, by instance
+        self._rejected: set[tuple[Value | None, ...]] = set()
+        self._numbers: dict[tuple[Value | None, ...], int] = {}  # of all configurations; the first of equal ones
+        self._batches = self._run()
+        self._batch: list[Experiment] | None = None
+        self._error: RaceError | None = None
+
+    @property
+    @abstractmethod
+    def progress(self) -> Progress:
+        """Where the race stands."""
+
+    @abstractmethod
+    def foresee(self, n: int) -> list[Experiment]:
+        """At most n experiments that `ask` will probably give next, after those it has given."""
+
+    @property
+    def returning(self) -> set[int]:
+        """The configurations of iterations that have ended that may run again."""
+        return {elite.configuration for elite in self.elites}
+
+    def beside(self, instance: int) -> list[int]:
+        """The configurations that compete with those that are asked for, and that have been on an instance before."""
+        return [elite.configuration for elite in self.elites if instance in self._costs[elite.configuration]]
+
+    def revise(self, costs: Mapping[Experiment, float]) -> None:
+        """Replace costs that were told; one that is infinite rejects its configuration.
+
+        Raises:
+            RaceError: All configurations of the race have been rejected.
+        """
+        for experiment, cost in costs.items():
+            self._costs[experiment.configuration][experiment.instance] = float(cost)
+            if math.isinf(cost):
+                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
+        accepted = [elite.configuration for elite in self.elites if not self._is_rejected(elite.configuration)]
+        self.elites = [self.statistics(number) for number in accepted] or self.elites
+
+    @abstractmethod
+    def _run(self) -> Batches:
+        """The whole algorithm, up to the end of the budget; each batch it yields is sent its costs."""
+
+    @property
+    def used(self) -> int:
+        """Experiments told."""
+        return self._used
+
+    @property
+    def iteration(self) -> int:
+        """The present iteration, from 1; 0 before the first `ask`."""
+        return self._iteration
+
+    @property
+    def best(self) -> Elite:
+        """The best of the elites.
+
+        Raises:
+            RaceError: No iteration has ended yet.
+        """
+        if not self.elites:
+            raise RaceError("race: expected an iteration to have ended before its best is asked for, found none")
+        return self.elites[0]
+
+    def costs(self, configuration: int) -> dict[int, float]:
+        """The costs of a configuration so far, by instance."""
+        return dict(self._costs[configuration])
+
+    def statistics(self, configuration: int) -> Elite:
+        """The costs of a configuration in short; it must have some."""
+        costs = np.array(list(self._costs[configuration].values()))
+        sd = float(costs.std(ddof=1)) if len(costs) > 1 else math.nan
+        return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
+
+    def ask(self) -> list[Experiment]:
+        """The next experiments, the same until their costs are told; none at the end.
+
+        Raises:
+            RaceError: The options leave the first iteration too small a budget, or too little is allowed.
+        """
+        if self._batch is None:
+            self._advance(lambda: next(self._batches))
+        return list(self._batch or [])
+
+    def tell(self, costs: Sequence[float]) -> None:
+        """The costs of the experiments that `ask` gave, in their order.
+
+        Raises:
+            RaceError: There is not one number for each experiment (then nothing has changed), or all
+                configurations of the race have been rejected.
+        """
+        if not self._batch:
+            raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
+        check_costs(self._batch, costs)
+        self._used += len(costs)
+        for experiment, cost in zip(self._batch, costs, strict=True):
+            self._costs[experiment.configuration][experiment.instance] = cost
+            if math.isinf(cost):
+                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
+        told = [float(cost) for cost in costs]
+        self._advance(lambda: self._batches.send(told))
+
+    def extend(self, budget: int) -> None:
+        """Go on with a larger budget after the end.
+
+        Raises:
+            RaceError: The race has not ended yet, or the budget is no larger.
+        """
+        if self.ask():
+            raise RaceError("extend: expected the race to have ended, found experiments that are asked for")
+        self.budget = _whole("budget", budget, self.budget + 1)
+        self.stop_reason = None
+        self._batches = self._run()
+        self._batch = None
+
+    def _advance(self, step: Callable[[], list[Experiment]]) -> None:
+        """Find what to ask for next; that a race cannot go on is raised again whenever it is asked."""
+        if self._error is not None:
+            raise self._error
+        try:
+            self._batch = step()
+        except StopIteration:
+            self._batch = []
+        except RaceError as error:
+            self._batch, self._error = None, error
+            raise
+
+    def _conclude(self, summary: IterationSummary, newcomers: Sequence[int]) -> None:
+        """Take in an iteration that has ended, and what it means beside those before it."""
+        if not summary.postselection:
+            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
+            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
+        self.iterations.append(summary)
+
+    def _add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
+        """Number new configurations, each with its parent."""
+        first = len(self.configurations)
+        for number, (configuration, parent) in enumerate(children, start=first):
+            self.configurations.append(configuration)
+            self._numbers.setdefault(self.space.key(configuration), number)
+            self.parents.append(parent)
+            self._costs.append({})
+        return list(range(first, len(self.configurations)))
+
+    def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
+        """Configurations to begin with.
+
+        Raises:
+            RaceError: One is not valid, or there twice.
+        """
+        found: dict[tuple[Value | None, ...], Configuration] = {}
+        for number, given in enumerate(initial, start=1):
+            configuration = dict(given)
+            try:
+                self.space.check(configuration)
+            except RaceError as error:
+                raise RaceError(f"initial configuration {number}: {error}") from None
+            if self.space.key(configuration) in found:
+                raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
+            found[self.space.key(configuration)] = configuration
+        return list(found.values())
+
+    def _is_rejected(self, number: int) -> bool:
+        return self.space.key(self.configurations[number]) in self._rejected
+
+    def _is_excluded(self, configuration: Configuration) -> bool:
+        return self.space.is_forbidden(configuration) or (
+            bool(self._rejected) and self.space.key(configuration) in self._rejected
+        )
+
+    def _generator(self, purpose: str) -> np.random.Generator:
+        return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")
+
+
+def _whole(name: str, value: int, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise RaceError(f"{name}: expected a whole number, {least} or more, found {value!r}")
+    return int(value)

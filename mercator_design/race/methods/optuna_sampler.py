@@ -1,0 +1,123 @@
+"""Optuna's samplers as where a search's proposals come from.
+
+A configuration is a trial of a study in memory, which is asked for, and told its mean; so are those that are pruned, as
+Optuna's documentation of its WilcoxonPruner recommends. One that is forbidden or rejected is a failed trial.
+
+Optuna knows a parameter by one distribution, so bounds that depend on other parameters, and values that are rounded,
+are suggested as places in [0, 1]; whole numbers and ordered values as integers.
+"""
+
+import warnings
+from typing import TYPE_CHECKING, Literal
+
+from threadpoolctl import ThreadpoolController
+
+from mercator_design.errors import RaceError
+from mercator_design.race.methods.search import Proposal
+from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
+from mercator_design.race.space.space import Space
+from mercator_design.seeds import generator
+
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
+    from optuna.study import Study
+    from optuna.trial import Trial
+
+
+class OptunaSampler:
+    """A sampler of Optuna's.
+
+    Args:
+        space: What to configure.
+        seed: Of the sampler.
+        generation: The population of CMA-ES.
+        name: Tree-structured Parzen estimator, each parameter by itself; or CMA-ES on all numeric and ordered
+            parameters, with the estimator for the categorical ones. CMA-ES knows no conditions, so it draws inactive
+            parameters too, to no effect.
+
+    Raises:
+        RaceError: CMA-ES has fewer than two parameters.
+    """
+
+    def __init__(self, space: Space, *, seed: int, generation: int, name: Literal["tpe", "cma-es"]) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._space = space
+        self._always = [p for p in space.variable if p.kind != "categorical"] if name == "cma-es" else []
+        own_seed = int(generator(seed, f"search, {name}").integers(2**31))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            sampler: BaseSampler = optuna.samplers.TPESampler(seed=own_seed, multivariate=False, constant_liar=True)
+            if name == "cma-es":
+                if len(self._always) < 2:
+                    raise RaceError(
+                        f"method cma-es: expected at least two numeric or ordered parameters, found {len(self._always)}"
+                    )
+                sampler = optuna.samplers.CmaEsSampler(
+                    seed=own_seed,
+                    popsize=generation,
+                    independent_sampler=sampler,
+                    warn_independent_sampling=False,
+                )
+        self._study = optuna.create_study(sampler=sampler)
+        self._threads = ThreadpoolController()
+
+    def __call__(self, given: Configuration | None = None) -> Proposal:
+        """The next proposal, which is the given configuration if there is one."""
+        if given is not None:
+            self._study.enqueue_trial(
+                {
+                    name: _internal(parameter, value, bounds)
+                    for name, value in given.items()
+                    if not (parameter := self._space[name]).is_fixed and (bounds := parameter.bounds(given))
+                }
+            )
+        with self._threads.limit(limits=1, user_api="blas"):  # as in proposals.py: more would wait for each other
+            trial = self._study.ask()
+            for parameter in self._always:
+                _suggest(trial, parameter)
+            configuration = self._space.build(
+                lambda parameter, bounds: _external(parameter, _suggest(trial, parameter), bounds)
+            )
+        return _Trial(configuration, self._study, trial)
+
+
+class _Trial(Proposal):
+    """A configuration with its trial."""
+
+    def __init__(self, configuration: Configuration, study: "Study", trial: "Trial") -> None:
+        super().__init__(configuration)
+        self._study = study
+        self._trial = trial
+
+    def finish(self, cost: float | None) -> None:
+        from optuna.trial import TrialState
+
+        self._study.tell(self._trial, cost, state=TrialState.FAIL if cost is None else TrialState.COMPLETE)
+
+
+def _suggest(trial: "Trial", parameter: Parameter) -> Value:
+    name = parameter.name
+    if parameter.kind == "categorical":
+        return trial.suggest_categorical(name, parameter.values)
+    if parameter.kind == "ordered" or (parameter.kind == "integer" and not parameter.is_dependent):
+        low, high = map(int, parameter.bounds({}) or (0, 0))
+        return trial.suggest_int(name, low, high, log=parameter.log)
+    return trial.suggest_float(name, 0.0, 1.0)
+
+
+def _external(parameter: Parameter, suggested: Value, bounds: Bounds) -> Value:
+    """The value of what was suggested."""
+    if isinstance(suggested, float):
+        return parameter.quantile(suggested, bounds)
+    return parameter.values[int(suggested) - 1] if parameter.kind == "ordered" else suggested
+
+
+def _internal(parameter: Parameter, value: Value, bounds: Bounds) -> Value:
+    """What is suggested for a value."""
+    if parameter.kind == "ordered":
+        return 1 + parameter.values.index(str(value))
+    if parameter.kind == "real" or parameter.is_dependent:
+        return parameter.position(value, bounds)
+    return value

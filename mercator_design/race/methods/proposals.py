@@ -1,0 +1,181 @@
+"""New configurations that a surrogate proposes, having learnt from all that have run.
+
+What irace does not do: it learns only which configurations survive. Here all costs so far train a surrogate; many
+candidates, drawn from the sampling model, by moves from the best, and uniformly, are improved by further moves; and
+each proposal is the best candidate of one function sampled from the surrogate (Thompson sampling), so that proposals
+differ where the surrogate is not sure.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.random import Generator
+from threadpoolctl import ThreadpoolController
+
+from mercator_design.race.methods.additive_model import effects, table
+from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.methods.moves import Moves
+from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
+from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.space import Space
+
+MOST_LEARNT_FROM = 200
+"""Configurations; of more, those with most results and the newest, half of each."""
+_CANDIDATES = {"model": 50, "mutated": 87, "crossed": 33, "uniform": 30}
+_ROUNDS = 2
+"""Of moves from the most promising candidates."""
+_PROMISING = 20
+_CHILDREN = 4
+"""By mutation, of each promising candidate, and one by crossing."""
+_MOST_SAMPLED = 300
+"""Candidates at which functions are sampled, as that takes the cube of their number."""
+_FEWEST_PARENTS = 5
+
+
+class Proposer:
+    """Proposes configurations of a space; `structure` as for `Moves`."""
+
+    def __init__(self, space: Space, *, structure: float = 0.0) -> None:
+        self._space = space
+        self._structure = structure
+        self._features = Features(space)
+        self._surrogate = Surrogate(self._features)
+        self._places: dict[int, Floats] = {}  # of configurations that have run
+        # Of such small matrices threads make more waiting than work, and other last bits with each number of cores.
+        self._threads = ThreadpoolController()
+
+    def propose(
+        self,
+        n: int,
+        ranked: Sequence[int],
+        *,
+        configurations: Sequence[Configuration],
+        costs: Sequence[Mapping[int, float]],
+        model: SamplingModel,
+        generator: Generator,
+        excluded: Callable[[Configuration], bool],
+    ) -> list[tuple[Configuration, int]]:
+        """Up to n different configurations, each with the elite that is most like it.
+
+        Args:
+            n: How many.
+            ranked: The elites, best first.
+            configurations: All there are.
+            costs: Theirs, by instance.
+            model: The elites' distributions.
+            generator: Draws.
+            excluded: True for what must not be proposed.
+        """
+        with self._threads.limit(limits=1, user_api="blas"):
+            expected = self._learn(configurations, costs)
+            best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
+            parents = [configurations[number] for number in (*ranked, *best)]
+            candidates, places = self._candidates(parents, ranked, model, generator, excluded)
+            if not candidates:
+                return []
+            features = self._features.of(places)
+            mean, spread = self._surrogate.predict(features)
+            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
+            n = min(n, len(promising))
+            chosen: list[int] = []
+            for values in self._surrogate.sample(features[promising], n, generator):
+                values[chosen] = np.inf
+                chosen.append(int(values.argmin()))
+            elites = self._features.of(self._places_of(ranked, configurations))
+            nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
+            return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
+
+    def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
+        """Fit the surrogate; the expected cost of each configuration that it was fitted to."""
+        learnt_from = _most_telling(costs)
+        known = table([costs[number] for number in learnt_from])
+        rejected = np.isinf(known).any(axis=1)
+        known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
+        means, variance = effects(known[~rejected])
+        y, noise = _compressed(means, variance / (~np.isnan(known[~rejected])).sum(axis=1))
+        values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
+        values[~rejected], errors[~rejected] = y, noise
+        scale = values.std() or 1.0
+        features = self._features.of(self._places_of(learnt_from, configurations))
+        self._surrogate.fit(features, (values - values.mean()) / scale, errors / scale**2)
+        expected, _ = self._surrogate.predict(features)
+        return dict(zip(np.array(learnt_from)[~rejected].tolist(), expected[~rejected].tolist(), strict=True))
+
+    def _candidates(
+        self,
+        parents: Sequence[Configuration],
+        ranked: Sequence[int],
+        model: SamplingModel,
+        generator: Generator,
+        excluded: Callable[[Configuration], bool],
+    ) -> tuple[list[Configuration], Floats]:
+        """Different candidates and their places."""
+        moves = Moves(self._space, generator, structure=self._structure)
+        taken: set[tuple[Value | None, ...]] = set()
+
+        def different(drawn: Sequence[Configuration]) -> list[Configuration]:
+            fresh = []
+            for configuration in drawn:
+                key = self._space.key(configuration)
+                if key not in taken and not excluded(configuration):
+                    fresh.append(configuration)
+                taken.add(key)
+            return fresh
+
+        def any_of(pool: Sequence[Configuration]) -> Configuration:
+            return pool[int(generator.integers(len(pool)))]
+
+        candidates = different(
+            [
+                *(child for child, _ in model.draw(_CANDIDATES["model"], ranked, generator)),
+                *(moves.mutated(any_of(parents), parents) for _ in range(_CANDIDATES["mutated"])),
+                *(moves.crossed(any_of(parents), any_of(parents)) for _ in range(_CANDIDATES["crossed"])),
+                *(moves.uniform() for _ in range(_CANDIDATES["uniform"])),
+            ]
+        )
+        places = self._features.places(candidates)
+        for _ in range(_ROUNDS):
+            if not candidates:
+                break
+            mean, spread = self._surrogate.predict(self._features.of(places))
+            order = np.argsort(mean - spread, kind="stable")[:_PROMISING]
+            promising = [candidates[k] for k in order]
+            children = different(
+                [
+                    *(moves.mutated(one, parents) for one in promising for _ in range(_CHILDREN)),
+                    *(moves.crossed(one, any_of(promising)) for one in promising),
+                ]
+            )
+            candidates += children
+            places = np.vstack((places, self._features.places(children)))
+        return candidates, places
+
+    def _places_of(self, numbers: Sequence[int], configurations: Sequence[Configuration]) -> Floats:
+        for number in numbers:
+            if number not in self._places:
+                self._places[number] = self._features.places([configurations[number]])[0]
+        return np.array([self._places[number] for number in numbers])
+
+
+def _most_telling(costs: Sequence[Mapping[int, float]]) -> list[int]:
+    """Numbers of configurations to learn from."""
+    known = [number for number, own in enumerate(costs) if own]
+    if len(known) <= MOST_LEARNT_FROM:
+        return known
+    half = MOST_LEARNT_FROM // 2
+    most = sorted(known, key=lambda number: -len(costs[number]))[:half]
+    chosen = set(most)
+    newest = [number for number in reversed(known) if number not in chosen]
+    return sorted([*most, *newest[: MOST_LEARNT_FROM - half]])
+
+
+def _compressed(means: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Costs above the median on a logarithmic scale, since how bad the bad ones are says little of the good ones.
+
+    The unit is the distance from the median to the first decile.
+    """
+    middle = np.median(means)
+    unit = float(middle - np.quantile(means, 0.1)) or 1.0
+    above = np.maximum(means - middle, 0.0) / unit
+    values = np.where(means > middle, np.log1p(above), (means - middle) / unit)
+    return values, noise / (unit * (1 + above)) ** 2

@@ -1,0 +1,128 @@
+"""Samples that no elite is needed for, draws from a truncated normal distribution, and which configurations
+are alike.
+
+The first configurations are a scrambled Sobol sequence seen through `Parameter.quantile` (irace's
+generation.R): the unit interval of each parameter is covered evenly, whatever its kind.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from mercator_design.errors import RaceError
+from mercator_design.race.space.parameter import Configuration, Parameter, Value
+from mercator_design.race.space.space import Space
+
+Floats = NDArray[np.float64]
+
+_MOST_SOBOL_DIMENSIONS = 21201
+"""Of scipy's direction numbers."""
+
+
+def sobol_sample(
+    space: Space, n: int, generator: Generator, excluded: Callable[[Configuration], bool]
+) -> list[Configuration]:
+    """Up to n different configurations, spread evenly over the space by a scrambled Sobol sequence.
+
+    A coordinate belongs to a parameter whether or not it is active, so fewer than n may be different. Then a
+    larger sample is taken once, as in irace.
+
+    Args:
+        space: Where from.
+        n: How many.
+        generator: Scrambles the sequence.
+        excluded: True for what must not be sampled.
+
+    Raises:
+        RaceError: Nothing is left to sample.
+    """
+    found = _different(space, _even_points(space.n_variable, n, generator), excluded)
+    if len(found) < n:
+        have = len(found)
+        larger = max(math.ceil(n + (n - have) * (2 - have / n)), min(5 * space.n_variable, 100))
+        found = _different(space, _even_points(space.n_variable, larger, generator), excluded)
+    if not found:
+        raise RaceError("first configurations: expected some to be allowed, but all that were sampled are forbidden")
+    return found[:n]
+
+
+def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations: Floats | float) -> Floats:
+    """Normal values within [0, 1] from uniform ones, by the inverse of the distribution; uniform where a mean
+    is NaN, and the nearer bound where it lies so far outside that nothing else is probable.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_low = np.less(means, 0)  # turned around, as only lower tails are exact
+        centres = np.where(is_low, np.subtract(1, means), means)
+        uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
+        below = ndtr(-centres / deviations)
+        above = ndtr((1 - centres) / deviations)
+        values = np.where(above > below, centres + deviations * ndtri(below + uniforms * (above - below)), centres)
+    values = np.where(is_low, 1 - values, values)
+    return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
+
+
+def similar(space: Space, configurations: Mapping[int, Configuration], threshold: float) -> list[int]:
+    """Which configurations nearly equal another one (irace's similarConfigurations).
+
+    Nearly equal have the same categorical and ordered values, and the numeric ones differ by no more than
+    `threshold` times the width of the domain; a parameter that is inactive in one is inactive in the other.
+    """
+    names = [p.name for p in space.variable if not p.is_numeric]
+    numeric = [p for p in space.variable if p.is_numeric]
+    groups: dict[tuple[Value | None, ...], list[int]] = {}
+    for number, configuration in configurations.items():
+        groups.setdefault(tuple(map(configuration.get, names)), []).append(number)
+    found: set[int] = set()
+    for group in groups.values():
+        if len(group) > 1:
+            places = np.array([[_place(p, configurations[number]) for p in numeric] for number in group])
+            found.update(group[row] for row in _near_rows(places, threshold))
+    return [number for number in configurations if number in found]
+
+
+def _near_rows(places: Floats, threshold: float) -> set[int]:
+    missing = np.isnan(places)
+    near: set[int] = set()
+    for row in range(len(places) - 1):
+        same = (np.abs(places[row + 1 :] - places[row]) <= threshold) | (missing[row + 1 :] & missing[row])
+        others = np.flatnonzero(same.all(axis=1))
+        if len(others):
+            near.add(row)
+            near.update((others + row + 1).tolist())
+    return near
+
+
+def _place(parameter: Parameter, configuration: Configuration) -> float:
+    """A numeric value as a part of its domain's width, on the original scale."""
+    value = configuration.get(parameter.name)
+    bounds = None if value is None else parameter.bounds(configuration)
+    if value is None or bounds is None:
+        return math.nan
+    low, high = bounds
+    return (float(value) - low) / (high - low) if high > low else 0.0
+
+
+def _even_points(d: int, n: int, generator: Generator) -> Floats:
+    if d > _MOST_SOBOL_DIMENSIONS:
+        return generator.random((n, d))
+    from scipy.stats.qmc import Sobol
+
+    points: Floats = Sobol(d, scramble=True, seed=generator).random_base2(math.ceil(math.log2(n)))
+    return points[:n]
+
+
+def _different(space: Space, points: Floats, excluded: Callable[[Configuration], bool]) -> list[Configuration]:
+    columns = {p.name: column for column, p in enumerate(space.variable)}
+
+    def at(point: list[float]) -> Configuration:
+        return space.build(lambda parameter, bounds: parameter.quantile(point[columns[parameter.name]], bounds))
+
+    found: dict[tuple[Value | None, ...], Configuration] = {}
+    for configuration in map(at, points.tolist()):
+        if not excluded(configuration):
+            found.setdefault(space.key(configuration), configuration)
+    return list(found.values())

@@ -1,0 +1,1 @@
+"""One race: configurations on instance after instance, until statistical tests have eliminated the worse ones."""

@@ -1,0 +1,170 @@
+"""The options of an iterated race, ours and irace's, and what is and is not allowed."""
+
+from dataclasses import dataclass
+from typing import get_args
+
+from mercator_design.errors import RaceError
+from mercator_design.race.racing import budget as arithmetic
+from mercator_design.race.racing.race import RaceRules
+from mercator_design.race.racing.statistics import TestName
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RaceOptions:
+    """irace's options of the same meaning, and what this race does that irace does not; `irace()` gives irace's.
+
+    Args:
+        surrogate: Part of the newcomers that a surrogate proposes, but less until it has learnt from enough
+            configurations; irace's sampling model draws the others.
+        structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has
+            one. Unless this is 0, all mutations, and draws of the sampling model, are in canonical form.
+        repeated: Whether a configuration that has run may be sampled again, as another one.
+        test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
+            (testType).
+        confidence: Of the test.
+        first_test: Blocks of instances before the first test, a multiple of each_test.
+        each_test: Blocks between tests.
+        block_size: Instances that make a block: they are raced on together and in their order. With 1, the default, all
+            that counts blocks counts instances.
+        mu: Instances to plan the number of configurations with, a multiple of block_size; raised to first_test's, so
+            that 0 is those.
+        elitist: Elites keep their results, and are protected until newcomers have caught up.
+        elitist_new_instances: New blocks that a later elitist race begins with.
+        elitist_limit: Tests without elimination that end an elitist race; 0 for no limit.
+        iterations: How many to make instead of irace's number (nbIterations).
+        survivors: How many configurations end a race instead of irace's number (minNbSurvival).
+        n_configurations: How many race in each iteration, fewer than the budget would allow (nbConfigurations). An
+            iteration whose share of the budget is too small for them is left out.
+        experiments_per_iteration: Budget of each iteration instead of an even share (nbExperimentsPerIteration).
+        instances: How many there are, if they are not endless: then a configuration runs at most once on each, and
+            races end when they have been on all (deterministic). A multiple of block_size; with elitist races only.
+        sample_instances: Come back to old instances in random order, not in that in which they were first seen
+            (sampleInstances; whoever names the instances decides on the order of new ones).
+        soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
+        soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
+        ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
+        means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
+            keeps its value.
+        postselection: Spend what is left of the budget on a race among the best of all iterations.
+        confirmation: Part of the budget that is kept, with what is left, to run the best of all iterations on instances
+            that they have not seen, and to choose the winner by the mean cost that all its results let expect; there is
+            no post-selection then. None if there is a number of `instances`, or if the budget would not allow an
+            iteration beside it.
+
+    Raises:
+        RaceError: An option is out of its range.
+    """
+
+    surrogate: float = 0.8
+    structure: float = 0.5
+    repeated: bool = False
+    test: TestName = "friedman"
+    confidence: float = 0.95
+    first_test: int = 2
+    each_test: int = 1
+    block_size: int = 1
+    mu: int = 2
+    elitist: bool = True
+    elitist_new_instances: int = 1
+    elitist_limit: int = 2
+    iterations: int | None = None
+    survivors: int | None = None
+    n_configurations: int | None = None
+    experiments_per_iteration: int | None = None
+    instances: int | None = None
+    sample_instances: bool = True
+    soft_restart: bool = True
+    soft_restart_threshold: float = 1e-4
+    ordered_as_integers: bool = True
+    means_scale: bool = True
+    postselection: bool = True
+    confirmation: float = 0.1
+
+    def __post_init__(self) -> None:
+        _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
+        _require("structure", self.structure, "between 0 and 1", valid=0 <= self.structure <= 1)
+        _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
+        _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
+        _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
+        multiple = f"a multiple of each_test ({self.each_test})"
+        even = self.first_test % self.each_test == 0
+        _require("first_test", self.first_test, f"1 or more and {multiple}", valid=self.first_test >= 1 and even)
+        _require("block_size", self.block_size, "1 or more", valid=self.block_size >= 1)
+        even = self.mu % self.block_size == 0
+        expected = f"0 or more and a multiple of block_size ({self.block_size})"
+        _require("mu", self.mu, expected, valid=self.mu >= 0 and (even or self.mu < self._instances_of_first_test))
+        _require(
+            "elitist_new_instances", self.elitist_new_instances, "0 or more", valid=self.elitist_new_instances >= 0
+        )
+        _require("elitist_limit", self.elitist_limit, "0 or more", valid=self.elitist_limit >= 0)
+        for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
+            count = getattr(self, name)
+            _require(name, count, "1 or more", valid=count is None or count >= 1)
+        least = self._instances_of_first_test
+        few = self.instances is not None and (self.instances < least or self.instances % self.block_size > 0)
+        expected = f"{least} or more, for the first test, and a multiple of block_size ({self.block_size})"
+        _require("instances", self.instances, expected, valid=not few)
+        _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
+        threshold = self.soft_restart_threshold
+        _require("confirmation", self.confirmation, "0 or more, below 1", valid=0 <= self.confirmation < 1)
+        _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
+
+    @classmethod
+    def irace(cls) -> "RaceOptions":
+        """Exactly irace's algorithm."""
+        return cls(
+            surrogate=0.0,
+            structure=0.0,
+            repeated=True,
+            first_test=5,
+            mu=5,
+            ordered_as_integers=False,
+            means_scale=False,
+            confirmation=0.0,
+        )
+
+    @property
+    def planned_mu(self) -> int:
+        """Mu, but no fewer instances than there are before the first test."""
+        return max(self.mu, self._instances_of_first_test)
+
+    @property
+    def instances_each_test(self) -> int:
+        """Instances between tests."""
+        return self.each_test * self.block_size
+
+    @property
+    def new_instances(self) -> int:
+        """New instances that a later elitist race begins with."""
+        return self.elitist_new_instances * self.block_size
+
+    def minimum_budget(self, n_variable: int) -> int:
+        """The smallest budget for all iterations: what irace accepts, and to what its minExperiments is raised."""
+        return arithmetic.minimum_budget(
+            self.iterations or arithmetic.n_iterations(n_variable),
+            self.survivors or arithmetic.n_iterations(n_variable),
+            mu=self.planned_mu,
+            each_test=self.instances_each_test,
+            n_new=self.new_instances,
+            elitist=self.elitist,
+        )
+
+    def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
+        """The rules of one race, with its own first test, in instances, or limit if it has them."""
+        limit = self.elitist_limit if elitist_limit is None else elitist_limit
+        return RaceRules(
+            test=self.test,
+            confidence=self.confidence,
+            first_test=first_test or self._instances_of_first_test,
+            each_test=self.instances_each_test,
+            elitist_limit=limit if self.elitist else 0,
+        )
+
+    @property
+    def _instances_of_first_test(self) -> int:
+        return self.first_test * self.block_size
+
+
+def _require(name: str, found: object, expected: str, *, valid: bool) -> None:
+    if not valid:
+        raise RaceError(f"race option {name}: expected {expected}, found {found}")

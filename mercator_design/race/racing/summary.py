@@ -1,0 +1,94 @@
+"""What an iterated race tells of itself: its elites, where it stands, what each iteration did, its winner's scores."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mercator_design.race.racing.statistics import Concordance
+
+CONFIDENCE = 0.95
+"""Of the intervals reported around means."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Elite:
+    """A configuration that survived and what it cost on the instances it has seen."""
+
+    configuration: int
+    mean: float
+    sd: float  # of the sample; NaN for a single result
+    n_results: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Progress:
+    """Where a race stands."""
+
+    iteration: int  # from 1; the post-selection is one more than `iterations`
+    iterations: int
+    alive: int
+    used: int
+    budget: int
+    best: Elite | None  # None before the first costs
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IterationSummary:
+    """What one iteration did, for reports."""
+
+    iteration: int
+    postselection: bool
+    budget: int
+    used: int
+    n_configurations: int
+    n_new: int
+    n_instances: int  # raced on in this iteration
+    n_alive: int
+    elites: tuple[Elite, ...]  # best first
+    soft_restart: bool
+    stop_reason: str
+    concordance: Concordance
+    survivors: tuple[int, ...] = ()  # alive at its end
+    newcomers_differ: bool = True  # unless its instances could not tell two or more apart
+    stagnant: int = 0  # iterations up to this one without a gain (race/racing/stagnation.py)
+    note: str = ""  # what a user should know
+
+    @property
+    def best(self) -> int:
+        """The number of its best configuration."""
+        return self.elites[0].configuration
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Scores of a configuration, in the task's own sense, and the figures that sum them up."""
+
+    values: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        """Arithmetic mean."""
+        return float(np.mean(self.values))
+
+    @property
+    def standard_deviation(self) -> float | None:
+        """Of the sample, with n - 1; None for a single score."""
+        return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else None
+
+    @property
+    def quartiles(self) -> tuple[float, float, float]:
+        """Lower quartile, median, upper quartile."""
+        low, middle, high = np.percentile(self.values, [25, 50, 75])
+        return float(low), float(middle), float(high)
+
+    @property
+    def confidence_interval(self) -> tuple[float, float] | None:
+        """Of the mean, at 95 %, by Student's t; None for a single score."""
+        from scipy.special import stdtrit
+
+        if self.standard_deviation is None:
+            return None
+        n = len(self.values)
+        half = float(stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
+        return self.mean - half, self.mean + half

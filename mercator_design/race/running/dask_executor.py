@@ -1,0 +1,186 @@
+"""Experiments on the workers of a Dask cluster, wherever they are: other processes, other machines, a queue of SLURM's.
+
+Dask gives an experiment whose worker dies to another one; how many workers it may cost is the scheduler's
+`distributed.scheduler.allowed-failures` (3 by default). As others may have been with it there, it then runs once more
+with nothing beside it, and is given up if that kills as many. Workers may come and go; while there
+is none, a race waits.
+"""
+
+import collections
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import cloudpickle
+
+from mercator_design.errors import RaceError
+from mercator_design.race.running.executors import Failed, WorkerUnfit, call_packed
+
+T = TypeVar("T")
+R = TypeVar("R")
+_Bundle = list[tuple[int, T]]  # items with their places
+
+BUNDLE = 0.2
+"""Seconds of work that go to a worker at once where there is work for all: the scheduler takes a millisecond or two for
+whatever it hands out."""
+MOST_BUNDLED = 64
+LOOK_EVERY = 1.0
+"""Seconds after which workers are counted anew: the scheduler is asked, and takes some milliseconds."""
+
+
+class DaskExecutor:
+    """Runs experiments on the workers of a scheduler.
+
+    Args:
+        scheduler: Its address, such as tcp://host:8786, or its scheduler file.
+        jobs: How many experiments to have under way; by default twice the threads that workers have at the time.
+        timeout: Seconds to wait for the scheduler.
+        announce: Called with a sentence when experiments wait and no worker is there.
+
+    Raises:
+        RaceError: There is no package distributed, or no such scheduler.
+    """
+
+    def __init__(
+        self,
+        scheduler: str,
+        jobs: int | None = None,
+        *,
+        timeout: float = 20.0,
+        announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
+    ) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise RaceError("dask: expected the package distributed: in the clone, pip install '.[dask]'") from None
+        self._scheduler = scheduler
+        self._announce = announce
+        self._is_stopping = False
+        self._wanted = jobs
+        self._jobs, self._looked = 1, -math.inf
+        where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+        try:
+            self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise RaceError(f"{scheduler}: expected a Dask scheduler there: {error}") from None
+
+    @property
+    def jobs(self) -> int:
+        """Threads of the workers that there are now, or were a moment ago; at least one."""
+        if (now := time.monotonic()) > self._looked + LOOK_EVERY:
+            self._looked, self._jobs = now, max(self._n_threads(), 1)
+        return self._jobs
+
+    def stop(self) -> None:
+        """As `Executor.stop`: nothing waits for workers that are not there."""
+        self._is_stopping = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._client.close()
+
+    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        """As `Executor.run`."""
+        from distributed import as_completed
+
+        packed = cloudpickle.dumps(function)
+        numbered = enumerate(items)
+        under_way = as_completed(loop=self._client.loop)
+        bundles: dict[Any, _Bundle[T]] = {}
+        seconds = math.inf  # that an item takes
+
+        suspects: collections.deque[tuple[int, T]] = collections.deque()  # of having killed their workers
+
+        def submit(bundle: _Bundle[T]) -> None:
+            future = self._client.submit(_call_all, packed, [item for _, item in bundle], pure=False)
+            bundles[future.key] = bundle
+            under_way.add(future)
+
+        while True:
+            if is_alone := bool(suspects) and not bundles:
+                submit([suspects.popleft()])
+            elif not suspects:
+                room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
+                most = min(max(int(BUNDLE / seconds), 1), MOST_BUNDLED)
+                drawn = list(_until_none(islice(numbered, room * most)))
+                for k in range(min(room, len(drawn))):
+                    submit(drawn[k::room])
+            if not bundles:
+                return
+            if not self._is_one_ready(under_way):
+                return
+            future = next(under_way)
+            bundle = bundles.pop(future.key)
+            results, spent = self._result(future, len(bundle))
+            if results is None and not is_alone:
+                suspects += bundle
+            elif results is None:
+                yield bundle[0][0], Failed("its worker died, however often it was given another")
+            else:
+                seconds = spent / len(bundle) or seconds
+                yield from zip((index for index, _ in bundle), results, strict=True)
+
+    def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
+        """Wait for a future that has ended; False if all is to stop and there is no worker that could end one."""
+        is_told, look = False, time.monotonic() + LOOK_EVERY
+        while not under_way.has_ready():
+            with under_way.thread_condition:
+                under_way.thread_condition.wait(timeout=0.1)
+            if time.monotonic() < look:
+                continue
+            is_there = self._n_threads() > 0
+            if not is_there and self._is_stopping:
+                return False
+            if not is_there and not is_told:
+                self._announce(f"{self._scheduler}: no worker is connected; the race waits for one")
+            is_told, look = not is_there, time.monotonic() + LOOK_EVERY
+        return True
+
+    def _n_threads(self) -> int:
+        """Of all workers that there are; none if the scheduler does not answer."""
+        try:
+            return sum(map(int, self._client.nthreads().values()))
+        except (OSError, RuntimeError, ValueError):  # its connection is closed, or it takes too long
+            return 0
+
+    @staticmethod
+    def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives
+        """What came of n items, and the seconds they took; None if their workers died.
+
+        Dask does not know what a worker died of: it counts a death against all that the worker had before it.
+        """
+        from distributed.scheduler import KilledWorker
+
+        try:
+            found: tuple[list[Any], float] = future.result()
+        except KilledWorker:
+            return None, 0.0
+        except WorkerUnfit:
+            raise
+        except Exception as error:  # noqa: BLE001 - what went wrong in Dask itself
+            return [Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")] * n, 0.0
+        else:
+            return found
+        finally:
+            future.release()
+
+
+def _until_none(numbered: Iterable[tuple[int, T | None]]) -> Iterator[tuple[int, T]]:
+    for index, item in numbered:
+        if item is None:
+            return
+        yield index, item
+
+
+def _call_all(packed: bytes, items: Sequence[Any]) -> tuple[list[Any], float]:
+    """In a worker: what comes of each item, and the seconds that all took."""
+    start = time.perf_counter()
+    return [call_packed(packed, item) for item in items], time.perf_counter() - start

@@ -1,0 +1,167 @@
+"""What can happen in a race: the events of its journal, and their form in JSON.
+
+The start of a race is no event of these: it has whatever its task needs (see race/running/task.py).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple, TypeAlias
+
+from mercator_design.config.json_data import from_json
+from mercator_design.config.schema import Kind, Length, Range
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.space.parameter import Value
+
+Number = Annotated[int, Range(0)]
+"""Of an experiment, a configuration or an instance, from 0; or a seed."""
+
+
+class Measured(NamedTuple):
+    """What came of an experiment."""
+
+    score: float
+    outcome: str  # digest of what happened in it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Session:
+    """A process that begins to work on a race."""
+
+    process: Number
+    host: str
+    time: str
+    executor: str = ""  # what runs experiments
+    jobs: Number = 0  # run at once
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """A process that ends before the race does."""
+
+    why: str
+    time: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewConfiguration:
+    """A configuration that is raced from now on."""
+
+    configuration: Number
+    parent: Number | None  # the elite it was sampled from
+    values: Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """An experiment that has run."""
+
+    experiment: Number  # in the order in which the race asked for them
+    iteration: Number
+    configuration: Number
+    instance: Number
+    seed: Number
+    score: float | None  # None if it failed
+    outcome: str = ""  # digest of what happened in it
+    failure: str = ""  # why it failed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ahead:
+    """An experiment that has run before the race asked for it."""
+
+    configuration: Number
+    instance: Number
+    score: float
+    outcome: str = ""  # digest of what happened in it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Revised:
+    """A score that has replaced another one, as an evaluator has compared configurations anew."""
+
+    experiment: Number  # the first of those that the race had asked for then
+    configuration: Number
+    instance: Number
+    score: float | None  # None if the configuration is rejected
+    failure: str = ""  # why it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tested:
+    """A test that has run."""
+
+    configuration: Number
+    instance: Number  # of the test instances
+    seed: Number
+    score: float | None  # None if it failed
+    outcome: str = ""  # digest of what happened in it
+    failure: str = ""  # why it failed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Iteration:
+    """An iteration that has ended; see `summary.IterationSummary`."""
+
+    iteration: Number
+    postselection: bool
+    budget: int
+    used: Number
+    configurations: Number
+    instances: Number
+    alive: Number
+    elites: Annotated[tuple[Number, ...], Length(1)]  # best first
+    stagnant: Number
+    note: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extension:
+    """A larger budget, which counts from where the one before has ended."""
+
+    budget: Number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """Where a race ended under one of its budgets."""
+
+    budget: Number
+    experiments: Number
+    winner: Number  # the number of a configuration
+    digest: str = ""
+
+
+Event: TypeAlias = Session | Stop | NewConfiguration | Finished | Ahead | Revised | Tested | Iteration | Extension | End
+
+_KINDS: Mapping[str, Kind] = {
+    "session": Session,
+    "stop": Stop,
+    "configuration": NewConfiguration,
+    "experiment": Finished,
+    "ahead": Ahead,
+    "revised": Revised,
+    "test": Tested,
+    "iteration": Iteration,
+    "extend": Extension,
+    "end": End,
+}
+_WORDS: Mapping[Kind, str] = {kind: word for word, kind in _KINDS.items()}
+
+
+def to_json(event: Event) -> dict[str, Any]:
+    """The form of an event in JSON."""
+    kind = type(event)
+    return {"event": _WORDS[kind], **{name: getattr(event, name) for name in kind.__slots__}}
+
+
+def event_of(data: dict[str, Any]) -> Event:
+    """The event of which these are the data.
+
+    Raises:
+        RaceError: They are those of none; with the key, what was expected and what was found.
+    """
+    word = data.pop("event", None)
+    if not isinstance(word, str) or word not in _KINDS:
+        raise RaceError(f"event: expected one of {', '.join(_KINDS)}, found {excerpt(str(word))}")
+    event: Event = from_json(data, _KINDS[word], error=RaceError, path=word)
+    return event

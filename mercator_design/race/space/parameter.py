@@ -1,0 +1,292 @@
+"""One parameter: its kind, its domain, when it is active, and its view through the unit interval.
+
+`quantile` maps u in [0, 1] to a value, `position` maps a value back to the middle of its share of the
+interval. The first configurations and the sampling model both speak in this scale.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+from mercator_design.errors import RaceError
+from mercator_design.race.space.expressions import Expression
+from mercator_design.race.space.r_operators import number, number_text
+
+Value = str | int | float
+Configuration = dict[str, Value]
+Kind = Literal["categorical", "ordered", "integer", "real"]
+Bounds = tuple[float, float]
+
+DEFAULT_DIGITS = 4
+"""Decimal places of a real value (irace)."""
+LARGEST_DIGITS = 15
+"""At this many digits a real value is not rounded in any way that matters (irace)."""
+LARGEST_INTEGER = 2**31 - 1
+"""Of R, and so of irace."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Parameter:
+    """One parameter of a space; see `categorical`, `ordered`, `integer` and `real` for the short way to write
+    one.
+
+    Args:
+        name: letters, digits, dots and underscores.
+        kind: what its values are.
+        switch: what stands before the value on a command line, including the blank or "=".
+        values: of a categorical or ordered parameter, as text.
+        low, high: inclusive bounds of an integer or real parameter; expressions of other numeric parameters
+            may be used.
+        log: sampled on a logarithmic scale.
+        digits: decimal places of a real value.
+        condition: the parameter is active where this is true.
+
+    Raises:
+        RaceError: the domain is not a valid one.
+    """
+
+    name: str
+    kind: Kind
+    switch: str = ""
+    values: tuple[str, ...] = ()
+    low: float | Expression = 0
+    high: float | Expression = 0
+    log: bool = False
+    digits: int = DEFAULT_DIGITS
+    condition: Expression | None = None
+
+    def __post_init__(self) -> None:
+        if self.is_numeric:
+            self._check_bounds()
+        else:
+            self._check_values()
+
+    @property
+    def is_numeric(self) -> bool:
+        return self.kind in {"integer", "real"}
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether there is just one value, so that nothing is to be chosen."""
+        return len(self.values) == 1
+
+    @property
+    def is_dependent(self) -> bool:
+        """Whether the bounds depend on other parameters."""
+        return isinstance(self.low, Expression) or isinstance(self.high, Expression)
+
+    @property
+    def bound_names(self) -> tuple[str, ...]:
+        """The parameters that the bounds depend on."""
+        return tuple(n for bound in (self.low, self.high) if isinstance(bound, Expression) for n in bound.names)
+
+    @property
+    def domain(self) -> str:
+        """The domain as parameters.txt writes it, for messages."""
+        if not self.is_numeric:
+            return f"({', '.join(self.values)})"
+        return f"({_bound_text(self.low)}, {_bound_text(self.high)})"
+
+    def bounds(self, configuration: Mapping[str, Value]) -> Bounds | None:
+        """Inclusive bounds for a configuration, or None if they are NA; 1 .. number of values if not numeric.
+
+        Raises:
+            RaceError: the lower bound exceeds the upper one, or one is not finite.
+        """
+        if not self.is_numeric:
+            return 1, len(self.values)
+        low = self.low(configuration) if isinstance(self.low, Expression) else self.low
+        high = self.high(configuration) if isinstance(self.high, Expression) else self.high
+        if low is None or high is None:
+            return None
+        if self.kind == "integer" and math.isfinite(low) and math.isfinite(high):
+            low, high = int(low), int(high)
+        if low > high or not self._is_within_reach(low, high):
+            given = ", ".join(f"{n} = {configuration.get(n)}" for n in dict.fromkeys(self.bound_names))
+            raise RaceError(
+                f"parameter '{self.name}', domain {self.domain}: expected finite lower <= upper, "
+                f"found ({low}, {high}) with {given}; a condition must exclude this case"
+            )
+        return low, high
+
+    def quantile(self, u: float, bounds: Bounds) -> Value:
+        """The value at u in [0, 1], as irace's param_quantile."""
+        low, high = bounds
+        if self.kind == "real":
+            value = math.exp(_between(u, math.log(low), math.log(high))) if self.log else _between(u, low, high)
+            return min(max(self.rounded(value), low), high)
+        if self.log:
+            value = min(max(math.exp(_between(u, math.log(low), math.log(high + 1))), low), high + 1)
+        else:
+            value = _between(u, low, high + 1)
+        whole = int(min(high, math.floor(value)))
+        return whole if self.kind == "integer" else self.values[whole - 1]
+
+    def rounded(self, value: float) -> float:
+        """A real value as it is used: with `digits` decimal places, and 0 for what rounds to zero from below."""
+        return round(value, self.digits) + 0.0
+
+    def position(self, value: Value, bounds: Bounds) -> float:
+        """Where a value lies in the unit interval: undoes `quantile`, in the middle of an integer's share."""
+        low, high = bounds
+        if self.kind == "real":
+            number = float(value)
+        else:
+            number = (self.values.index(str(value)) + 1 if self.values else float(value)) + 0.5
+            high += 1
+        if low == high:
+            return 0.5
+        if self.log:
+            return (math.log(number) - math.log(low)) / (math.log(high) - math.log(low))
+        return (number - low) / (high - low)
+
+    def is_valid(self, value: Value, bounds: Bounds) -> bool:
+        """Whether a value is of this parameter's kind and within the bounds."""
+        if not self.is_numeric:
+            return value in self.values
+        kinds = (int,) if self.kind == "integer" else (int, float)
+        return isinstance(value, kinds) and not isinstance(value, bool) and bounds[0] <= value <= bounds[1]
+
+    def check(self, value: Value, bounds: Bounds) -> None:
+        """Raise a RaceError unless a value is of this parameter's kind and within the bounds."""
+        if not self.is_valid(value, bounds):
+            if self.is_numeric:
+                expected = f"{self.kind} within ({number_text(bounds[0])}, {number_text(bounds[1])})"
+            else:
+                expected = "one of " + ", ".join(f'"{v}"' for v in self.values)
+            raise RaceError(f"parameter '{self.name}': expected {expected}, found {value!r}")
+
+    def _check_values(self) -> None:
+        if not self.values:
+            raise RaceError(f"parameter '{self.name}': expected at least one value, found none")
+        repeated = [v for v in dict.fromkeys(self.values) if self.values.count(v) > 1]
+        if repeated:
+            raise RaceError(f"parameter '{self.name}': expected different values, found '{repeated[0]}' twice")
+        if self.log:
+            raise RaceError(f"parameter '{self.name}': only integer and real parameters may be log, found {self.kind}")
+        if self.kind == "ordered":
+            try:
+                numbers = [number(v) for v in self.values]
+            except ValueError:
+                return
+            if any(b <= a for a, b in pairwise(numbers)):
+                raise RaceError(f"parameter '{self.name}': expected increasing numbers, found {self.domain}")
+
+    def _is_within_reach(self, low: float, high: float) -> bool:
+        """Whether there is a number for every value between two bounds, and for how far apart they are."""
+        if self.kind == "integer":
+            return max(abs(low), abs(high)) <= LARGEST_INTEGER
+        return math.isfinite(high - low)
+
+    def _check_bounds(self) -> None:
+        place = f"parameter '{self.name}', domain {self.domain}"
+        if not 1 <= self.digits <= LARGEST_DIGITS:
+            raise RaceError(f"{place}: expected 1 to {LARGEST_DIGITS} digits, found {self.digits}")
+        if self.log and self.is_dependent:
+            raise RaceError(f"{place}: expected numbers as bounds of a log parameter, found a dependent domain")
+        for bound in (self.low, self.high):
+            if isinstance(bound, Expression):
+                continue
+            if not math.isfinite(bound):
+                raise RaceError(f"{place}: expected finite bounds, found {bound}")
+            if self.kind == "integer" and bound != int(bound):
+                raise RaceError(f"{place}: expected whole numbers, found {number_text(bound)}")
+            if self.kind == "real" and round(bound, self.digits) != bound:
+                raise RaceError(f"{place}: expected bounds of at most {self.digits} digits, found {number_text(bound)}")
+        if isinstance(self.low, Expression) or isinstance(self.high, Expression):
+            return
+        if not self._is_within_reach(self.low, self.high):
+            expected = f"integers up to {LARGEST_INTEGER}" if self.kind == "integer" else "a finite difference"
+            raise RaceError(f"{place}: expected {expected}, found too large bounds")
+        if self.low >= self.high:
+            raise RaceError(f"{place}: expected lower < upper; a single value is written as a categorical parameter")
+        if self.log and self.low <= 0:
+            raise RaceError(f"{place}: expected a lower bound above 0 for a log parameter")
+
+
+def categorical(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
+    """A parameter with unordered values, which become text."""
+    return Parameter(
+        name=name, kind="categorical", switch=switch, values=_texts(values), condition=_condition(condition)
+    )
+
+
+def ordered(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
+    """A parameter with ordered values, which become text."""
+    return Parameter(name=name, kind="ordered", switch=switch, values=_texts(values), condition=_condition(condition))
+
+
+def integer(
+    name: str,
+    low: int | str,
+    high: int | str,
+    *,
+    log: bool = False,
+    switch: str = "",
+    condition: str | None = None,
+) -> Parameter:
+    """A whole number within inclusive bounds, which may be expressions of other parameters."""
+    return Parameter(
+        name=name,
+        kind="integer",
+        switch=switch,
+        low=_bound(low),
+        high=_bound(high),
+        log=log,
+        condition=_condition(condition),
+    )
+
+
+def real(
+    name: str,
+    low: float | str,
+    high: float | str,
+    *,
+    log: bool = False,
+    digits: int = DEFAULT_DIGITS,
+    switch: str = "",
+    condition: str | None = None,
+) -> Parameter:
+    """A real number within inclusive bounds, rounded to `digits` decimal places."""
+    return Parameter(
+        name=name,
+        kind="real",
+        switch=switch,
+        low=_bound(low),
+        high=_bound(high),
+        log=log,
+        digits=digits,
+        condition=_condition(condition),
+    )
+
+
+def _between(u: float, low: float, high: float) -> float:
+    return low + u * (high - low)
+
+
+def _texts(values: Iterable[object]) -> tuple[str, ...]:
+    return tuple(map(str, values))
+
+
+def _condition(text: str | None) -> Expression | None:
+    return None if text is None else Expression(text)
+
+
+def _bound(bound: float | str) -> float | Expression:
+    if not isinstance(bound, str):
+        return bound
+    return bound_of(Expression(bound, arithmetic=True))
+
+
+def bound_of(expression: Expression) -> float | Expression:
+    """A bound: the number that an expression without parameters comes to, or else the expression."""
+    if expression.names:
+        return expression
+    value = expression({})
+    return math.nan if value is None else float(value) if isinstance(value, float) else int(value)
+
+
+def _bound_text(bound: float | Expression) -> str:
+    return bound.text if isinstance(bound, Expression) else number_text(bound)

@@ -1,0 +1,1 @@
+"""Pictures: missions from above, PFSMs as diagrams."""

@@ -1,0 +1,43 @@
+"""How pictures look and are written: the same figure gives the same file to the last byte."""
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from mercator_design.system.files import write_bytes
+
+_DPI = 160  # of a PNG
+_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+_STYLE: dict[Any, Any] = {
+    "font.size": 8.0,
+    "axes.linewidth": 0.6,
+    "svg.hashsalt": "mercator_design",
+    "path.simplify": False,
+    "text.parse_math": False,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Matplotlib as it comes, whatever the user's own style; figures are made and saved within."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Write a figure to a path with the suffix .png or .svg, which says what is written.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    suffix = path.suffix.lower()
+    file = io.BytesIO()
+    figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
+    write_bytes(path, file.getvalue())

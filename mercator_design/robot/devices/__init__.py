@@ -1,0 +1,1 @@
+"""The devices behind the serial ports: settings, opening, starting, measurements, health of lines."""

@@ -1,0 +1,36 @@
+"""How things are with a robot, one by one: what is wrong with one keeps nobody from looking at the others."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple, TypeAlias
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.devices.ports import DeviceName, Line, open_port
+from mercator_design.robot.devices.settings import Settings
+
+
+class Finding(NamedTuple):
+    """What was looked at or done, and how it is; if something is wrong, with what to do.
+
+    is_unclear: Only a person can tell whether it is fine.
+    """
+
+    what: str
+    is_fine: bool
+    words: str
+    is_unclear: bool = False
+
+
+Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
+"""At a device, over its open port."""
+
+
+def of_devices(settings: Settings, looks: Mapping[DeviceName, Look], patience: float = 0.0) -> Iterator[Finding]:
+    """What is found at each device, by name, or why it could not be looked at; ports are waited for so long [s]."""
+    end = time.monotonic() + patience
+    for device, look in looks.items():
+        try:
+            with open_port(device, getattr(settings.ports, device), end) as port:
+                yield from look(settings, Line(device, port))
+        except RobotError as error:
+            yield Finding(device, is_fine=False, words=str(error).removeprefix(f"{device}: "))

@@ -1,0 +1,298 @@
+"""The three serial ports of a robot: which they are, and opening them; nothing else opens one."""
+
+import contextlib
+import errno
+import fcntl
+import getpass
+import grp
+import math
+import os
+import re
+import stat
+import termios
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
+
+import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from mercator_design.config.loading import FieldError, Pattern, checked
+from mercator_design.errors import RobotError, Stopped
+
+PortName = Annotated[
+    str, Pattern(r"/[^\0\n]+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")
+]
+DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
+DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
+BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
+_OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
+_NUMBER = re.compile(r"\d+$")
+TIMEOUT = 0.1
+"""How long reading and writing wait [s]."""
+_AGAIN = 0.05  # [s] until a port that could not be opened is tried again
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortNames:
+    """Where the devices are: paths, or what they are on the USB as lsusb tells it, with a serial number if need be."""
+
+    rvr: PortName = "/dev/serial0"  # the Sphero RVR, on the header of the Raspberry Pi
+    lidar: PortName = "usb:10c4:ea60"  # the YDLIDAR X4's adapter, a CP2102
+    proximity: PortName = "/dev/ttyACM0"  # the Teraranger Hub Multiflex
+
+    def __post_init__(self) -> None:
+        checked(self._mistakes())
+
+    def _mistakes(self) -> Iterator[FieldError]:
+        devices: dict[str, DeviceName] = {}
+        for device in DEVICES:
+            name = getattr(self, device)
+            if (other := devices.setdefault(name, device)) != device:
+                yield FieldError(device, f"{name} is the port of {other} already")
+
+
+class Ports(NamedTuple):
+    """The open ports, in the order of `DEVICES`; None of a device that is done without."""
+
+    rvr: serial.Serial
+    lidar: serial.Serial | None
+    proximity: serial.Serial | None
+
+
+@contextlib.contextmanager
+def open_ports(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Ports]:
+    """The three ports, but for those of devices `without` which it goes, for this program alone; closed on the way out.
+
+    Raises:
+        RobotError: naming the device and the port, what is wrong with it, and what to do.
+    """
+    with contextlib.ExitStack() as stack:
+        devices: dict[str, DeviceName] = {}
+        ports: list[Any] = []
+        for device in DEVICES:
+            if device in without:
+                ports.append(None)
+                continue
+            name = getattr(names, device)
+            found = find_port(device, name)
+            path = os.path.realpath(found)
+            if (other := devices.setdefault(path, device)) != device:
+                raise RobotError(f"{name} is {path}, the port of {other} already", device=device)
+            ports.append(stack.enter_context(open_port(device, found)))
+        yield Ports(*ports)
+
+
+def find_port(device: DeviceName, name: str) -> str:
+    """The path of a port.
+
+    Raises:
+        RobotError: if no such USB device is connected, or several are.
+    """
+    if not name.startswith("usb:"):
+        return name
+    connected = list_ports.comports()
+    found = [port for port in connected if f"{_usb_name(port)}:".startswith(f"{name}:")]
+    if len(found) == 1:
+        return str(found[0].device)
+    if found:
+        raise RobotError(
+            f"expected one {name}, found {_listed(found)}; name it by serial number or path", device=device
+        )
+    raise RobotError(f"{name} is not connected; connected are {_listed(connected)}", device=device)
+
+
+def usb_port(device: DeviceName, name: str) -> ListPortInfo:
+    """The USB device at a port.
+
+    Raises:
+        RobotError: if there is none, or the port's name may be another device's tomorrow.
+    """
+    path = find_port(device, name)
+    ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
+    found = ports.get(Path(path).resolve())
+    if found is None:
+        wrong = "is not a USB device" if Path(path).exists() else "is not connected"
+        raise RobotError(f"{path} {wrong}; connected are {_listed(ports.values())}", device=device)
+    if rivals := sharing(name):
+        raise RobotError(f"which of {rivals} is it? Name it so in robot.yaml", device=device)
+    return found
+
+
+def sharing(name: str) -> str:
+    """The USB devices of which each may have a port's name, by the order in which they came; empty if only one may."""
+    of_usb = [port for port in list_ports.comports() if port.vid is not None]
+    rivals = [port for port in of_usb if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
+    return _listed(rivals) if len(rivals) > 1 else ""
+
+
+class _Port(serial.Serial):
+    """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
+
+    def open(self) -> None:
+        super().open()
+        fcntl.ioctl(self.fileno(), termios.TIOCEXCL)
+
+    def close(self) -> None:
+        if self.is_open:
+            with contextlib.suppress(OSError):  # a port that is lost
+                fcntl.ioctl(self.fileno(), termios.TIOCNXCL)
+        super().close()
+
+
+def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial.Serial:
+    """One of the three ports, for this program alone; errors are those of `open_ports`.
+
+    Args:
+        device: Whose port it is.
+        name: Of the port.
+        until: When to give up, if it cannot be opened at once [s, of time.monotonic()].
+    """
+    while True:
+        try:
+            return _open(device, name)
+        except RobotError:
+            if time.monotonic() > until:
+                raise
+        time.sleep(_AGAIN)
+
+
+def _open(device: DeviceName, name: str) -> serial.Serial:
+    path = find_port(device, name)
+    try:
+        port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
+    except OSError as error:
+        raise RobotError(f"{path}: {_wrong(path, error)}", device=device) from None
+    except termios.error as error:
+        raise RobotError(f"{path} is lost: {error.args[-1]}", device=device) from None
+    if users := _users(path):
+        port.close()
+        raise RobotError(f"{path}: {_in_use(users)}", device=device)
+    return port
+
+
+def _wrong(path: str, error: OSError) -> str:
+    """What is wrong with a port that cannot be opened, and what to do."""
+    match error.errno:
+        case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+            return f"no such port; connected are {_listed(list_ports.comports())}"
+        case errno.EACCES | errno.EPERM if not _is_of_group(path):
+            return (
+                "no permission, and its group may not use it either; is a login shell on it (raspi-config), or is it "
+                "another user's?"
+            )
+        case errno.EACCES | errno.EPERM:
+            return f"no permission; {_permission(_group(path), user_name() or str(os.getuid()))}"
+        case errno.EBUSY | errno.EAGAIN:
+            return _in_use(_users(path))
+        case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
+            return "not a serial port"
+    return str(error)
+
+
+def _is_of_group(path: str) -> bool:
+    """Whether who is in a port's group may use it; of one that a login shell has, it may not."""
+    return Path(path).stat().st_mode & _OF_GROUP == _OF_GROUP
+
+
+def _in_use(users: list[str]) -> str:
+    by = f" ({'; '.join(users)})" if users else ""
+    return f"in use by another program{by}; end it first"
+
+
+def _permission(group: str, user: str) -> str:
+    """What gives a user the rights of a group."""
+    with contextlib.suppress(KeyError):
+        if user in grp.getgrnam(group).gr_mem:
+            return f"{user} is in the group {group}, but was not when this shell began: log in again"
+    return f"`sudo usermod -aG {group} {user}`, and log in again"
+
+
+def _group(path: str) -> str:
+    """Of a port; its number if it has no name, as in containers."""
+    try:
+        return Path(path).group()
+    except KeyError:
+        return str(Path(path).stat().st_gid)
+
+
+def user_name() -> str | None:
+    """Who this is; None if there is no name, as in containers."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # the latter from Python 3.13 on
+        return None
+
+
+def _users(path: str) -> list[str]:
+    """Other programs that have a port open, of those that this user may look at."""
+    port, users = Path(path).resolve(), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # another user's, or one that has just ended
+            is_other = process.name != str(os.getpid())
+            if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
+                users.append(_described(process))
+    return users
+
+
+def _described(process: Path) -> str:
+    """What a process, by its folder in /proc, is called; one that is suspended heeds no other signal."""
+    name, _, rest = (process / "stat").read_text().partition("(")[2].rpartition(")")
+    suspended = f", suspended: `kill -KILL {process.name}`" if rest.split()[0] in {"T", "t"} else ""
+    return f"{name}, process {process.name}{suspended}"
+
+
+def _listed(ports: Iterable[ListPortInfo]) -> str:
+    return ", ".join(sorted(f"{port.device} ({_usb_name(port) or 'not on the USB'})" for port in ports)) or "none"
+
+
+def _usb_name(port: ListPortInfo) -> str:
+    """What it may be called in a file of port names; empty if it is not on the USB."""
+    if port.vid is None:
+        return ""
+    return f"usb:{port.vid:04x}:{port.pid:04x}" + (f":{port.serial_number}" if port.serial_number else "")
+
+
+class Line:
+    """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost.
+
+    device: Whose port it is.
+    port: Its name.
+    """
+
+    def __init__(self, device: DeviceName, port: serial.Serial) -> None:
+        self.device, self.port = device, str(port.name)
+        self._port = port
+
+    def fileno(self) -> int:
+        """For select."""
+        return int(self._port.fileno())
+
+    def read(self) -> bytes:
+        """What has come; waits for something, but not for long.
+
+        Raises:
+            Stopped: if the port is lost.
+        """
+        with self._naming():
+            return bytes(self._port.read(self._port.in_waiting or 1))
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; errors are those of `read`."""
+        with self._naming():
+            self._port.write(data)
+
+    def set_dtr(self, *, high: bool) -> None:
+        """Set the line that turns a lidar's motor on and off, where there is one."""
+        with contextlib.suppress(OSError):  # a pseudo-terminal has none
+            self._port.dtr = high
+
+    @contextlib.contextmanager
+    def _naming(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise Stopped(f"{self.port} is lost: {error}", device=self.device) from None

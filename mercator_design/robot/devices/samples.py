@@ -1,0 +1,78 @@
+"""What the RVR and the hub measure, converted: x forwards, y to the left, z up; metres, radians, seconds."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+from mercator_design.robot.devices.link import Event
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr_streaming import StreamData
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s2] One g of what the RVR tells."""
+
+
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "acceleration": ("x", "y", "z"),  # [m/s2]
+    "turning": ("x", "y", "z"),  # [rad/s]
+    "attitude": ("roll", "pitch", "yaw"),  # [rad]
+    "orientation": ("w", "x", "y", "z"),
+    "position": ("x", "y"),  # [m] along the axes at the start
+    "velocity": ("x", "y"),  # [m/s] along the axes at the start
+    "ground": ("red", "green", "blue"),  # 0 to 255
+    "ambient_light": ("lux",),
+    "proximity": tuple(f"distance_{k}" for k in range(8)),  # [m], in the hub's order
+}
+"""What is measured, by name, and the values of a sample.
+
+A distance is infinite where nothing is in sight, minus infinite where something is too near.
+"""
+
+
+class Sample(NamedTuple):
+    """What a sensor told, and when it came [s]."""
+
+    time: float
+    values: tuple[float, ...]
+
+
+def _turned(values: Mapping[str, float], scale: float = 1.0) -> tuple[float, ...]:
+    """A vector of the RVR, whose x is to the right and y forwards; z if it has one. No zero has a sign."""
+    return (scale * values["y"], 0.0 - scale * values["x"], *(scale * values[axis] for axis in "z" if axis in values))
+
+
+_CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, ...]]]] = {
+    "accelerometer": ("acceleration", lambda v: _turned(v, STANDARD_GRAVITY)),
+    "gyroscope": ("turning", lambda v: _turned(v, math.pi / 180.0)),
+    "imu": ("attitude", lambda v: (math.radians(v["roll"]), 0.0 - math.radians(v["pitch"]), math.radians(v["yaw"]))),
+    "quaternion": ("orientation", lambda v: (v["w"], *_turned(v))),
+    "locator": ("position", _turned),
+    "velocity": ("velocity", _turned),
+    "color_detection": ("ground", lambda v: (v["r"], v["g"], v["b"])),
+    "ambient_light": ("ambient_light", lambda v: (v["light"],)),
+}
+
+STREAMED = tuple(_CONVERT)
+"""The services that are streamed."""
+
+
+def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
+    """What an event measured, by the names of FIELDS; nothing of most events."""
+    match event:
+        case StreamData(is_valid=True):
+            for service, values in event.values.items():
+                name, convert = _CONVERT[service]
+                yield name, Sample(now, convert(values))
+        case Distances():
+            metres = event.metres()
+            if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
+                yield "proximity", Sample(now, tuple(metres))
+
+
+def heading(latest: Mapping[str, Sample], time: float) -> float:
+    """Where the robot faces [rad] at a time [s] near to that of its latest attitude; 0 as long as it tells nothing."""
+    if not {"attitude", "turning"} <= latest.keys():
+        return 0.0
+    came, (_, _, yaw) = latest["attitude"]
+    _, (_, _, turning) = latest["turning"]
+    return yaw + turning * (time - came)

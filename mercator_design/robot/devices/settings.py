@@ -1,0 +1,216 @@
+"""What is particular to one robot: its ports, limits, colours, and where its sensors look. A YAML file, robot.yaml."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName, Levels
+from mercator_design.config.loading import FieldError, Length, Name, Origin, Range, checked, parse, text_of
+from mercator_design.errors import FsmError, SettingsError, excerpt
+from mercator_design.fsm.perception import nearest_label
+from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.robot.devices.ports import PortNames
+
+Angle = Annotated[float, Range(-7.0, 7.0)]
+Age = Annotated[float, Range(0.3, 10.0)]
+Offset = Annotated[float, Range(-0.2, 0.2)]
+Speed = Annotated[float, Range(0.01, 1.55)]
+Percentage = Annotated[float, Range(0.0, 100.0)]
+Share = Annotated[float, Range(0.0, 1.0)]
+
+CONTROL_PERIOD = 0.1
+"""[s] of a control cycle, as missions have it unless they say otherwise."""
+
+# The RVR streams every 0.05 s, and a control loop that gives no command for 0.18 s has stalled.
+_PERIOD = Annotated[float, Range(0.05, 0.12)]
+_RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
+"""As the robot model mercator has its proximity sensors."""
+_KEY = 16  # characters of a key, at least
+_NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
+"""Constants of reference models that remember, as the e-puck's does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Beyond these the robot stops."""
+
+    speed: Speed = 0.3  # [m/s] of a tread that a behaviour drives at full speed, unless fsm.txt tells a lower one
+    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
+    proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
+    lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
+    rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; and of commands to it
+    proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are much of it
+    lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
+    battery_low: Percentage = 20.0  # [%] of charge below which people are told; also if the RVR says that it is low
+    battery_critical: Percentage = 5.0  # [%] of charge below which the robot stops; also if the RVR says so
+    stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
+    unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
+
+    def __post_init__(self) -> None:
+        if self.battery_low < self.battery_critical:
+            critical = f"battery_critical, {self.battery_critical:g} %"
+            raise FieldError("battery_low", f"expected at least {critical}, found {self.battery_low:g}")
+
+
+def check_key(key: str, place: str) -> None:
+    """Make sure that nobody guesses a key of heartbeats.
+
+    Raises:
+        FieldError: naming the place, and not what was found there, if it is too short.
+    """
+    if len(key) < _KEY:
+        raise FieldError(place, f"expected at least {_KEY} characters, found {len(key)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swarm:
+    """What is told to all robots over the network."""
+
+    port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, on which `mercator-robot stop` is heard; null: none
+    heartbeat: Age | None = None  # [s] of silence of `mercator-robot heartbeat` that stop the robot; null: none needed
+
+    key: str | None = field(default=None, repr=False)  # that heartbeats must be signed with; null: they need not be
+
+    def __post_init__(self) -> None:
+        if self.heartbeat is not None and self.port is None:
+            raise FieldError("heartbeat", "there is no port to hear it on")
+        if self.key is not None:
+            check_key(self.key, "key")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """One robot; what is left out is as usual."""
+
+    schema: Literal[1] = 1  # version of this format
+    name: Name = "mercator"  # by which it answers
+    ports: PortNames = PortNames()
+    limits: Limits = Limits()
+    labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
+    missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
+        None  # colours of each one's floor, instead of those in fsm.txt
+    )
+    proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
+    proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much
+    lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
+    swarm: Swarm = Swarm()
+    reference_model: ReferenceModel = ReferenceModel()
+    origin: Origin = field(default=Origin(), repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checked(
+            FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
+            for name in _NOT_HERE
+            if getattr(self.reference_model, name) != 0.0
+        )
+
+    def where(self, path: str) -> str:
+        """File, line and path of a key, for errors; the path if the settings were not read from a file."""
+        return self.origin.of(path, "the robot's settings")
+
+    def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
+        """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
+
+        Raises:
+            FsmError: if the floor in the header is not of colours.
+            SettingsError: if only some of the floor's colours were measured: what a sensor reads on one, and should on
+                another, cannot be compared.
+        """
+        measured = self.labels or {}
+        told = header["floor"].split(", ") if "floor" in header else []
+        if unknown := [name for name in told if name not in COLOURS]:
+            raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
+        floor = tuple(name for name in COLOURS if name in told)
+        names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or LABELS
+        if not measured:
+            return {name: COLOURS[name] for name in names}
+        if lacking := [name for name in names if name not in measured]:
+            raise SettingsError(
+                f"{self.where('labels')}: expected all colours of the floor ({', '.join(names)}), "
+                f"found none of {', '.join(lacking)}; "
+                f"measure with `mercator-robot calibrate color {' '.join(lacking)}`"
+            )
+        return {name: _floats(measured[name]) for name in names}
+
+    def as_raced(self, header: Mapping[str, str]) -> Self:
+        """With the constants and the full speed that the header of an fsm.txt tells, if it does.
+
+        Raises:
+            FsmError: if they are none, or not those of this robot, or the robot cannot keep the control period.
+        """
+        limit = self.limits.speed
+        speed = _told(header, "maximum speed", Speed, limit)
+        if speed > limit:
+            raise FsmError(
+                f"maximum speed in the header: expected at most limits.speed, {limit:g} m/s, found {speed:g}"
+            )
+        model = reference_model_of(header, self.reference_model)
+        for name, own, raced, usual in zip(model._fields, self.reference_model, model, ReferenceModel(), strict=True):
+            if own not in {raced, usual}:
+                place = f"reference model in the header: {name}"
+                raise FsmError(f"{place}: expected {own:g}, as the robot's reference_model has it, found {raced:g}")
+        control_period_of(header)  # refused before anything is started
+        try:
+            return replace(self, limits=replace(self.limits, speed=speed), reference_model=model)
+        except FieldError as wrong:
+            raise FsmError(f"the header: {wrong.field}: {wrong.message}") from None
+
+    def corrected(self, distances: Sequence[float]) -> tuple[float, ...]:
+        """The hub's distances [m] without what each sensor reads too much, at least 0; what is no number of m stays."""
+        return tuple(
+            max(0.0, distance - offset) if math.isfinite(distance) else distance
+            for distance, offset in zip(distances, self.proximity_offsets, strict=True)
+        )
+
+
+def read_settings(path: Path) -> Settings:
+    """The settings in a YAML file.
+
+    Raises:
+        SettingsError: with file, line, key, what was expected and what was found.
+    """
+    return parse_settings(text_of(path, error=SettingsError), str(path), path.parent)
+
+
+def parse_settings(text: str, label: str, folder: Path) -> Settings:
+    """As `read_settings`, of a text, which `label` names in errors; an empty one sets nothing."""
+    return parse(text, Settings, error=SettingsError, label=label, folder=folder, may_be_empty=True)
+
+
+def control_period_of(header: Mapping[str, str]) -> float:
+    """The time [s] from one control cycle to the next, by the header of an fsm.txt; if it does not tell, the usual.
+
+    Raises:
+        FsmError: if the robot cannot do it.
+    """
+    return float(_told(header, "control period", _PERIOD, CONTROL_PERIOD))
+
+
+def reference_model_of(header: Mapping[str, str], usual: ReferenceModel) -> ReferenceModel:
+    """The constants that the header of an fsm.txt tells; if it tells none, the usual.
+
+    Raises:
+        FsmError: if they are none.
+    """
+    model: ReferenceModel = _told(header, "reference model", ReferenceModel, usual)
+    return model
+
+
+def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
+    """The label whose colour is nearest to a measured one; the first of several."""
+    levels = tuple(itertools.chain.from_iterable(labels.values()))
+    return list(labels)[nearest_label(levels, *found)]
+
+
+def _told(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - what `kind` says
+    if key not in header:
+        return usual
+    return parse(header[key], kind, error=FsmError, label=f"{key} in the header", lines=False)
+
+
+def _floats(levels: Levels) -> RGB:
+    red, green, blue = levels
+    return float(red), float(green), float(blue)

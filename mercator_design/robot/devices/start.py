@@ -1,0 +1,159 @@
+"""What each device is told before it is of use, with what it says of itself then, and to be at rest again."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import NamedTuple, TypeVar
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.devices.health import charge
+from mercator_design.robot.devices.link import Talk
+from mercator_design.robot.devices.ports import Line
+from mercator_design.robot.protocols import multiflex
+from mercator_design.robot.protocols.multiflex import Acknowledgement
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
+
+_ERROR = 2  # health of a lidar
+_READS = 5  # times that a lidar is asked until two answers are the same
+_STOP = encode_command("force_stop") + encode_command("stop")
+S = TypeVar("S", Health, DeviceInfo)
+_WAKING = 2.0  # [s] that the RVR may take to wake up
+
+
+class Rvr(NamedTuple):
+    """What an RVR says of itself.
+
+    firmware: Major and minor number and revision, of each processor.
+    battery: Its charge [%].
+    battery_state: 0 unknown, 1 good, 2 low, 3 critical.
+    """
+
+    firmware: Mapping[Processor, tuple[int, int, int]]
+    battery: int
+    battery_state: int
+
+    def words(self) -> dict[str, str]:
+        """The same for people, by name."""
+        versions = {firmware_name(of): ".".join(map(str, version)) for of, version in self.firmware.items()}
+        return versions | {"battery": charge(self.battery)}
+
+
+class Lidar(NamedTuple):
+    """What a lidar says of itself.
+
+    info: What device it is; None if no two answers were the same.
+    warning: The code of what it warns of; None if it warns of nothing.
+    """
+
+    info: DeviceInfo | None
+    warning: int | None
+
+    def words(self) -> dict[str, str]:
+        """The same for people, by name."""
+        info = self.info
+        facts = {"lidar": "model and firmware could not be read for sure: each answer was another"}
+        if info is not None:
+            facts["lidar"] = f"model {info.model}, firmware {info.firmware[0]}.{info.firmware[1]}, serial {info.serial}"
+        if self.warning is not None:
+            facts["lidar_health"] = f"a warning, {self.warning:#x}"
+        return facts
+
+
+def firmware_name(processor: Processor) -> str:
+    """What a processor's firmware is called among facts."""
+    return f"firmware_{processor.name.lower()}"
+
+
+def wake_rvr(talk: Talk) -> Rvr:
+    """End what a former program has begun, and wake the RVR: its firmware and battery.
+
+    Raises:
+        RobotError: if it does not answer.
+    """
+    talk.tell("disable_notifications_and_active_commands")
+    end_streaming(talk)
+    talk.tell("wake")
+    talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
+    firmware = {}
+    for processor in Processor:
+        version = talk.ask("get_main_application_version", processor)
+        firmware[processor] = version["major"], version["minor"], version["revision"]
+    state = talk.ask("get_battery_voltage_state")["state"]
+    return Rvr(firmware, talk.ask("get_battery_percentage")["percentage"], state)
+
+
+def halt(talk: Talk) -> bytes:
+    """The commands that stop the wheels."""
+    return talk.command("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + talk.command("drive_stop")
+
+
+def rest_rvr(talk: Talk) -> None:
+    """Leave the RVR as if nobody had used it: wheels and lamps off, nothing streamed, commands as long as usual.
+
+    Raises:
+        RobotError: if it does not answer, or refuses to stop.
+    """
+    end_streaming(talk)
+    talk.tell("enable_color_detection", is_enabled=False)
+    talk.tell("release_led_requests")
+    talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
+    talk.tell("restore_default_control_system_timeout")
+    talk.tell("disable_notifications_and_active_commands")
+
+
+def start_lidar(talk: Talk, line: Line) -> Lidar:
+    """Start the lidar's motor and its scan: what it says of itself.
+
+    Raises:
+        RobotError: if it does not answer, has an error, or its health cannot be read for sure.
+    """
+    stop_lidar(talk, line)
+    line.set_dtr(high=True)
+    health = _agreed(talk, "health", Health)
+    if health is None:
+        raise RobotError(f"each time it answers another health; {talk.remedy_of_damage('lidar')}", device="lidar")
+    if health.status == _ERROR:
+        code = f"{health.error_code:#x}"
+        raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
+    info = _agreed(talk, "device_info", DeviceInfo)
+    talk.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # one that scans hears only a stop
+    return Lidar(info, health.error_code if health.status else None)
+
+
+def _agreed(talk: Talk, command: str, kind: type[S]) -> S | None:
+    """What the lidar answers to a command twice, as its answers have no checksum; None if no two are the same."""
+    heard: list[S] = []
+    for _ in range(_READS):
+        said = talk.exchange("lidar", partial(encode_command, command), kind)
+        if said in heard:
+            return said
+        heard.append(said)
+    return None
+
+
+def stop_lidar(talk: Talk, line: Line) -> None:
+    """Stop its scan and its motor."""
+    talk.send("lidar", _STOP)
+    line.set_dtr(high=False)
+
+
+def start_hub(talk: Talk) -> None:
+    """Let the hub tell the distances of all its sensors.
+
+    Raises:
+        RobotError: if it does not answer, or refuses.
+    """
+    for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
+        said = talk.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
+        if not said.ok:
+            raise RobotError(f"command {command.code:#x} was refused", device="proximity")
+
+
+def end_streaming(talk: Talk) -> None:
+    """Let the RVR stream nothing any more."""
+    for processor in Processor:
+        talk.tell("clear_streaming_service", processor)
+
+
+def _acknowledges(command: multiflex.Command, said: Acknowledgement) -> bool:
+    return said.code == command.code

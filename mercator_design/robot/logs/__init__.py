@@ -1,0 +1,1 @@
+"""Logs of runs and recordings: their events, written and read."""

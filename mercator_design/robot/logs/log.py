@@ -1,0 +1,294 @@
+"""What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
+
+An event a line (config/checked_lines.py), only ever appended, with the number of the line: lines that are missing are noticed.
+Of a recording: recording.py. Of a run:
+
+    start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves; of a
+            run that began together with others, `clock`: how far this computer's clock of the day was `ahead` of the
+            `reference`, the computer that started them, and the `uncertainty` of that [s]
+    cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
+            wheels (null if no finite number), what the cycle (cpu) and, since the cycle before, the whole program
+            (program_cpu) took of processors [s], the neighbours' distances [m] and bearings [rad], and of each sensor
+            the age [s] and the values of its latest sample: a distance is null where nothing is in sight, and 0 where
+            something is too near to tell
+    note    what a device told, and when
+    end     why the run ended
+
+Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
+"""
+
+import contextlib
+import math
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mercator_design import __version__
+from mercator_design.config.checked_lines import Event, from_line, to_line
+from mercator_design.errors import FsmError, RobotError
+from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
+from mercator_design.robot.logs.log_events import FORMAT, Checker, Kind
+from mercator_design.system.files import sync_folder
+
+SYNC_EVERY = 1.0
+"""Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+NO_END = "the log has no end: it is still being written, or the program was killed"
+_HANGS = 10.0  # [s] for which events may wait for the disk
+_ROUNDING = 1e-9  # of wheels that are decided again
+_LONGEST = 1 << 20  # bytes of a line
+
+
+class Log:
+    """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
+
+    The file is there from the beginning, and stays if `begin` is called.
+
+    began: When `begin` was called [s, of time.monotonic()].
+    failure: Why it cannot be written any more; empty if it can.
+    """
+
+    def __init__(self, path: Path, ending: str = "The duration is over") -> None:
+        """Make one; entering its context begins a new file.
+
+        Args:
+            path: Of the file.
+            ending: Why it ends, if nothing went wrong.
+
+        Raises:
+            RobotError: on entering, if it cannot be written, or exists.
+        """
+        self.path, self._ending = path, ending
+        self.began = math.nan
+        self.failure = ""
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._waits_since = math.inf
+        self._thread = threading.Thread(target=self._write_all, daemon=True)
+
+    def __enter__(self) -> Self:
+        try:
+            self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
+        try:
+            with contextlib.suppress(OSError):  # a folder that may be written, but not read
+                sync_folder(self.path.parent)
+            self._thread.start()
+        except BaseException:  # a signal
+            os.close(self._file)
+            self.path.unlink(missing_ok=True)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        why = self._ending if error is None else str(error) or type(error).__name__
+        has_begun = math.isfinite(self.began)
+        if has_begun:
+            self.note("end", why=why, time=now())
+        self._events.put(None)
+        self._thread.join(_HANGS)
+        if self._thread.is_alive():
+            self._fail("the disk hangs")
+            return
+        os.close(self._file)
+        if not has_begun:
+            self.path.unlink(missing_ok=True)
+
+    def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Append the start, the first event: which robot it is, and values."""
+        self.began = time.monotonic()
+        self.note("start", kind=kind, format=FORMAT, version=__version__, time=now(), robot=robot, **values)
+
+    def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Append an event."""
+        at = time.monotonic()
+        if self._events.empty():
+            self._waits_since = at
+        self._events.put({"event": event, **values})
+        if at - self._waits_since > _HANGS and not self.failure:
+            self._fail("the disk hangs")
+
+    def remark(self, text: str) -> None:
+        """Append what a device told just now."""
+        self.note("note", time=round(time.monotonic() - self.began, 4), text=text)
+
+    def _fail(self, why: str) -> None:
+        self.failure = f"{self.path}: cannot be written: {why}"
+
+    def _write_all(self) -> None:
+        synced = time.monotonic()
+        try:
+            for text in to_lines(iter(self._events.get, None)):
+                line = text.encode()
+                while line:
+                    line = line[os.write(self._file, line) :]
+                if time.monotonic() - synced > SYNC_EVERY:
+                    os.fsync(self._file)
+                    synced = time.monotonic()
+            os.fsync(self._file)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
+            self._fail(getattr(error, "strerror", None) or repr(error))
+
+
+def now() -> str:
+    """The time of day."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def plain(value: float) -> float | None:
+    """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
+    if math.isinf(value):
+        return None if value > 0.0 else 0.0
+    return round(value, 6) + 0.0  # not -0.0
+
+
+def finite(wheels: Wheels) -> list[float | None]:
+    """Speeds as JSON has them: null if no finite number."""
+    return [speed if math.isfinite(speed) else None for speed in wheels]
+
+
+def to_lines(events: Iterable[Event]) -> Iterator[str]:
+    """A log's lines, of its events from the first on."""
+    for number, event in enumerate(events, start=1):
+        yield to_line(event | {"line": number})
+
+
+def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
+    """The events of a log; half a line at its end, which is being written or never will be, is passed over.
+
+    Args:
+        path: Of the log.
+        kind: It is expected to be of; None: of any.
+
+    Raises:
+        RobotError: if it cannot be read, is no log, is one of another kind, has other events than this version writes,
+            or is damaged before its end.
+    """
+    try:
+        if path.exists() and not path.is_file():  # opening a pipe would wait, reading a device might never end
+            raise RobotError(f"{path}: expected a robot's log, found a folder, device or pipe")
+        with path.open("rb") as file:
+            checker = Checker(kind)
+            lines = iter(lambda: file.readline(_LONGEST), b"")
+            for number, line in enumerate(lines, start=1):
+                try:
+                    event = from_line(line)
+                except ValueError as error:
+                    if number > 1 and not line.endswith(b"\n") and next(lines, None) is None:
+                        return
+                    raise RobotError(f"{path}, line {number}: {error}") from None
+                try:
+                    checker.check(event)
+                except ValueError as error:
+                    raise RobotError(f"{path}, line {number}: {error}") from None
+                yield event
+            if file.tell() == 0:
+                raise RobotError(f"{path}: expected a robot's log, found nothing")
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def understanding(path: Path) -> Iterator[None]:
+    """What computes with events of a log, whose values have been checked one by one.
+
+    Raises:
+        RobotError: if together they cannot be what this version writes.
+    """
+    try:
+        yield
+    except (IndexError, ArithmeticError, UnicodeError, FsmError) as error:
+        raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What a controller decided in a cycle.
+
+    time: Since the start of the log [s].
+    condition: Of the transition that was taken; empty if none was.
+    differs: How what it decides now differs from the log; empty if it does not.
+    """
+
+    cycle: int
+    time: float
+    state: int
+    next_state: int
+    condition: str
+    readings: Readings
+    wheels: Wheels
+    differs: str
+
+
+def controller_of(start: Mapping[str, Any]) -> tuple[Pfsm, Controller]:
+    """What the start of a log says was run.
+
+    Raises:
+        FsmError: if that is no PFSM.
+    """
+    pfsm = parse(start["fsm"], start["flavour"], tolerate=lambda _: None)
+    return pfsm, Controller(pfsm, ReferenceModel(**start["reference_model"]))
+
+
+def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
+    """Run the controller of a log again on its readings and draws.
+
+    Args:
+        path: Of the log.
+        doubt: Called at last if the log has no end.
+
+    Raises:
+        RobotError: as `read`, or if the log is not of this version's making.
+    """
+    events = read(path)
+    with understanding(path):
+        event = next(events)
+        pfsm, controller = controller_of(event)
+        for event in events:
+            if event["event"] == "cycle":
+                yield pfsm, _decide(controller, event)
+        if event["event"] != "end":
+            doubt(NO_END)
+
+
+def condition_met(controller: Controller, event: Event) -> str:
+    """The condition of the transition that was taken in a cycle; empty if none was."""
+    if event["next_state"] == event["state"]:
+        return ""
+    taken = controller.transition(event["state"], Readings(*event["readings"]), event["draws"])
+    return "" if taken is None else taken.condition
+
+
+def _is_near(decided: float | None, logged: float | None) -> bool:
+    """Whether two speeds are the same; another processor's mathematical functions may differ in the last digits."""
+    if decided is None or logged is None:
+        return decided is logged
+    return math.isclose(decided, logged, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+
+
+def _decide(controller: Controller, event: Event) -> Decision:
+    readings = Readings(*event["readings"])
+    state = controller.state
+    decided = controller.step(readings, event["draws"])
+    found, logged = (state, controller.state), (event["state"], event["next_state"])
+    speeds, told = finite(decided), event["wheels"]
+    return Decision(
+        cycle=event["cycle"],
+        time=event["time"],
+        state=state,
+        next_state=controller.state,
+        condition=condition_met(controller, event),
+        readings=readings,
+        wheels=decided,
+        differs=""
+        if found == logged and all(map(_is_near, speeds, told))
+        else f"decides {(*found, *speeds)}, the log has {(*logged, *told)}",
+    )

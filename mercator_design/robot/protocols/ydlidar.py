@@ -1,0 +1,213 @@
+"""The YDLIDAR X4's serial line: two-byte commands, their answers, and the packets of a scan (128000 baud, 8N1).
+
+    A5 command
+    A5 5A  length and mode  type  content                        answers
+    AA 55  kind  n  first angle  last angle  checksum  n samples     packets
+
+All numbers are little-endian. The device counts angles clockwise; here they are counter-clockwise.
+Sources: "YDLIDAR X4 development manual" 1.6, sections 2.2 to 3.5; the YDLidar SDK where it differs.
+"""
+
+import math
+import re
+import struct
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+from typing import TypeAlias
+
+from mercator_design.robot.protocols.framing import Decoder
+
+COMMANDS = {
+    "scan": 0x60,
+    "force_scan": 0x61,
+    "stop": 0x65,
+    "force_stop": 0x00,
+    "soft_reboot": 0x80,
+    "device_info": 0x90,
+    "health": 0x92,
+}
+"""Bytes behind A5, of the SDK; the manual (3.4) has another for `health`."""
+_HEALTH_IN_MANUAL = 0x91
+_NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "health"}
+
+SAMPLE_RATE = 5000
+"""Samples/s of an X4 (data sheet)."""
+MOST_SAMPLES = 80
+"""Of a packet, by the SDK; an X4 sends 40."""
+LONGEST_TURN = 10_000
+"""Samples without a ring start, two seconds of them, after which they are no turn."""
+
+_PACKET = struct.Struct("<HBBHHH")
+_PACKET_MARK = 0x55AA
+_TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
+_RADIANS = math.tau / _TURN
+_MM = 4  # samples are quarters of a millimetre
+_STARTS = re.compile(rb"\xaa(?:\x55|\Z)|\xa5(?:\x5a|\Z)")
+
+Point: TypeAlias = tuple[float, float]
+"""Angle [rad], counter-clockwise from the device's front, 0 to 2 pi; range [m], 0 if nothing came back."""
+
+
+def correction(range_m: float) -> float:
+    """What is to be added to a sample's angle [rad, counter-clockwise]: laser and lens are apart (manual, 3.1).
+
+    Args:
+        range_m: Range [m] of the sample; 0 if nothing came back.
+    """
+    mm = 1000.0 * range_m
+    return -math.atan(21.8 * (155.3 - mm) / (155.3 * mm)) if range_m > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """A part of a turn (manual, 3.1).
+
+    first, last: Angles of the first and last sample [degrees / 64, clockwise], before correction.
+    samples: Ranges [mm / 4]; 0 where nothing came back.
+    is_ring_start: Whether a turn begins.
+    frequency: Of turns [Hz / 10], as a ring start may tell it; 0 if it does not.
+    """
+
+    first: int
+    last: int
+    samples: tuple[int, ...]
+    is_ring_start: bool = False
+    frequency: int = 0
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether angles go backwards elsewhere than through north, so that nobody knows where the samples are."""
+        return self.last < self.first and (self.first < 3 * _TURN // 4 or self.last > _TURN // 4)
+
+    def points(self) -> list[Point]:
+        """The samples in their order, which is clockwise."""
+        step = (self.last - self.first) % _TURN / max(len(self.samples) - 1, 1)
+        ranges = [sample / (1000.0 * _MM) for sample in self.samples]
+        return [
+            ((correction(r) - (self.first + i * step) * _RADIANS) % math.tau % math.tau, r)
+            for i, r in enumerate(ranges)
+        ]
+
+    def encode(self) -> bytes:
+        """The packet as the device sends it."""
+        kind = self.frequency << 1 | self.is_ring_start
+        head = [_PACKET_MARK, kind, len(self.samples), self.first << 1 | 1, self.last << 1 | 1]
+        words = struct.pack(f"<{len(self.samples)}H", *self.samples)
+        return _PACKET.pack(*head, _checksum(_PACKET.pack(*head, 0) + words)) + words
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What the device is (manual, 3.3).
+
+    model: 6 for an X4.
+    firmware: Major and minor number, as the SDK reads them; the manual has them the other way round.
+    serial: Sixteen digits.
+    """
+
+    model: int
+    firmware: tuple[int, int]
+    hardware: int
+    serial: str
+
+    def encode(self) -> bytes:
+        """The answer to `device_info`."""
+        major, minor = self.firmware
+        return _INFO + bytes([self.model, minor, major, self.hardware, *map(int, self.serial)])
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How the device is (manual, 3.4).
+
+    status: 0 good, 1 a warning, 2 an error.
+    """
+
+    status: int
+    error_code: int = 0
+
+    def encode(self) -> bytes:
+        """The answer to `health`."""
+        return _HEALTH + struct.pack("<BH", self.status, self.error_code)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStarted:
+    """The device scans; packets follow."""
+
+    def encode(self) -> bytes:
+        """The answer to `scan` and `force_scan`."""
+        return _SCAN
+
+
+Event: TypeAlias = Packet | DeviceInfo | Health | ScanStarted
+_INFO, _HEALTH, _SCAN = (bytes.fromhex(h) for h in ("a55a1400000004", "a55a0300000006", "a55a0500004081"))
+_ANSWERS = {_INFO: 27, _HEALTH: 10, _SCAN: 7}
+
+
+def encode_command(name: str) -> bytes:
+    """One of `COMMANDS` as it is sent."""
+    return bytes([0xA5, COMMANDS[name]])
+
+
+def command_decoder() -> Decoder[str]:
+    """What the device hears: names of `COMMANDS`."""
+    return Decoder(re.compile(rb"\xa5"), lambda _, __: 2, lambda command: _NAMES.get(command[1]))
+
+
+def decoder() -> Decoder[Event]:
+    """What the computer hears: packets of which the checksum is right, and answers."""
+    return Decoder(_STARTS, _size, _read)
+
+
+def _size(data: bytes, start: int) -> int:
+    head = data[start : start + _PACKET.size]
+    if head[0] == 0xA5:
+        return next((size for answer, size in _ANSWERS.items() if answer.startswith(head[:7])), 0)
+    possible = (
+        (len(head) < 4 or 1 <= head[3] <= MOST_SAMPLES)
+        and (len(head) < 5 or head[4] & 1)
+        and (len(head) < 7 or head[6] & 1)
+    )
+    return (_PACKET.size + (2 * head[3] if len(head) > 3 else 0)) if possible else 0
+
+
+def _read(whole: bytes) -> Event | None:
+    if whole[0] == 0xAA:
+        _, kind, n, first, last, checksum = _PACKET.unpack_from(whole)
+        if checksum != _checksum(whole):
+            return None
+        samples = struct.unpack_from(f"<{n}H", whole, _PACKET.size)
+        return Packet(first >> 1, last >> 1, samples, bool(kind & 1), kind >> 1)
+    content = whole[7:]
+    if whole[:7] == _INFO:
+        model, minor, major, hardware, *digits = content
+        return DeviceInfo(model, (major, minor), hardware, "".join(map(str, digits))) if max(digits) < 10 else None
+    if whole[:7] == _HEALTH:
+        return Health(*struct.unpack("<BH", content)) if content[0] <= 2 else None
+    return ScanStarted()
+
+
+def _checksum(whole: bytes) -> int:
+    """All words but the checksum's own, with exclusive or."""
+    words: tuple[int, ...] = struct.unpack(f"<{len(whole) // 2}H", whole)
+    return reduce(xor, words) ^ words[4]
+
+
+class Turns:
+    """Packets to whole turns, without those whose angles make no sense or that precede the first ring start."""
+
+    def __init__(self) -> None:
+        self._points: list[Point] | None = None
+
+    def receive(self, packet: Packet) -> list[Point] | None:
+        """The turn that this packet ends, by beginning the next one."""
+        ended = None
+        if packet.is_ring_start:
+            ended, self._points = self._points, []
+        if self._points is not None and not packet.is_suspect:
+            self._points += packet.points()
+            if len(self._points) > LONGEST_TURN:
+                self._points = None
+        return ended

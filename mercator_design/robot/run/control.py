@@ -1,0 +1,170 @@
+"""A robot under control: started up, watched, and stopped on every way out."""
+
+import contextlib
+import math
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
+from mercator_design.config.colours import RGB, ColourName
+from mercator_design.errors import RobotError, Stopped
+from mercator_design.robot.devices.ports import DeviceName, open_ports
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.logs.log import Log
+from mercator_design.robot.run.mercator import Mercator
+from mercator_design.robot.run.safety import STALL, Signals, Watchdog, go_first
+
+_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
+_REFUSED = 10.0  # [s] between notes of refused heartbeats
+
+
+class Control:
+    """Control of a robot that is started up.
+
+    robot: The robot.
+    """
+
+    def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
+        self.robot, self._watchdog, self._log = robot, watchdog, log
+        self._heard, self._late = time.monotonic(), 0.0
+        self._refused, self._told_of_refused = 0, -math.inf
+
+    def start(self) -> None:
+        """Start the robot up, listening all the time; errors are those of `Mercator.start`."""
+        self.robot.start()
+        self._heard = time.monotonic()
+
+    def await_heartbeat(self) -> None:
+        """Wait for the first heartbeat, if the settings want heartbeats.
+
+        Raises:
+            RobotError: if none comes; or as `wait`.
+        """
+        end = time.monotonic() + _FIRST_HEARTBEAT
+        while self._watchdog.awaits_heartbeat:
+            if time.monotonic() > end:
+                beats = self._watchdog.heartbeats
+                refused = f" ({beats.refused} were refused: {beats.why})" if beats.refused else ""
+                raise RobotError(
+                    f"swarm: no heartbeat{refused}; is `mercator-robot heartbeat` running, and can it reach this "
+                    "robot? If this robot has a key, it needs the same"
+                )
+            self.wait(time.monotonic() + 0.1)
+
+    def refresh(self) -> None:
+        """Look at everything anew if nobody has listened for a while: somebody was told something, and took his time.
+
+        Raises:
+            RobotError: if a sensor that is needed tells nothing new; or as `wait`.
+        """
+        late = max(self._late, time.monotonic() - self._heard)
+        if late > STALL:
+            self.robot.sense_anew()
+            if self._log is not None and math.isfinite(self._log.began):
+                self._log.remark(held_up(late))
+        self._heard, self._late = time.monotonic(), 0.0
+
+    def arm(self) -> None:
+        """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+
+        Raises:
+            RobotError: as `await_heartbeat` and `refresh`.
+        """
+        self.await_heartbeat()
+        self.refresh()
+        self._watchdog.arm()
+
+    def wait(self, until: float) -> float:
+        """Hear the devices until a time [s, of time.monotonic]; the time when that is over.
+
+        Raises:
+            Stopped: if something has stopped the wheels, a device says that they must not turn, or a port is lost.
+            RobotError: if the log cannot be written.
+        """
+        begin = time.monotonic()
+        self.robot.attend(until)
+        now = time.monotonic()
+        self._late = max(self._late, begin - self._heard, now - max(begin, until))
+        if self.robot.brake.why:
+            raise Stopped(self.robot.brake.why)
+        if self._log is not None and self._log.failure:
+            raise RobotError(self._log.failure)
+        self._heard = now
+        if now - self._told_of_refused > _REFUSED:
+            self.note_refused()
+        return now
+
+    def note_refused(self) -> None:
+        """Note how many heartbeats were refused, if more than were noted before."""
+        beats = self._watchdog.heartbeats
+        if beats.refused > self._refused:
+            self._refused, self._told_of_refused = beats.refused, time.monotonic()
+            found = f"{beats.refused} heartbeats refused, the last from {self._watchdog.refused_from}: {beats.why}"
+            self.robot.note(f"swarm: {found}", matters=True)
+
+    def cycles(self, period: float, first: float | None = None) -> Iterator[float]:
+        """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
+
+        Args:
+            period: Of control [s].
+            first: When the first is due [s]; None: at once.
+
+        Raises:
+            Stopped, RobotError: as `wait`.
+        """
+        due = time.monotonic() if first is None else first
+        while True:
+            yield self.wait(due)
+            due = max(due + period, time.monotonic())
+
+
+def held_up(seconds: float) -> str:
+    """What is to be noted of a time in which nobody listened."""
+    return f"held up for {seconds:.1f} s: samples are missing, or have wrong times"
+
+
+@contextlib.contextmanager
+def in_control(
+    settings: Settings,
+    reads: Iterable[str],
+    labels: Mapping[ColourName, RGB],
+    log: Log | None,
+    without: Collection[DeviceName] = (),
+) -> Iterator[Control]:
+    """Take control of a robot; its watchdog is not armed yet.
+
+    On the way out the wheels stop first; then the robot is shut down, and the log ends.
+
+    Args:
+        settings: The robot.
+        reads: The senses that are needed, of modules.SENSES.
+        labels: What the ground sensor reads on each colour of the floor.
+        log: Of what is done, to be begun once the robot is started up.
+        without: Devices that are left alone.
+
+    Raises:
+        Stopped: if something stopped the wheels, with what it was.
+        RobotError: if a device cannot be used, the log cannot be written, or it was not seen that the RVR stopped; of
+            other exceptions the latter is a note.
+        Signalled: if a signal came.
+    """
+    go_first(1)
+    signals = Signals()
+    with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports, without) as ports:
+        robot = Mercator(settings, ports, reads, labels)
+        signals.brake = robot.brake
+        watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
+        try:
+            with contextlib.ExitStack() as ways_out:
+                ways_out.enter_context(watchdog)
+                ways_out.enter_context(contextlib.closing(robot))
+                control = Control(robot, watchdog, log)
+                ways_out.callback(control.note_refused)
+                ways_out.enter_context(signals.until_stopped())  # nothing interrupts what is done after that
+                control.start()
+                yield control
+        except BaseException as error:
+            if robot.unrest:
+                error.add_note(robot.unrest)
+            raise
+    if wrong := "; ".join(filter(None, (log.failure if log is not None else "", robot.unrest))):
+        raise RobotError(wrong)

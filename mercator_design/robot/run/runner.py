@@ -1,0 +1,170 @@
+"""A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from mercator_design.command import OPTIONAL_DEVICES
+from mercator_design.config.colours import STATE_COLOURS
+from mercator_design.errors import RobotError
+from mercator_design.fsm import Controller, Pfsm, to_text
+from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm.digest import control_digest
+from mercator_design.fsm.text import FsmFile
+from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.settings import Settings, control_period_of
+from mercator_design.robot.logs.log import Log, finite, plain
+from mercator_design.robot.protocols.rvr_messages import LIGHTS
+from mercator_design.robot.run.control import Control, in_control
+from mercator_design.robot.run.joint import AtOnce
+from mercator_design.robot.run.mercator import Mercator
+from mercator_design.robot.run.senses import why_device_is_needed
+from mercator_design.robot.run.service import notify, until_stopping
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What is to be run.
+
+    file: The PFSM and its header.
+    seed: Of the draws.
+    duration: [s]; None: until something stops it.
+    is_dry: The wheels stay at rest.
+    without: Devices that are left alone, as they are broken or not there; the PFSM reads no sense of theirs.
+    """
+
+    file: FsmFile
+    seed: int
+    duration: float | None = None
+    is_dry: bool = False
+    without: tuple[DeviceName, ...] = ()
+
+    @property
+    def period(self) -> float:
+        """Of control [s]; errors are those of `control_period_of`."""
+        return control_period_of(self.file.header)
+
+
+def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], together: AtOnce | None = None) -> None:
+    """Run a PFSM on the robot, until its duration is over.
+
+    Args:
+        settings: The robot.
+        what: To run.
+        path: Of the log, a new file.
+        tell: Called with what people should know.
+        together: When the run begins; None: at once.
+
+    Raises:
+        Stopped: if something stopped the wheels, with what it was.
+        RobotError: if a device cannot be used, or the log cannot be written.
+        FsmError: if the header of the PFSM's file tells of a floor, a speed or the like that this robot has not.
+        Signalled: if a signal came.
+    """
+    header = what.file.header
+    settings = settings.as_raced(header)
+    with _telling_who_is_needed(what.file.pfsm, settings):
+        _run(settings, what, path, tell, together or AtOnce())
+
+
+@contextlib.contextmanager
+def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
+    """Add to what is wrong with a device whether the PFSM can go without it."""
+    try:
+        yield
+    except RobotError as error:
+        if error.device in OPTIONAL_DEVICES:
+            why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
+            error.add_note(why or f"the PFSM does not need what it tells: --without {error.device} runs it without")
+        raise
+
+
+def _run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], begins: AtOnce) -> None:
+    log, pfsm, header = Log(path), what.file.pfsm, what.file.header
+    labels = settings.labels_of(header)
+    if header.get("control software", control_digest()) != control_digest():
+        tell(
+            "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
+        )
+    with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
+        control.robot.facts["floor"] = " or ".join(labels)
+        with begins.taking_part(control, path):
+            _begin(log, settings, what, control.robot, tell, begins.clock())
+            begins.wait(control)
+            control.arm()
+            notify(READY=1, STATUS=f"{settings.name} runs, {path}")
+            _cycles(control, Controller(pfsm, settings.reference_model), what, log, begins)
+
+
+def _begin(
+    log: Log,
+    settings: Settings,
+    what: Run,
+    robot: Mercator,
+    tell: Callable[[str], None],
+    clock: Mapping[str, Any] | None,
+) -> None:
+    pfsm = what.file.pfsm
+    log.begin(
+        "run",
+        settings.name,
+        clock=clock,
+        fsm=to_text(pfsm),
+        flavour=pfsm.flavour,
+        header=dict(what.file.header),
+        seed=what.seed,
+        duration=what.duration,
+        dry_run=what.is_dry,
+        without=what.without,
+        control_period=what.period,
+        control_software=control_digest(),
+        reference_model=settings.reference_model._asdict(),
+        facts=dict(robot.facts),
+    )
+    robot.report(log.remark, tell)
+    robot.introduce(tell)
+
+
+def _cycles(control: Control, controller: Controller, what: Run, log: Log, begins: AtOnce) -> None:
+    """Control cycles until the duration is over."""
+    robot, random = control.robot, Random(what.seed)
+    first = begins.due()
+    most = math.inf if what.duration is None else what.duration - 0.5 * what.period
+    program = time.process_time()
+    for cycle, begin in enumerate(control.cycles(what.period, first)):
+        if begin - first >= most:
+            return
+        if cycle == 0:
+            begins.begin(begin, what.period)
+        thread = time.thread_time()
+        state, readings = controller.state, robot.readings()
+        draws = [random.random() for _ in range(DRAWS)]
+        wheels = controller.step(readings, draws)
+        before, program = program, time.process_time()
+        log.note(
+            "cycle",
+            cycle=cycle,
+            time=round(begin - log.began, 6),
+            state=state,
+            next_state=controller.state,
+            readings=readings,
+            draws=draws,
+            wheels=finite(wheels),
+            cpu=round(time.thread_time() - thread, 6),
+            program_cpu=round(program - before, 6),
+            neighbours=robot.senses.neighbours,
+            sensed={
+                name: [round(begin - sample.time, 4), *map(plain, sample.values)]
+                for name, sample in robot.senses.samples.items()
+            },
+            lines=robot.lines(),
+        )
+        robot.drive(wheels, is_dry=what.is_dry)
+        notify(WATCHDOG=1)
+        robot.poll()
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))

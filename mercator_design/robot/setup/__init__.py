@@ -1,0 +1,1 @@
+"""Before a robot runs: installation, checks and calibration."""

@@ -1,0 +1,290 @@
+"""What may be wrong with a robot before it runs, each with what to do: the computer, then each device by itself."""
+
+import math
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mercator_design.command import LEFT_OUT
+from mercator_design.robot.devices.findings import Finding, Look, of_devices
+from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, matters_below, percent
+from mercator_design.robot.devices.link import Event, Talk
+from mercator_design.robot.devices.ports import DeviceName, Line, PortNames, sharing
+from mercator_design.robot.devices.samples import STREAMED
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.devices.start import (
+    end_streaming,
+    firmware_name,
+    start_hub,
+    start_lidar,
+    stop_lidar,
+    wake_rvr,
+)
+from mercator_design.robot.devices.sweep import LEAST_READINGS, Sweep, Swept
+from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.protocols.multiflex import Distances
+from mercator_design.robot.protocols.rvr import Response
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.protocols.ydlidar import Packet, Turns
+from mercator_design.robot.run.mercator import PERIOD
+from mercator_design.robot.setup.install import NAMED, RULES
+
+_TIMESYNC = Path("/run/systemd/timesync")  # of systemd's client of NTP, which most Pis have
+_KERNEL = Path("/proc/cmdline")
+_PROCESSES = Path("/proc")
+_CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first of newer systems
+_HEADER = {"serial0", "ttyS0", "ttyAMA0"}
+"""Names of the UART on a Pi's header."""
+_RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
+_LISTEN = 2.0  # [s] to a lidar or hub
+_LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
+_LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
+_ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, and how often [s]
+_OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
+
+
+def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+    """Look at all that a run needs, of which nothing moves but the lidar; devices `without` are left alone."""
+    yield check_clock(time.time())
+    kernel = _text(_KERNEL)
+    yield check_console(settings.ports.rvr, kernel)
+    yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
+    yield check_programs(settings.ports.rvr)
+    yield from check_names(settings.ports, without)
+    yield from of_devices(settings, {device: look for device, look in _DEVICES.items() if device not in without})
+    for device in without:
+        yield Finding(device, is_fine=True, words=LEFT_OUT)
+
+
+def _text(path: Path) -> str:
+    """Of a file; empty if it cannot be read."""
+    try:
+        return path.read_text(errors="replace").replace("\0", " ")
+    except OSError:
+        return ""
+
+
+def check_clock(now: float) -> Finding:
+    """Whether a clock [s since 1970] may be right: it has been set, and not to before this program was installed."""
+    date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
+    here = Path(__file__)
+    installed = next(path for path in (here, *here.parents) if path.exists())  # this file, or the archive it is in
+    if now < installed.stat().st_mtime:
+        found = "is past"
+    elif _TIMESYNC.exists() and not (_TIMESYNC / "synchronized").exists():
+        found = "was not set by a network since this computer was switched on"
+    else:
+        return Finding("clock", is_fine=True, words=date)
+    return Finding("clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: give it a network")
+
+
+def check_console(port: str, kernel: str) -> Finding:
+    """Whether the system has its console on the RVR's port, by the kernel's command line."""
+    consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
+    if _names(port).isdisjoint(consoles):
+        return Finding("console", is_fine=True, words=f"not on {port}")
+    return Finding("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
+
+
+def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
+    """Whether the UART of a Pi's header is on and keeps its rate, by the kernel's command line and the Pi's config.txt.
+
+    Nothing, if that is not the RVR's port, or there is no such file.
+    """
+    if not config or _names(port).isdisjoint(_HEADER):
+        return
+    lines = _for_all(config)
+    told = [line for line in lines if line.startswith("enable_uart=")]
+    without_bluetooth = any(
+        line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
+    )
+    if "8250.nr_uarts=0" in kernel.split() and "ttyS0" in _names(port):
+        yield Finding(
+            "uart", is_fine=False, words="8250.nr_uarts=0 hides it; remove that from the kernel's command line"
+        )
+    elif told[-1:] == ["enable_uart=1"] or (not told and without_bluetooth):
+        yield Finding("uart", is_fine=True, words="on")
+    else:
+        words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
+        yield Finding("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
+
+
+def _for_all(config: str) -> list[str]:
+    """The lines of a config.txt, without spaces and comments, that every Pi 4 heeds."""
+    lines, are_heeded = [], True
+    for line in ("".join(each.partition("#")[0].split()) for each in config.splitlines()):
+        if line.startswith("["):
+            are_heeded = line in {"[all]", "[pi4]"}
+        elif are_heeded:
+            lines.append(line)
+    return lines
+
+
+def check_programs(port: str) -> Finding:
+    """Whether programs run that take serial ports for theirs, as modems, Braille displays or terminals."""
+    found, rules = set(), _text(RULES)
+    for process in _PROCESSES.glob("[0-9]*"):
+        match _text(process / "comm").strip():
+            case "ModemManager" if not all(f"mercator-{device}" in rules for device in NAMED):
+                found.add(
+                    "ModemManager talks to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
+                )
+            case "brltty":
+                found.add("brltty takes adapters such as the lidar's: sudo apt remove brltty")
+            case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
+                found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
+    return Finding("other programs", not found, "; ".join(sorted(found)) or "none that takes ports")
+
+
+def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+    """Whether a port's name may be another device's after the next start, but for devices `without`."""
+    for device in [each for each in NAMED if each not in without]:
+        name = getattr(names, device)
+        if rivals := sharing(name):
+            words = f"{name} may be any of {rivals}, as they come: name it so in robot.yaml, or install names for them"
+            yield Finding(f"{device}'s name", is_fine=False, words=words)
+
+
+def _names(port: str) -> set[str]:
+    return {Path(port).name, Path(port).resolve().name}
+
+
+def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
+    echoes = 0
+
+    def take(event: Event, _: float) -> None:
+        nonlocal echoes
+        echoes += isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
+
+    talk = Talk([line], take)
+    found = wake_rvr(talk)
+    words = found.words()
+    for processor, oldest in _OLDEST.items():
+        is_fine = found.firmware[processor] >= oldest
+        advice = "" if is_fine else "; update it with the app Sphero Edu"
+        name = firmware_name(processor)
+        yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
+    limits = settings.limits
+    is_critical = found.battery < limits.battery_critical or found.battery_state == CRITICAL
+    is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
+    advice = f"; it is {'critical: no run starts' if is_critical else 'low'}: charge it" if is_low else ""
+    yield Finding("battery", not is_low, words["battery"] + advice)
+    yield _of_motors(talk.ask("get_motor_thermal_protection_status"))
+    asked, before = round(_LISTEN / _ECHOES), talk.counts("rvr")
+    try:
+        for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
+            talk.ask(name, processor, **values)
+        for _ in range(asked):
+            talk.tell("echo", data=_ECHO)
+            talk.attend(time.monotonic() + _ECHOES)
+    finally:
+        end_streaming(talk)
+    yield _of_line("rvr", settings, talk, before)
+    least = settings.limits.rvr_whole
+    is_fine = echoes >= asked * matters_below(least)  # as a run tells of; commands are answered as these are
+    advice = "" if is_fine else f"; a run stops below {percent(least)}; {talk.remedy_of_damage('rvr')}"
+    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
+
+
+def _of_motors(heat: Mapping[str, Any]) -> Finding:
+    temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
+    hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
+    advice = f"; {' and '.join(hot)} too hot: let it cool, and leave the RVR switched on" if hot else ""
+    return Finding("motors", not hot, f"{temperatures} degrees{advice}")
+
+
+def _of_line(device: DeviceName, settings: Settings, talk: Talk, before: Counts, swept: Swept | None = None) -> Finding:
+    """How much of what a device has said since a count has arrived whole."""
+    received, lost, refused = (later - earlier for earlier, later in zip(before, talk.counts(device), strict=True))
+    missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
+    whole = 1.0 - missing / max(of_all, 1)
+    least: float = getattr(settings.limits, f"{device}_whole")
+    is_fine = whole >= matters_below(least)
+    words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
+    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {talk.remedy_of_damage(device)}"
+    return Finding(f"{device}'s line", is_fine, words + advice)
+
+
+def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
+    turns, sweep = Turns(), Sweep()
+    times: list[float] = []
+    readings: list[int] = []
+
+    def take(event: Event, now: float) -> None:
+        if not isinstance(event, Packet):
+            return
+        sweep.add(event)
+        if (turn := turns.receive(event)) is not None:
+            times.append(now)
+            readings.append(sum(distance > 0.0 for _, distance in turn))
+
+    talk = Talk([line], take)
+    started = start_lidar(talk, line)
+    facts = started.words()
+    yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
+    if started.warning is not None:
+        words = f"{facts['lidar_health']}; take its power away for a moment"
+        yield Finding("lidar's health", is_fine=False, words=words)
+    try:
+        talk.until(lambda: bool(times), _LISTEN)  # the motor starts
+        times.clear()
+        readings.clear()
+        before, begin = talk.counts("lidar"), sweep.swept
+        talk.attend(time.monotonic() + _LISTEN)
+    finally:
+        stop_lidar(talk, line)
+    swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
+    yield _of_line("lidar", settings, talk, before, swept)
+    rate = _rate(times)
+    is_fine = rate >= _LEAST_TURNS
+    advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
+    yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
+    if readings:
+        seen = readings[len(readings) // 2]
+        sees = seen >= LEAST_READINGS
+        advice = "" if sees else "; is there nothing at its height, or does its laser fail? Hold something before it"
+        yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
+
+
+def _rate(times: Sequence[float]) -> float:
+    """How often something came [1/s] that came at times [s] within `_LISTEN`; of what ceased soon, less than that."""
+    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * _LISTEN) if times else 0.0
+
+
+def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
+    times: list[float] = []
+    found: list[Distances] = []
+
+    def take(event: Event, now: float) -> None:
+        if isinstance(event, Distances):
+            times.append(now)
+            found.append(event)
+
+    talk = Talk([line], take)
+    start_hub(talk)
+    times.clear()
+    before = talk.counts("proximity")
+    talk.attend(time.monotonic() + _LISTEN)
+    yield _of_line("proximity", settings, talk, before)
+    rate = _rate(times)
+    is_fine = rate >= _LEAST_DISTANCES
+    advice = "" if is_fine else f"; {talk.remedy('proximity')}"
+    yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
+    if not times:
+        return
+    last = found[-1]
+    distances = settings.corrected(last.metres())
+    for i, (angle, distance) in enumerate(zip(settings.proximity_angles, distances, strict=True)):
+        is_fine = bool(last.mask >> i & 1)
+        seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
+        words = f"{seen}; a hand before it shows whether it is this one" if is_fine else "off; plug it in"
+        yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
+
+
+_DEVICES: dict[DeviceName, Look] = {
+    "rvr": _check_rvr,
+    "lidar": _check_lidar,
+    "proximity": _check_hub,
+}

@@ -1,0 +1,294 @@
+"""What the system knows of the robot: names of its ports, services that run it and keep it at rest, and its priority.
+
+udev gives the two USB devices names of their own, by what they are and not by the order in which they came, and keeps
+ModemManager and brltty from them. systemd brings the robot to rest when the Pi starts, and after each run that it has
+started, whatever ended that. Nothing makes a robot drive by itself: the run is started by hand, and never again by
+systemd.
+"""
+
+import contextlib
+import os
+import pwd
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.devices.findings import Finding
+from mercator_design.robot.devices.ports import DeviceName, usb_port
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.system.files import Unreadable, read_small, replacing
+
+RULES = Path("/etc/udev/rules.d/99-mercator.rules")
+LIMITS = Path("/etc/security/limits.d/99-mercator.conf")
+IDLE, RUN = (Path("/etc/systemd/system", f"mercator-{name}.service") for name in ("idle", "robot"))
+_OURS = "# Written by `mercator-robot install`, removed by `mercator-robot install --uninstall`.\n"
+_READ_UNITS = ["systemctl daemon-reload"]
+_READ_RULES = ["udevadm control --reload", "udevadm trigger --subsystem-match=usb --subsystem-match=tty"]
+NAMED: tuple[DeviceName, ...] = ("lidar", "proximity")
+"""Devices that udev gives a name."""
+AFTERWARDS = [*_READ_UNITS, f"systemctl enable {IDLE.name}", *_READ_RULES]
+"""Commands that let the system heed what was written."""
+
+_PLAIN = re.compile(r"[A-Za-z0-9_./:@+-]+")
+"""What means itself in rules and units."""
+
+_LIMITS = "@dialout - rtprio 2\n"
+# The second line of a rule is of the whole USB device: there ModemManager heeds it, and brltty's rules want a service.
+_RULE = """
+# {device}: {description}
+SUBSYSTEM=="tty", {parent}, SYMLINK+="mercator-{device}", GROUP="dialout", MODE="0660", ENV{{ID_MM_PORT_IGNORE}}="1"
+SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", {itself}, ENV{{ID_MM_DEVICE_IGNORE}}="1", ENV{{SYSTEMD_WANTS}}=""
+"""
+_SERVICE = """\
+User={user}
+SupplementaryGroups=dialout
+{environment}NoNewPrivileges=yes
+CapabilityBoundingSet=
+ProtectSystem=strict
+ProtectHome=read-only
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
+"""
+_IDLE = """
+[Unit]
+Description=Mercator robot at rest
+{after}
+[Service]
+Type=oneshot
+{service}ExecStart={program} stop
+
+[Install]
+WantedBy=multi-user.target
+"""
+_AFTER_LIDAR = """\
+Wants=dev-mercator\\x2dlidar.device
+After=dev-mercator\\x2dlidar.device
+"""
+_RUN = """
+[Unit]
+Description=Mercator robot that runs {folder}/fsm.txt
+After=mercator-idle.service
+
+[Service]
+Type=notify
+{service}ReadWritePaths={folder}
+LimitRTPRIO=2
+WorkingDirectory={folder}
+ExecStartPre=/bin/mkdir -p logs
+ExecStart={program} run fsm.txt --log logs{options}
+ExecStopPost={program} stop
+SuccessExitStatus=143
+WatchdogSec=2
+WatchdogSignal=SIGKILL
+KillSignal=SIGTERM
+TimeoutStartSec=60
+TimeoutStopSec=20
+Restart=no
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """Whom a robot's services serve.
+
+    user: Who runs them.
+    folder: With fsm.txt; logs go to `logs` there.
+    robot: Its robot.yaml; None: as usual.
+    duration: Of the run that the service starts [s]; None: until it is stopped.
+    seed: Of that run; None: a fresh one each time.
+    """
+
+    user: str
+    folder: Path
+    robot: Path | None
+    duration: float | None = None
+    seed: int | None = None
+
+
+def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:
+    """The lidar and the hub, as they are connected now, and what is found of them."""
+    ports: dict[str, ListPortInfo] = {}
+    findings = []
+    for device in NAMED:
+        link = f"/dev/mercator-{device}"
+        try:
+            ports[device] = usb_port(device, getattr(settings.ports, device))
+        except RobotError as error:
+            words = f"{str(error).removeprefix(f'{device}: ')}; then install again"
+            findings.append(Finding(link, is_fine=False, words=words))
+        else:
+            findings.append(Finding(link, is_fine=True, words=f"for what is {ports[device].device} now"))
+    return ports, findings
+
+
+def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[Path, str]:
+    """The files; a device that is not among the ports keeps the rule that it has below the root.
+
+    Raises:
+        RobotError: if there is no such user, a path would mean something else in a unit, or the rules cannot be read.
+    """
+    try:
+        pwd.getpwnam(setup.user)
+    except KeyError:
+        raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot") from None
+    rules = _rules(root) | {device: _rule(device, port) for device, port in ports.items()}
+    program = " ".join(map(_plain, _program()))
+    robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
+    after = _AFTER_LIDAR if "lidar" in rules else ""
+    given = {"duration": setup.duration, "seed": setup.seed}
+    options = "".join(f" --{name} {value}" for name, value in given.items() if value is not None)
+    service = _SERVICE.format(user=_plain(setup.user), environment=robot)
+    return {
+        RULES: _OURS + "".join(rules[device] for device in NAMED if device in rules),
+        LIMITS: _OURS + _LIMITS,
+        IDLE: _OURS + _IDLE.format(after=after, service=service, program=program),
+        RUN: _OURS + _RUN.format(service=service, program=program, folder=_plain(setup.folder), options=options),
+    }
+
+
+def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
+    """Write the files below a root, and let the system heed them if it is this system's.
+
+    Raises:
+        RobotError: if one cannot be written, or another's is in its place; then none is.
+    """
+    _refuse_foreign(files, root)
+    with contextlib.ExitStack() as drafts:
+        for place, text in files.items():
+            path = _below(root, place)
+            with _permitted(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                file = drafts.enter_context(replacing(path))
+                file.write(text.encode())
+                file.flush()
+                os.fchmod(file.fileno(), 0o644)
+    for place in files:
+        yield Finding(str(_below(root, place)), is_fine=True, words="written")
+    yield from _run_all(AFTERWARDS, root)
+
+
+def uninstall(root: Path) -> Iterator[Finding]:
+    """Remove the files that `install` has written, and no others.
+
+    Raises:
+        RobotError: as `install`, or if its service runs.
+    """
+    there = [place for place in (RULES, LIMITS, IDLE, RUN) if _below(root, place).exists()]
+    _refuse_foreign(there, root)
+    if RUN in there and root == Path("/") and _is_running():
+        raise RobotError(f"{RUN.name} runs; systemctl stop {RUN.name} first")
+    for place in there:
+        path = _below(root, place)
+        if place == IDLE:
+            yield from _run_all([f"systemctl disable {IDLE.name}"], root)
+        with _permitted(path):
+            path.unlink()
+        yield Finding(str(path), is_fine=True, words="removed")
+    if there:
+        yield from _run_all([*_READ_UNITS, *_READ_RULES], root)
+    else:
+        yield Finding(str(root), is_fine=True, words="nothing is installed")
+
+
+def _rules(root: Path) -> dict[str, str]:
+    """Those that were written below a root, by device."""
+    path = _below(root, RULES)
+    _refuse_foreign([RULES], root)
+    with _permitted(path):
+        text = path.read_text(errors="replace") if path.exists() else ""
+    return {device: rule for rule, device in re.findall(r"(\n# (\w+): (?:.+\n)+)", text)}
+
+
+def _rule(device: str, port: ListPortInfo) -> str:
+    """By serial number, if that tells the device from all others; else by where it is plugged in."""
+    place = _place(port)
+    alike = (port.vid, port.pid, port.serial_number)
+    places = {_place(other) for other in list_ports.comports() if (other.vid, other.pid, other.serial_number) == alike}
+    serial_number = port.serial_number or ""
+    keys = [("ATTR", "{idVendor}", f"{port.vid:04x}"), ("ATTR", "{idProduct}", f"{port.pid:04x}")]
+    if places == {place} and _PLAIN.fullmatch(serial_number):
+        keys.append(("ATTR", "{serial}", serial_number))
+    else:
+        keys.append(("KERNEL", "", place))
+    return _RULE.format(
+        device=device,
+        description=ascii(port.description),
+        parent=", ".join(f'{key}S{of}=="{value}"' for key, of, value in keys),
+        itself=", ".join(f'{key}{of}=="{value}"' for key, of, value in keys),
+    )
+
+
+def _place(port: ListPortInfo) -> str:
+    """Of the USB device, such as 1-1.4, without its interface."""
+    return (port.location or "").partition(":")[0]
+
+
+def _program() -> list[str | Path]:
+    """The command line of this program, whatever the folder."""
+    here = Path(__file__)
+    archive = next(path for path in here.parents if path.exists())
+    if archive.is_file():
+        return [sys.executable, archive.resolve()]
+    return [sys.executable, "-P", "-m", "mercator_design.robot"]
+
+
+def _plain(word: str | Path) -> str:
+    if not _PLAIN.fullmatch(str(word)):
+        raise RobotError(f"{word}: expected plain letters, digits and _ . / : @ + -, as it stands in systemd's files")
+    return str(word)
+
+
+def _below(root: Path, place: Path) -> Path:
+    return root / place.relative_to("/")
+
+
+def _refuse_foreign(places: Iterable[Path], root: Path) -> None:
+    for place in places:
+        path = _below(root, place)
+        if not Path(os.path.realpath(path)).is_relative_to(root):
+            raise RobotError(f"{path}: a link leads out of {root}")
+        with _permitted(path):
+            if path.exists() and not _is_ours(path):
+                raise RobotError(f"{path}: is not of mercator-robot's making; move it away")
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return read_small(path, 2**20).startswith(_OURS.encode())
+    except Unreadable:
+        return False
+
+
+@contextlib.contextmanager
+def _permitted(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except PermissionError:
+        raise RobotError(f"{path}: no permission; use sudo") from None
+    except OSError as error:
+        raise RobotError(f"{path}: {error.strerror}") from None
+
+
+def _is_running() -> bool:
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+        asked = ["systemctl", "is-active", RUN.name]
+        found = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+        return found.stdout.strip() in {"active", "activating", "deactivating"}
+    return False
+
+
+def _run_all(commands: Iterable[str], root: Path) -> Iterator[Finding]:
+    """Run commands of the system, if the root is this system's."""
+    for command in commands if root == Path("/") else ():
+        try:
+            done = subprocess.run(command.split(), capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+            words = done.stderr.strip().rpartition("\n")[2] if done.returncode else "done"
+            yield Finding(command, is_fine=done.returncode == 0, words=words)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            yield Finding(command, is_fine=False, words=f"{error}; run it by hand")

@@ -1,0 +1,179 @@
+"""Which of the hub's sensors looks where, and what each reads too much; of the devices only the hub is used."""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from statistics import fmean, median_low
+from typing import NamedTuple, TypeVar
+
+from mercator_design.errors import RobotError
+from mercator_design.robot.devices.link import Event, Talk
+from mercator_design.robot.devices.ports import Line, PortNames, open_port
+from mercator_design.robot.devices.start import start_hub
+from mercator_design.robot.protocols.multiflex import Distances
+
+_FEWEST = 4  # measurements of each sensor
+_TRIES = 3
+_FALLS = 0.15  # [m] by which a sensor's distance falls if it sees the object
+_CLEAR = 0.75  # [m] without anything around the robot
+_MOST = 0.1  # [m] that a sensor reads wrong, rather than the object being elsewhere
+
+_SIDES = ("in front", "front left", "left", "rear left", "behind", "rear right", "right", "front right")
+
+T = TypeVar("T")
+
+
+class Found(NamedTuple):
+    """angles: [rad] of the sensors, in the hub's order; offsets: [m] that each reads too much, if that was measured."""
+
+    angles: tuple[float, ...]
+    offsets: tuple[float, ...] | None
+
+
+class _Unclear(Exception):  # noqa: N818 - is asked again
+    """Why a measurement says nothing."""
+
+
+class Hub:
+    """The hub, with all its sensors on."""
+
+    def __init__(self, talk: Talk, found: list[Distances]) -> None:
+        self._talk, self._found = talk, found
+
+    def attend(self) -> None:
+        """Hear what it tells."""
+        self._talk.attend(time.monotonic())
+        self._found.clear()
+
+    def measure(self, seconds: float) -> list[list[float]]:
+        """The distances [m] of each sensor from now on; infinite as `Distances.metres` has them.
+
+        Raises:
+            RobotError: if these are next to none, a sensor is off, or the port is lost.
+        """
+        self.attend()
+        self._talk.attend(time.monotonic() + seconds)
+        if len(self._found) < _FEWEST:
+            raise RobotError(
+                f"proximity: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('proximity')}"
+            )
+        by_sensor = [list(metres) for metres in zip(*(each.metres() for each in self._found), strict=True)]
+        if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
+            raise RobotError(f"proximity: not plugged in, says the hub: {_sensors(off)}")
+        return by_sensor
+
+
+@contextlib.contextmanager
+def hub(ports: PortNames) -> Iterator[Hub]:
+    """The hub of a robot.
+
+    Raises:
+        RobotError: if it cannot be used.
+    """
+    found: list[Distances] = []
+
+    def take(event: Event, _now: float) -> None:
+        if isinstance(event, Distances):
+            found.append(event)
+
+    with open_port("proximity", ports.proximity) as port:
+        talk = Talk([Line("proximity", port)], take)
+        start_hub(talk)
+        yield Hub(talk, found)
+
+
+def calibrate(
+    hub: Hub,
+    angles: Sequence[float],
+    distance: float | None,
+    seconds: float,
+    ask: Callable[[str], None],
+    tell: Callable[[str], None],
+) -> Found:
+    """Find each sensor by an object that somebody holds before it.
+
+    Args:
+        hub: Whose sensors they are.
+        angles: Where sensors look [rad], in any order.
+        distance: Of the object from the sensor [m]; None: about 0.3 m, and no offsets are measured.
+        seconds: Of each measurement.
+        ask: Called with what somebody is to do.
+        tell: Called with what was found, and why something is asked again.
+
+    Raises:
+        RobotError: if something stays unclear.
+    """
+
+    def asked(what: str, judge: Callable[[list[list[float]]], T]) -> T:
+        tries = 0
+        while True:
+            ask(what)
+            tries += 1
+            try:
+                return judge(hub.measure(seconds))
+            except _Unclear as unclear:
+                if tries == _TRIES:
+                    raise RobotError(f"proximity: after {_TRIES} times still: {unclear}") from None
+                tell(f"Once more: {unclear}")
+
+    clear = asked(f"Leave nothing within {_CLEAR:g} m around the robot", _clear)
+    far = "about 0.3 m" if distance is None else f"{distance:g} m"
+    places: dict[int, float] = {}
+    errors: dict[int, float] = {}
+
+    def judge(metres: list[list[float]]) -> tuple[int, float]:
+        sensor = _seeing(metres, clear, places)
+        return sensor, 0.0 if distance is None else _error(sensor, metres[sensor], distance)
+
+    for angle in sorted(angles, key=lambda angle: angle % math.tau):
+        where = direction(angle)
+        sensor, error = asked(f"Hold something flat {where}, {far} from the sensor", judge)
+        places[sensor], errors[sensor] = angle, error
+        tell(f"sensor {sensor} looks {where}" + ("" if distance is None else f", and reads {error:+.3f} m too much"))
+    order = range(len(angles))
+    return Found(
+        tuple(places[k] for k in order), None if distance is None else tuple(round(errors[k], 3) for k in order)
+    )
+
+
+def direction(angle: float) -> str:
+    """An angle [rad] from the robot's front in words."""
+    degrees = 180 - round(180.0 - math.degrees(angle)) % 360
+    return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+d} degrees)"
+
+
+def _clear(metres: list[list[float]]) -> list[float]:
+    """What the sensors tell when nobody is near."""
+    found = [median_low(each) for each in metres]
+    if near := [k for k, each in enumerate(found) if each < _CLEAR]:
+        raise _Unclear(f"nearer than {_CLEAR:g} m is something before {_sensors(near)}")
+    return found
+
+
+def _seeing(metres: list[list[float]], clear: list[float], places: dict[int, float]) -> int:
+    """The one sensor that sees something that was not there."""
+    seeing = [k for k, each in enumerate(metres) if median_low(each) < clear[k] - _FALLS]
+    if not seeing:
+        missing = [k for k in range(len(metres)) if k not in places]
+        raise _Unclear(f"no sensor sees it; not found yet, so may be dead: {_sensors(missing)}")
+    if len(seeing) > 1:
+        raise _Unclear(f"{_sensors(seeing)} see it; hold something smaller, and stand aside")
+    if seeing[0] in places:
+        raise _Unclear(f"sensor {seeing[0]} sees it, which looks {direction(places[seeing[0]])}")
+    return seeing[0]
+
+
+def _error(sensor: int, metres: list[float], distance: float) -> float:
+    """What a sensor reads too much [m]."""
+    seen = [each for each in metres if math.isfinite(each)]
+    if 2 * len(seen) < len(metres):
+        raise _Unclear(f"sensor {sensor} sees it too near to tell, or not all the time")
+    error = fmean(seen) - distance
+    if abs(error) > _MOST:
+        raise _Unclear(f"sensor {sensor} sees it at {fmean(seen):.2f} m, not {distance:g} m")
+    return error
+
+
+def _sensors(numbers: Sequence[int]) -> str:
+    return f"sensor{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

@@ -1,0 +1,1 @@
+"""A person drives the robot, and the sensors are recorded."""

@@ -1,0 +1,110 @@
+"""A recording: all that a robot's devices measure, as it comes, with the time since its start [s].
+
+Written and read as the log of a run (log.py):
+
+    start   the robot, what its devices say of themselves, the settings of its sensors
+    sample  of a sensor by its name in samples.py: time, values; a distance, from which no offset is taken yet, is null
+            where nothing is in sight, and 0 where something is too near to tell
+    turn    of the lidar: the time at which it ended, and its readings, angle [rad, from the robot's front] and range
+            [m] of each; 0 where nothing came back
+    wheels  of a drive: the speeds to which the treads were told to go, left and right [m/s]
+    note    what a device told, that a sensor has fallen silent, or that the program was held up
+    end     why the recording ended
+"""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mercator_design.robot.devices.link import Event
+from mercator_design.robot.devices.samples import converted
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.logs.log import Log, plain
+from mercator_design.robot.protocols.ydlidar import Packet, Turns
+from mercator_design.robot.run.control import held_up, in_control
+from mercator_design.robot.run.mercator import Mercator
+from mercator_design.robot.run.safety import STALL
+
+_EVERYTHING = ("ground", "neighbours", "proximity")  # senses, which need all devices
+_LOOK = 0.1  # [s] between looks at what has come
+
+
+class Recorder:
+    """Writes to a log what a robot hears from now on.
+
+    count: Of samples and turns.
+    """
+
+    def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
+        self._log, self._turns, self._front = log, Turns(), settings.lidar_angle
+        self.count = 0
+        log.begin(
+            "recording",
+            settings.name,
+            facts=dict(robot.facts),
+            proximity_angles=settings.proximity_angles,
+            proximity_offsets=settings.proximity_offsets,
+            lidar_angle=settings.lidar_angle,
+        )
+        robot.listen = self._hear
+
+    def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+        """Write an event that happened at a time [s, of time.monotonic()]."""
+        self._log.note(event, time=round(now - self._log.began, 4), **values)
+
+    def _hear(self, event: Event, now: float) -> None:
+        for name, sample in converted(event, now):
+            self.count += 1
+            self.note("sample", now, sensor=name, values=[*map(plain, sample.values)])
+        if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
+            self.count += 1
+            self.note("turn", now, readings=[(self._turned(angle), round(reach, 5)) for angle, reach in turn])
+
+    def _turned(self, angle: float) -> float:
+        return round((angle + self._front) % math.tau, 5)
+
+
+def record(
+    settings: Settings,
+    path: Path,
+    duration: float | None,
+    tell: Callable[[str], None],
+    show: Callable[[float, int], None],
+) -> None:
+    """Record a robot at rest.
+
+    Args:
+        settings: The robot.
+        path: Of the recording, a new file.
+        duration: [s]; None: until something stops it.
+        tell: Called with what people should know.
+        show: Called now and then with the time [s] and the number of samples and turns up to then.
+
+    Raises:
+        Stopped: if the swarm is told to stop, or a device says that the robot is not well.
+        RobotError: if a device cannot be used, or the recording cannot be written.
+        Signalled: if a signal came.
+    """
+    log = Log(path)
+    with in_control(settings, _EVERYTHING, {}, log) as control:
+        robot = control.robot
+        recorder = Recorder(log, robot, settings)
+        robot.report(log.remark, tell)
+        begin = now = time.monotonic()
+        robot.introduce(tell)
+        end = math.inf if duration is None else begin + duration
+        silent: dict[str, str] = {}
+        while now < end:
+            due = min(now + _LOOK, end)
+            now = control.wait(due)
+            before, silent = silent, robot.stale(now)
+            doubts = [silent[name] for name in silent.keys() - before.keys()]
+            if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
+                doubts.append(held_up(now - due))
+            for doubt in doubts:
+                tell(f"Warning: {doubt}")
+                log.remark(doubt)
+            robot.poll()
+            show(now - begin, recorder.count)

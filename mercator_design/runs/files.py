@@ -1,0 +1,184 @@
+"""What a run folder says, read: its journal, and the task that it is about."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from mercator_design import __version__
+from mercator_design.runs import provenance
+from mercator_design.design import Designer
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.system.files import Unreadable, read_small
+from mercator_design.config.json_data import from_json
+from mercator_design.runs.provenance import PROVENANCE, Provenance
+from mercator_design.race import Space
+from mercator_design.race.running.journal import Reading, read
+from mercator_design.race.methods.table import METHODS
+from mercator_design.race.running.record import Record
+from mercator_design.race.running.task import Task
+from mercator_design.race.irace.tuner import Tuner
+from mercator_design.config.schema import Kind, OneOf, Range
+
+JOURNAL = "journal.jsonl"
+_LARGEST = 1024 * 1024  # bytes of the file of a winner
+TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
+"""What can be raced, by the name that a race's start has for it."""
+_START: Mapping[str, Kind] = {
+    "mercator_design": str,
+    "name": str,
+    "method": Annotated[str, OneOf(tuple(METHODS))],
+    "budget": Annotated[int, Range(1)],
+    "seed": Annotated[int, Range(0)],
+}
+
+
+class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
+    """A run folder was written by another version of this program, which says other things of races."""
+
+
+def task_of(path: Path) -> Task[Any]:
+    """The task of a run folder, as this program understands it.
+
+    Raises:
+        RaceError: if there is none.
+        MissionError: if its mission, robot model or plugins cannot be read.
+    """
+    start = read_provenance(path).race
+    return TASKS[str(start["task"])].restore(path, start)
+
+
+def restored(path: Path) -> Task[Any]:
+    """The task of a run folder, whose experiments this program runs as they were run.
+
+    Raises:
+        RaceError: if there is none, or this program would run another race.
+        MissionError: if its mission, robot model or plugins cannot be read.
+    """
+    task, start = task_of(path), read_provenance(path).race
+    here = task.start()
+    for key in {**here, **start}:
+        # Another version may do all the same.
+        if key != "mercator_design" and not is_same(here.get(key), start.get(key)):
+            raise RaceError(
+                f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
+                f"{start['mercator_design']}, found {excerpt(str(here.get(key)))} in mercator_design {__version__}: "
+                "the race cannot be continued, verified or ablated by this"
+            )
+    return task
+
+
+def is_same(one: object, other: object) -> bool:
+    """Whether two things are the same in JSON, in which 1 is neither 1.0 nor true."""
+    return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
+
+
+def read_provenance(path: Path) -> Provenance:
+    """Where a run folder comes from.
+
+    Raises:
+        OtherVersion: see there.
+        RaceError: if it is no run folder, or its provenance is damaged.
+    """
+    if unfinished := without_provenance(path):
+        raise RaceError(unfinished)
+    found = provenance.read(path)
+    _check_start(found.race, f"{path / PROVENANCE}: race")
+    return found
+
+
+def without_provenance(path: Path) -> str:
+    """What to do with a folder that has a journal, but no provenance; nothing for others.
+
+    Raises:
+        RaceError: Its journal cannot be read.
+    """
+    journal = path / JOURNAL
+    if (path / PROVENANCE).exists() or not journal.is_file():
+        return ""
+    if not journal.stat().st_size:
+        return f"{path}: no race has begun here, it was stopped before; begin it again with -o {path}"
+    if not (start := read_journal(path).record.start):
+        return ""
+    command = TASKS[start["task"]].command(start, path)
+    return (
+        f"{path}: a race has begun here, but its {PROVENANCE} is missing, so it cannot go on: put a copy of that back, "
+        f"or begin the race again in another folder with: {command} -o ANOTHER"
+    )
+
+
+def read_journal(path: Path) -> Reading:
+    """The journal of a run folder as it is; others may be writing it.
+
+    Raises:
+        OtherVersion: see there.
+        RaceError: if there is none, or it is corrupt.
+    """
+    reading = read(path / JOURNAL)
+    if reading.record.start:
+        _check_start(reading.record.start, f"{path / JOURNAL}, line 1: start")
+    return reading
+
+
+def wrong_end(path: Path, record: Record) -> str:
+    """What is wrong if the journal of a folder does not end as its provenance, or the file of its winner, says.
+
+    So lines that are missing at its end are found, which no line after them shows. Nothing if nothing is wrong.
+
+    Raises:
+        RaceError: if the folder's provenance cannot be read.
+    """
+    said = read_provenance(path)
+    found = {str(end.budget): end.digest for end in record.ends}
+    if said.finished is not None:
+        file, expected, budget = PROVENANCE, said.journal or "", str(said.budget)
+        after = f" after {said.experiments} experiments"
+    else:  # it was stopped before that was written, but perhaps not before the file of the winner was
+        file, after = TASKS[str(said.race["task"])].WINNER, ""
+        header = _comments(path / file)
+        expected, budget = header.get("journal", ""), header.get("budget", "")
+    if not expected or any(digest.startswith(expected) for digest in found.values()):
+        return ""
+    if budget in found:
+        return f"{path / JOURNAL}: expected the digest {expected[:64]}, as {file} says, found {found[budget]}"
+    return (
+        f"{path / JOURNAL}: expected the end of the race{after}, as {file} says, found none after "
+        f"{len(record.experiments)} experiments: lines are missing at its end; --resume runs again what they were about"
+    )
+
+
+def _comments(file: Path) -> dict[str, str]:
+    """What the comment lines of a winner's file say, `# key: value`; nothing if there is no such file."""
+    try:
+        lines = read_small(file, _LARGEST).decode(errors="replace").splitlines()
+    except Unreadable:
+        return {}
+    found = [line.lstrip("# ").partition(": ") for line in lines if line.startswith("#")]
+    return {key: value.strip() for key, _, value in found}
+
+
+def check_configurations(path: Path, record: Record, space: Space) -> None:
+    """Make sure that the configurations of a journal are of a space.
+
+    Raises:
+        RaceError: with the first that is not.
+    """
+    for number, configuration in record.configurations.items():
+        try:
+            space.check(configuration)
+        except RaceError as error:
+            raise RaceError(f"{path / JOURNAL}: configuration {number}: {error}") from None
+
+
+def _check_start(start: Mapping[str, Any], label: str) -> None:
+    """Make sure that what makes a race has all that reports and `Task.restore` read."""
+    task = start.get("task")
+    wanted = {**_START, **TASKS[task].START} if isinstance(task, str) and task in TASKS else None
+    if wanted is None or not wanted.keys() <= start.keys():
+        by = excerpt(str(start.get("mercator_design", "another version")))
+        raise OtherVersion(
+            f"{label}: expected the start of a race as mercator_design {__version__} writes it, found that of another "
+            f"build ({by}), which can read it"
+        )
+    for key, kind in wanted.items():
+        from_json(start[key], kind, error=RaceError, label=label, path=key)

@@ -1,0 +1,259 @@
+"""The folder that a race writes: what is in it, in which order it appears, and how a race goes on from it.
+
+journal.jsonl      what has happened so far (see race/running/journal.py), written as it happens; it claims the folder
+...                what the task needs to go on (see race/running/task.py): of a mission its own file, the robot model's and
+                   plugins/, files/ and floor.png if there were any, with every default and override filled in
+provenance.json    versions, seed, budget, platform, what makes the race
+failed/            the control software of experiments that failed, if there were any
+fsm.txt            the winner; its name depends on the task
+results.csv        every configuration that was raced, the elites first
+
+A run that came to its end has "finished" in its provenance, which is written anew after all else.
+"""
+
+import contextlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mercator_design import __version__
+from mercator_design.errors import RaceError
+from mercator_design.system.files import remove_drafts, write_bytes, write_text
+from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
+from mercator_design.race.running.events import Extension, Finished, Tested
+from mercator_design.race.running.journal import Journal, now
+from mercator_design.race.running.task import Result, Task
+from mercator_design.race.running.evaluation import Testing
+from mercator_design.runs.files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
+from mercator_design.runs.tables import configurations_of
+
+_RESULTS = "results.csv"
+_LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")
+
+
+class RunFolder:
+    """The folder of one race; a context manager that closes the journal.
+
+    Attributes:
+        path: Of the folder.
+        task: What is raced; its race has not begun.
+        journal: Of the race so far, which this process has to itself.
+    """
+
+    def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: Provenance) -> None:
+        self.path = path
+        self.task = task
+        self.journal = journal
+        self._provenance = provenance
+
+    @property
+    def testing(self) -> Testing | None:
+        """What is tested when the race has ended."""
+        return self._provenance.testing
+
+    @classmethod
+    def create(cls, path: Path, task: Task[Any], *, request: Request, testing: Testing | None = None) -> Self:
+        """A new one; or one in which a race was stopped before it began.
+
+        Raises:
+            RaceError: if the folder has files in it already, or cannot be written.
+        """
+        start = task.start()
+        provenance = Provenance(
+            race=start,
+            request=request,
+            testing=testing,
+            started=now(),
+            python=sys.version.split()[0],
+            libraries={name: version(name) for name in _LIBRARIES},
+            platform=platform.platform(),
+            machine=platform.machine(),
+            cores=os.cpu_count(),
+        )
+        with _naming(path):
+            path.mkdir(parents=True, exist_ok=True)
+            journal = _claimed(path)
+        folder = cls(path, task, journal, provenance)
+        try:
+            with _naming(path):
+                folder._remove_drafts()
+                for name, data in task.files().items():
+                    (path / name).parent.mkdir(parents=True, exist_ok=True)
+                    write_bytes(path / name, data)
+                write(path, provenance)
+            journal.begin(start)
+            journal.sync()
+        except BaseException:
+            folder.__exit__(None, None, None)
+            raise
+        return folder
+
+    @classmethod
+    def reopen(cls, path: Path) -> Self:
+        """That of a race which has begun.
+
+        Raises:
+            RaceError: if there is none, if it is not the race that this program would run, if another process runs it,
+                or if its journal is corrupt.
+            MissionError: if its mission, robot model or plugins cannot be read.
+        """
+        provenance = read_provenance(path)
+        start = provenance.race
+        task = restored(path)
+        with _naming(path):
+            journal = Journal(path / JOURNAL, new=False)
+        folder = cls(path, task, journal, provenance)
+        try:
+            if not journal.start:
+                journal.begin(start)
+            _check_same(path, journal, start)
+            if missing := wrong_end(path, journal):
+                journal.notes.append(missing)
+            with _naming(path):
+                folder._remove_drafts()
+        except BaseException:
+            folder.__exit__(None, None, None)
+            raise
+        return folder
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.journal.__exit__(kind, error, traceback)
+
+    def extend(self, budget: int) -> None:
+        """Let the race go on to a larger budget when it has ended under the one it has.
+
+        Raises:
+            RaceError: if the budget is smaller than that.
+        """
+        if budget < self.journal.budget:
+            raise RaceError(
+                f"{self.path}: expected a budget of {self.journal.budget}, as before, or more, found {budget}"
+            )
+        if budget > self.journal.budget:
+            self.journal.note(Extension(budget=budget))
+
+    def test(self, testing: Testing | None) -> None:
+        """Let these be the tests, from now on.
+
+        Raises:
+            RaceError: if that cannot be written.
+        """
+        self._provenance = replace(self._provenance, testing=testing)
+        with _naming(self.path):
+            write(self.path, self._provenance)
+
+    def keep_failed(self, finished: Finished | Tested) -> str:
+        """Write what an experiment that failed needs; gives the command that runs it alone.
+
+        Raises:
+            RaceError: if it cannot be written.
+        """
+        with _naming(self.path):
+            return self.task.command_of_failed(finished, self.path, self._header())
+
+    def finish(self, result: Result, *, seconds: float) -> None:
+        """Write what the race came to: the winner first, that it is not lost where there is no room for all.
+
+        Args:
+            result: Of the race.
+            seconds: That this process took for it.
+
+        Raises:
+            RaceError: if it cannot be written.
+        """
+        scores, race = result.scores, self.task.race
+        tested = result.tests.get(result.configuration)
+        header = self._header() | {
+            "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
+            "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
+            **(
+                {"test": f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"} if tested else {}
+            ),
+            "budget": str(race.budget),
+            "journal": self.journal.ends[-1].digest[:16],
+        }
+        with _naming(self.path):
+            write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
+            results = configurations_of(self.journal)
+            ranks = {elite.configuration: rank for rank, elite in enumerate(race.elites, start=1)}
+            results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
+            in_order = results.sort_values(["elite_rank", "configuration"], na_position="last")
+            write_text(self.path / _RESULTS, in_order.to_csv())
+            self._provenance = replace(
+                self._provenance,
+                finished=now(),
+                budget=race.budget,
+                experiments=race.used,
+                winner=result.configuration,
+                journal=self.journal.ends[-1].digest,
+                seconds=seconds,
+            )
+            write(self.path, self._provenance)
+
+    def _header(self) -> dict[str, str]:
+        """What the file of a winner says of where it comes from."""
+        start, overrides = self._provenance.race, self._provenance.request.set
+        raced_with = {} if overrides is None else {"set": json.dumps(overrides)}
+        return {
+            **self.task.header(),
+            **raced_with,
+            "seed": str(start["seed"]),
+            "mercator_design": __version__,
+        }
+
+    def _remove_drafts(self) -> None:
+        """Remove halves of files that were written when this was stopped before."""
+        for name in (PROVENANCE, _RESULTS, self.task.WINNER, *self.task.files()):
+            remove_drafts(self.path / name)
+
+
+def _claimed(path: Path) -> Journal:
+    """The journal by which a race claims a folder: of two races that get here at once, one fails and writes nothing.
+
+    That of a race which was stopped before it began is empty, and there is no provenance.
+    """
+    file = path / JOURNAL
+    is_new = not file.exists()
+    if any(path.iterdir()) if is_new else (path / PROVENANCE).exists() or file.stat().st_size:
+        raise _taken(path)
+    journal = Journal(file, new=is_new)
+    if journal.start:  # by now
+        journal.__exit__(None, None, None)
+        raise _taken(path)
+    return journal
+
+
+def _taken(path: Path) -> RaceError:
+    """What says that a folder is taken, and what to do."""
+    taken = f"{path}: expected a new or empty folder for the results, found files in it"
+    if (path / JOURNAL).exists() and (path / PROVENANCE).exists():
+        return RaceError(f"{taken}: a race, which goes on with --resume {path}")
+    with contextlib.suppress(RaceError):
+        if (path / JOURNAL).exists() and (lost := without_provenance(path)):
+            return RaceError(taken, lost)
+    return RaceError(taken)
+
+
+def _check_same(path: Path, journal: Journal, start: Mapping[str, object]) -> None:
+    if not is_same({**journal.start, "format": None}, {**start, "format": None}):
+        raise RaceError(f"{path}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RaceError(f"{path}: cannot write results there: {error.strerror or error}") from None

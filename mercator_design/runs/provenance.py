@@ -1,0 +1,78 @@
+"""Where a run folder comes from: what makes the race, who asked for it how, and on what machine it began and ended."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mercator_design.errors import RaceError
+from mercator_design.system.files import Unreadable, read_small, write_text
+from mercator_design.config.json_data import from_json
+from mercator_design.config.loading import plain
+from mercator_design.race.running.events import Number
+from mercator_design.race.running.evaluation import Testing
+
+PROVENANCE = "provenance.json"
+_LARGEST = 1024 * 1024  # bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a user asked for, in the words of the command line."""
+
+    mission: str | None = None
+    scenario: str | None = None
+    set: tuple[str, ...] | None = None
+    flavour: str | None = None
+    method: str
+    executor: str | None = None
+    jobs: Number | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What provenance.json says; from `finished` on, of a race that has ended."""
+
+    race: Mapping[str, object]  # what makes it, as the start of its journal
+    request: Request
+    testing: Testing | None = None
+    started: str
+    python: str
+    libraries: Mapping[str, str]
+    platform: str
+    machine: str
+    cores: Number | None = None
+    finished: str | None = None
+    budget: Number | None = None
+    experiments: Number | None = None
+    winner: Number | None = None
+    journal: str | None = None  # digest of its journal
+    seconds: float | None = None
+
+
+def read(folder: Path) -> Provenance:
+    """That of a run folder.
+
+    Raises:
+        RaceError: There is none, or it is not what this program writes: with the key.
+    """
+    file = folder / PROVENANCE
+    try:
+        data = json.loads(read_small(file, _LARGEST))
+    except Unreadable as error:
+        raise RaceError(f"{folder}: expected the folder of a race, found that {PROVENANCE}: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise RaceError(f"{file}: expected JSON, found something else: {error}") from None
+    provenance: Provenance = from_json(data, Provenance, error=RaceError, label=str(file))
+    return provenance
+
+
+def write(folder: Path, provenance: Provenance) -> None:
+    """Write that of a run folder; what is None is left out."""
+    data = _given(plain(provenance)) | {"race": provenance.race}
+    write_text(folder / PROVENANCE, json.dumps(data | {"request": _given(data["request"])}, indent=2) + "\n")
+
+
+def _given(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if value is not None}

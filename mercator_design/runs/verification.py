@@ -1,0 +1,79 @@
+"""Whether a run folder is what it says: its journal is whole, and its experiments give the same results again."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mercator_design.errors import RaceError
+from mercator_design.race import Experiment
+from mercator_design.race.running.events import Finished, Tested
+from mercator_design.race.running.executors import Executor, in_order
+from mercator_design.race.running.task import Task
+from mercator_design.runs.files import JOURNAL, check_configurations, read_journal, wrong_end
+
+
+def verify(
+    path: Path,
+    task: Task[Any],
+    number: int,
+    executor: Executor,
+    announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
+    stopped: Callable[[], bool] = lambda: False,
+) -> list[str]:
+    """Check a run folder, and run a sample of its experiments again; gives what was checked, in sentences.
+
+    Args:
+        path: The folder.
+        task: As `restored` gives it.
+        number: Experiments to run again, evenly spread over the race.
+        executor: Runs them.
+        announce: Called with a sentence if there is something to compile.
+        stopped: Asked before each whether to stop.
+
+    Raises:
+        RaceError: if something is not as it was.
+        Stopped: see `stopped`; what was under way has been waited for.
+    """
+    reading = read_journal(path)
+    record = reading.record
+    checked = [
+        f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
+    ]
+    if missing := wrong_end(path, record):
+        raise RaceError(missing)
+    check_configurations(path, record, task.race.space)
+    for end in record.ends:
+        which = "all" if end.experiments == len(record.experiments) else "the first"
+        checked.append(f"{JOURNAL}: the digest, of {which} {end.experiments} experiments, is {end.digest[:16]}")
+    if record.is_complete:
+        winner = record.ends[-1].winner
+        if not task.is_winner(path / task.WINNER, record.configurations[winner]):
+            raise RaceError(f"{path / task.WINNER}: expected configuration {winner}, found another")
+        checked.append(f"{task.WINNER}: is configuration {winner}, the winner")
+    ran: list[Finished | Tested] = [record.experiments[number] for number in sorted(record.experiments)]
+    ran += [record.tests[where] for where in sorted(record.tests)]
+    finished = [one for one in ran if one.score is not None]
+    n = min(number, len(finished)) if task.evaluate is None else 0  # an evaluator compares with others
+    sample = [finished[k * len(finished) // n] for k in range(n)]
+    task.prepare(announce)
+    items = [
+        task.item(
+            Experiment(one.configuration, one.instance),
+            record.configurations[one.configuration],
+            test=isinstance(one, Tested),
+        )
+        for one in sample
+    ]
+    found_again = in_order(executor, task.function, items, stopped=stopped)
+    for one, (score, outcome) in zip(sample, found_again, strict=True):
+        if (score, outcome) != (one.score, one.outcome):
+            what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
+            raise RaceError(
+                f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
+                f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
+            )
+    tests = sum(isinstance(one, Tested) for one in finished)
+    among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
+    if task.evaluate is not None:
+        return [*checked, f"{among} were not run again, as their targetEvaluator compares them with others"]
+    return [*checked, f"{n} of {among} were run again: all as they were"]

@@ -1,0 +1,182 @@
+"""What is valid, and hardly meant: settings, conditions and colours that make no difference to the robots.
+
+A user is told of them; nothing is refused, because what is left may be what is wanted.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from mercator_design.config.colours import COLOURS, RGB, Colour, ColourName
+from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
+from mercator_design.fsm.modules import Module, numbered
+from mercator_design.fsm.perception import gray_level, ground_by_vote
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.reference import Readings
+from mercator_design.missions.mission import Mission
+from mercator_design.sim.labels import floor_labels, label_of, misread, simulated_labels
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import Neighbours
+
+_MISREAD = 0.01
+"""Share of the readings of a colour, or of an image."""
+_PIXELS = 2_000
+"""Of an image that are looked at."""
+
+
+def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
+    """A sentence for each doubt about robots on a mission.
+
+    Args:
+        mission: With the floor.
+        model: Of the robots.
+        flavour: Whose conditions there are.
+        pfsm: What the robots run; None: anything of the flavour.
+    """
+    yield from doubts_of_model(model)
+    places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
+    for place, module in places:
+        if module.colours and not model.sees_colours:
+            yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"
+    if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
+        named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
+        yield f"never fires on {mission.name}, whose robots see {_seen(mission, model)}: {named}"
+    yield from doubts_of_swarm(mission, model)
+    yield from doubts_of_floor(mission, model, numbered(CONDITIONS, flavour).values())
+
+
+def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[str]:
+    """The conditions of a flavour that never fire on a mission, each with its labels if only some of them do not."""
+    dead = []
+    for condition in numbered(CONDITIONS, flavour).values():
+        if condition.colours:
+            labels = [
+                label
+                for number, label in enumerate(COLOUR_LABELS)
+                if _never_fires(mission, model, condition, (1.0, float(number)))
+            ]
+            if labels:
+                dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(COLOUR_LABELS) else ""))
+        elif _never_fires(mission, model, condition, (1.0, 1.0)):
+            dead.append(condition.name)
+    return dead
+
+
+def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tuple[int, int]]:
+    """State and number of each transition that never fires on a mission, as its floor does not look like that."""
+    return [
+        (i, j)
+        for i, state in enumerate(pfsm.states)
+        for j, transition in enumerate(state.transitions)
+        if _never_fires(mission, model, transition.module, transition.parameters)
+    ]
+
+
+def _never_fires(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
+    """Whether a condition on the ground has probability 0 whatever the robots read; False if that is not known."""
+    levels = _levels(mission, model)
+    if "ground" not in condition.reads or levels is None:
+        return False
+    return all(condition.function(model.reference_model, _readings(model, one), parameters) == 0.0 for one in levels)
+
+
+def _levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
+    """All that the ground may read; None if noise, a mean or votes may make anything of it."""
+    if labels := simulated_labels(mission.floor, model):
+        return [COLOURS[name] for name in labels]
+    device = model.ground
+    is_exact = device is not None and device.noise is None and len(device.positions) == 1
+    if not is_exact or model.reference_model.ground_vote_cycles > 0.0 or mission.floor.image is not None:
+        return None
+    return list(mission.floor.colours())
+
+
+def _seen(mission: Mission, model: RobotModel) -> str:
+    """The colours of the floor as the robots see them."""
+    named: Iterable[Colour] = simulated_labels(mission.floor, model) or mission.floor.colours().values()
+    return ", ".join(str(colour) if isinstance(colour, str) else str(list(colour)) for colour in named)
+
+
+def doubts_of_swarm(mission: Mission, model: RobotModel) -> Iterator[str]:
+    """Whether robots can have neighbours."""
+    if mission.robots == 1 and model.neighbours is not None:
+        yield f"{mission.where('robots')}: one robot has no neighbours: what its modules read of them is always nothing"
+
+
+def doubts_of_model(model: RobotModel) -> Iterator[str]:
+    """Whether a robot model says what makes no difference."""
+    camera, near = model.neighbours, model.reference_model.neighbour_range
+    if isinstance(camera, Neighbours) and camera.noise is None and camera.range is not None and camera.range > near:
+        yield (
+            f"{model.where('neighbours.range')}: {camera.range:g} m changes nothing, as robots count as "
+            f"neighbours within {near:g} m (reference_model.neighbour_range)"
+        )
+
+
+def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
+    """Whether the labels are those of the floor, and which of its colours robots take for each other."""
+    if model.ground is None:
+        return
+    labels, place = simulated_labels(mission.floor, model), mission.where("floor")
+    if labels and labels != (expected := floor_labels(mission.floor)):
+        yield _doubt_of_labels(mission, model, labels, expected)
+        labels = expected  # what else is wrong with the floor
+    readers = [condition for condition in conditions if "ground" in condition.reads]
+    alike: dict[tuple[float, ...], list[str]] = {}
+    for levels, colour in mission.floor.colours().items():
+        written = colour if isinstance(colour, str) else str(list(colour))
+        wrong = misread(labels, model.ground, np.array([levels])) if labels else {}
+        if sum(wrong.values()) >= _MISREAD:
+            shares = ", ".join(f"{label} in {100.0 * share:.1f} %" for label, share in wrong.items())
+            noise = f"because of the noise of robot {model.name}"
+            yield f"{place}: {written} counts as {label_of(labels, levels)}, but as {shares} of readings, {noise}"
+            continue
+        readings = _readings(model, COLOURS[label_of(labels, levels)] if labels else levels)
+        holds = tuple(
+            reader.function(model.reference_model, readings, (1.0, float(label)))
+            for reader in readers
+            for label in range(len(COLOUR_LABELS))
+        )
+        alike.setdefault(holds, []).append(written)
+    for colours in alike.values():
+        if len(colours) > 1:
+            yield f"{place}: no condition of robot {model.name} tells {', '.join(colours)} apart"
+    yield from _doubts_of_image(mission, model, labels)
+
+
+def _doubt_of_labels(
+    mission: Mission, model: RobotModel, labels: tuple[ColourName, ...], expected: tuple[ColourName, ...]
+) -> str:
+    """Which colours of the floor are not among the labels of a robot model, and the other way round."""
+    missing = [name for name in expected if name not in labels]
+    absent = [name for name in labels if name not in expected]
+    facts = [f"{name} counts as {label_of(labels, COLOURS[name])}" for name in missing]
+    facts += [f"{', '.join(absent)} {'is' if len(absent) == 1 else 'are'} not on the floor"] if absent else []
+    floor = f"the floor of {mission.name} has {', '.join(expected)}"
+    return f"{model.where('ground.labels')}: {floor}, the labels are {', '.join(labels)}: {'; '.join(facts)}"
+
+
+def _doubts_of_image(mission: Mission, model: RobotModel, labels: tuple[ColourName, ...]) -> Iterator[str]:
+    """Whether many pixels of a floor's image are between two labels."""
+    image = mission.floor.image
+    if image is None or model.ground is None or not labels:
+        return
+    pixels = np.random.default_rng(0).choice(image.pixels.reshape(-1, 3), _PIXELS)
+    share = sum(misread(labels, model.ground, pixels).values())
+    if share >= _MISREAD:
+        counts = f"{100.0 * share:.1f} % of the readings of the image count as another colour than they should"
+        yield f"{mission.where('floor.image')}: {counts}, because of the noise of robot {model.name}"
+
+
+def _readings(model: RobotModel, levels: RGB) -> Readings:
+    """What a robot reads, after a while, on a floor of one colour."""
+    reference = model.reference_model
+    red, green, blue = levels
+    level = gray_level(red, green, blue)
+    if reference.ground_vote_cycles > 0.0:
+        votes = reference.ground_vote_cycles * len(model.ground.positions if model.ground else ())
+        blacks, whites = level < reference.ground_vote_black, level > reference.ground_vote_white
+        level = ground_by_vote(reference, votes * blacks, votes * whites)
+    if not model.sees_colours:
+        red = green = blue = level
+    return Readings(ground_red=red, ground_green=green, ground_blue=blue)

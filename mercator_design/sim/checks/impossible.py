@@ -1,0 +1,154 @@
+"""What a mission asks that cannot be, or is hardly meant: zones outside the walls or out of reach, angles in degrees,
+a score that cannot differ.
+
+What cannot be is refused where a mission is checked and raced (`Simulator.refuse_impossible`), and else told; the rest
+is told. Each cause is told once, with what follows from it.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mercator_design.config.schema import Radians, values_in
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives import OBJECTIVES
+from mercator_design.missions.plugins import DYNAMICS, is_by_zones, is_ours, zone_references
+from mercator_design.missions.zone_distance import border_points, distance_to
+from mercator_design.seeds import generator
+from mercator_design.sim.checks.reach import Reach, reach_of
+from mercator_design.sim.checks.score_range import TRACES, score_can_differ
+from mercator_design.sim.robot_model import RobotModel
+
+_MUCH_OUTSIDE = 0.1
+_MOST_OUTSIDE = 0.5
+"""Shares of a zone's area: for one that the objective looks at, and for another, which may end beyond a wall."""
+_MUCH_SHARED = 0.1
+"""Share of a nest's area."""
+_POINTS = 10_000
+"""At which the area of a zone is measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What is wrong, with its place."""
+
+    message: str
+    is_impossible: bool = False
+    explains_score: bool = False  # why all scores are the same, if they are
+
+
+def doubts_of_mission(mission: Mission, model: RobotModel) -> list[Doubt]:
+    """What cannot be, or is hardly meant, of robots on a mission."""
+    found = [*doubts_of_angles(mission), *doubts_of_angles(model)]
+    if not all(is_ours(DYNAMICS[dynamics.name]) for dynamics in mission.floor.dynamics):
+        return found  # which may move zones
+    reach = reach_of(mission, model)
+    if reach is None or not reach.reached.any():
+        return found
+    floor = mission.realise_floor(generator(0, "floor"))
+    places = [*_zones(mission, model, floor, reach), *_shared(mission, floor, reach)]
+    return found + (_with_score(mission, places) if score_can_differ(mission, reach) is False else places)
+
+
+def doubts_of_angles(record: Mission | RobotModel) -> Iterator[Doubt]:
+    """Which angles look as if they were degrees.
+
+    Small degrees are valid radians. But hardly anybody writes an angle of more than half a turn as a whole number of
+    radians.
+    """
+    for annotation, value, path in values_in(type(record), record):
+        if not any(isinstance(mark, Radians) for mark in getattr(annotation, "__metadata__", ())):
+            continue
+        if abs(value) > 2.0 * math.pi + 1e-9:
+            what = "is more than a whole turn"
+        elif abs(value) > math.pi and value == round(value):
+            what = "is more than half a turn, and a whole number"
+        else:
+            continue
+        meant = f"angles are in radians, {value:g} degrees are {math.radians(value):.4g}"
+        yield Doubt(f"{record.where(path)}: {value:g} rad {what}; {meant}")
+
+
+def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
+    """Of zones that are outside the walls, in part or wholly, or out of reach."""
+    function = OBJECTIVES[mission.objective.name]
+    counted = {name for _, name in zone_references(function, mission.objective.parameters)}
+    size = 2.0 * min(model.body.half_size)
+    first = 0
+    for index, zone in enumerate(mission.floor.zones):
+        rows = range(first, first := first + len(zone.rows(np.random.default_rng(0), [])))
+        called = f"zone '{zone.name}'" if zone.name else "this zone"
+        place = mission.where(f"floor.zones[{index}]")
+        is_counted = zone.name in counted
+        outside = _share_outside(mission, floor, rows)
+        if not any((reach.touched(floor, row) & reach.inside).any() for row in rows):
+            told = ", and the objective counts on it" if is_counted else ""
+            message = f"{place}: {called} lies outside the walls{told}"
+            yield Doubt(message, is_impossible=is_counted, explains_score=is_counted)
+        elif not any(_is_reached(reach, floor, row) for row in rows):
+            yield Doubt(
+                f"{place}: no robot can reach {called}: from where they start, there is no way for the centre of a "
+                f"robot that is {size:.3g} m wide",
+                explains_score=is_counted,
+            )
+        elif outside > (_MUCH_OUTSIDE if is_counted else _MOST_OUTSIDE):
+            yield Doubt(f"{place}: {100.0 * outside:.0f} % of {called} lie outside the walls")
+
+
+def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
+    """Of the area of some zones; 0 of half planes, which have no end."""
+    along = max(3, math.isqrt(_POINTS // len(rows)))
+    inside = total = 0
+    for row in rows:
+        border = border_points(floor, row)
+        if len(border):
+            axes = [
+                np.linspace(low, high, along) for low, high in zip(border.min(axis=0), border.max(axis=0), strict=True)
+            ]
+            points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+            points = points[distance_to(floor, row, points) <= 0.0]
+            total += len(points)
+            inside += int(np.sum(mission.arena.contains(points)))
+    return 1.0 - inside / total if total else 0.0
+
+
+def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
+    """Of nests that are sources too, where a robot is on the source."""
+    given, zone_rows = mission.objective.parameters, mission.floor.zone_rows()
+    if not {"sources", "nests"} <= given.keys():
+        return
+    sources, nests = (
+        np.any([reach.cells_of(floor, row) for name in given[kind] for row in zone_rows[name]], axis=0) & reach.reached
+        for kind in ("sources", "nests")
+    )
+    share = np.sum(sources & nests) / max(1, np.sum(nests))
+    if share > _MUCH_SHARED:
+        place = mission.where("objective.nests")
+        words = "the nests are sources, too" if share == 1.0 else f"{100.0 * share:.0f} % of the nests are sources, too"
+        message = f"{place}: {words}: a robot there is at a source, and brings nothing home"
+        yield Doubt(message, explains_score=share == 1.0)
+
+
+def _with_score(mission: Mission, places: list[Doubt]) -> list[Doubt]:
+    """Doubts about places, and that every score is the same: said of each that explains it, else of the objective."""
+    is_proved = is_by_zones(OBJECTIVES[mission.objective.name])
+    same = (
+        "every score is the same, whatever the robots do"
+        if is_proved
+        else f"in {TRACES} made-up experiments every score was the same, whatever the robots did"
+    )
+    if not any(doubt.explains_score for doubt in places):
+        return [*places, Doubt(f"{mission.where('objective')}: {same}", is_impossible=is_proved)]
+    return [
+        replace(doubt, message=f"{doubt.message}; so {same}", is_impossible=is_proved or doubt.is_impossible)
+        if doubt.explains_score
+        else doubt
+        for doubt in places
+    ]
+
+
+def _is_reached(reach: Reach, floor: FloorTable, row: int) -> bool:
+    return bool((reach.touched(floor, row) & reach.reached).any())

@@ -1,0 +1,172 @@
+"""What a lidar sees: walls, boxes and bodies that are higher than it, and the heads of other lidars. Kernels.
+
+A beam goes out from the robot's centre. Whatever it may meet covers a range of beams, and only these are looked at: so
+a turn of 719 beams costs little more than one look at each.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.jit import jittable
+from mercator_design.sim.kernels.noise import LIDAR_DRAWS, NO_NOISE, noise
+from mercator_design.sim.kernels.scene import Lidar, Scene
+
+Floats = NDArray[np.float64]
+
+_END = 1e-9
+"""A beam so far beyond the end of a wall, as a fraction of its length, still meets it: none slips through a corner."""
+
+
+@jittable
+def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found: Floats) -> None:
+    """One turn of robot i's lidar.
+
+    Args:
+        scene: The arena and the robots.
+        poses: (robots, 5) x, y [m], heading [rad], its cosine and sine.
+        i: Which robot.
+        key: Of its stream of noise.
+        cycle: Number of the control cycle.
+        found: (beams,) filled with distances [m]; 0 where nothing is in range.
+    """
+    for k in range(len(found)):
+        found[k] = 0.0
+    scan_near(scene, poses, i, key, cycle, math.inf, found)
+
+
+@jittable
+def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, reach: float, found: Floats) -> bool:
+    """One turn of robot i's lidar, without what is farther away than `reach` [m]: the readings nearer are the same.
+
+    Other arguments are those of `scan`. A reading beyond the reach may be 0 or what it is.
+
+    Returns:
+        Whether anything may be within reach; if not, nothing was written to `found`.
+    """
+    lidar = scene.lidar
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    beams = len(found)
+    radius = scene.corner if lidar.sees_bodies else lidar.head
+    centre_reach = reach + lidar.ring + radius
+    is_empty = True
+    outlines = lidar.outlines
+    for w in range(len(outlines)):
+        start_x, start_y = outlines[w, 0] - x, outlines[w, 1] - y
+        if abs(start_x * outlines[w, 4] + start_y * outlines[w, 5]) > reach + lidar.ring:
+            continue
+        if is_empty:
+            _clear(found)
+            is_empty = False
+        _meet_wall(lidar, start_x, start_y, start_x + outlines[w, 2], start_y + outlines[w, 3], c, s, found)
+    for j in range(len(poses)):
+        to_x, to_y = poses[j, 0] - x, poses[j, 1] - y
+        if j == i or radius == 0.0 or to_x * to_x + to_y * to_y > centre_reach * centre_reach:
+            continue
+        if is_empty:
+            _clear(found)
+            is_empty = False
+        if lidar.sees_bodies and not scene.round:
+            _meet_box(scene, to_x, to_y, poses[j, 3], poses[j, 4], c, s, found)
+        else:
+            _meet_disc(lidar, to_x, to_y, radius, c, s, found)
+    if is_empty:
+        return False
+    noisy = lidar.noise[0] != NO_NOISE
+    for k in range(beams):
+        if found[k] == math.inf:  # as most are
+            found[k] = 0.0
+            continue
+        distance = found[k] - lidar.ring
+        if not lidar.nearest <= distance <= lidar.furthest:
+            found[k] = 0.0
+        elif noisy:
+            disturbed = distance + noise(lidar.noise, key, LIDAR_DRAWS, cycle * beams + k)
+            found[k] = max(0.0, min(lidar.furthest, disturbed))
+        else:
+            found[k] = distance
+    return True
+
+
+@jittable
+def _clear(found: Floats) -> None:
+    for k in range(len(found)):
+        found[k] = math.inf
+
+
+@jittable
+def _first_beam(lidar: Lidar, angle: float) -> int:
+    """The beam before an angle [rad] from the robot's front; may be negative."""
+    return math.floor((angle - lidar.first_angle) / lidar.angle_step)
+
+
+@jittable
+def _meet_wall(
+    lidar: Lidar, start_x: float, start_y: float, end_x: float, end_y: float, c: float, s: float, found: Floats
+) -> None:
+    """Shorten beams that meet a wall between two points, relative to the robot's centre."""
+    ax, ay = c * start_x + s * start_y, c * start_y - s * start_x  # in the robot's frame
+    bx, by = c * end_x + s * end_y, c * end_y - s * end_x
+    wall_x, wall_y = bx - ax, by - ay
+    area = ax * wall_y - ay * wall_x
+    if area == 0.0:
+        return  # seen edge on
+    if area < 0.0:  # so that beams go counter-clockwise from the start to the end
+        ax, ay, bx, by = bx, by, ax, ay
+        wall_x, wall_y, area = -wall_x, -wall_y, -area
+    covered = math.atan2(area, ax * bx + ay * by)  # exact for a wall seen edge on, which differences of angles are not
+    first = _first_beam(lidar, math.atan2(ay, ax))
+    count = int(covered / lidar.angle_step) + 2
+    beams = len(found)
+    for n in range(count + 1):
+        k = (first + n) % beams
+        ray_x, ray_y = lidar.beams_x[k], lidar.beams_y[k]
+        across = ray_x * wall_y - ray_y * wall_x
+        if across <= 0.0:
+            continue
+        if n <= 1 or n >= count - 1:  # the beams at the ends may pass by
+            along = (ax * ray_y - ay * ray_x) / across
+            if along < -_END or along > 1.0 + _END:
+                continue
+        found[k] = min(found[k], area / across)
+
+
+@jittable
+def _meet_box(
+    scene: Scene, to_x: float, to_y: float, box_c: float, box_s: float, c: float, s: float, found: Floats
+) -> None:
+    """Shorten beams that meet the body of another robot at (to_x, to_y) from the robot's centre."""
+    along_x, along_y = scene.half_length * box_c, scene.half_length * box_s
+    aside_x, aside_y = -scene.half_width * box_s, scene.half_width * box_c
+    for side in range(4):
+        # The four corners in turn: (+, -), (+, +), (-, +), (-, -).
+        u = 1.0 if side < 2 else -1.0
+        v = 1.0 if 1 <= side <= 2 else -1.0
+        next_u = 1.0 if side % 3 == 0 else -1.0
+        next_v = 1.0 if side < 2 else -1.0
+        start_x, start_y = to_x + u * along_x + v * aside_x, to_y + u * along_y + v * aside_y
+        end_x, end_y = to_x + next_u * along_x + next_v * aside_x, to_y + next_u * along_y + next_v * aside_y
+        if start_x * end_y < start_y * end_x:  # this side faces the robot
+            _meet_wall(scene.lidar, start_x, start_y, end_x, end_y, c, s, found)
+
+
+@jittable
+def _meet_disc(lidar: Lidar, to_x: float, to_y: float, radius: float, c: float, s: float, found: Floats) -> None:
+    """Shorten beams that meet a disc at (to_x, to_y) from the robot's centre."""
+    x, y = c * to_x + s * to_y, c * to_y - s * to_x  # in the robot's frame
+    away = math.sqrt(x * x + y * y)
+    if away <= radius:
+        return
+    half = math.asin(radius / away)
+    first = _first_beam(lidar, math.atan2(y, x) - half)
+    count = int(2.0 * half / lidar.angle_step) + 2
+    beams = len(found)
+    for n in range(count + 1):
+        k = (first + n) % beams
+        ray_x, ray_y = lidar.beams_x[k], lidar.beams_y[k]
+        past = x * ray_y - y * ray_x
+        half_chord = radius * radius - past * past
+        ahead = x * ray_x + y * ray_y
+        if half_chord >= 0.0 and ahead > 0.0:
+            found[k] = min(found[k], ahead - math.sqrt(half_chord))

@@ -1,0 +1,307 @@
+"""What a robot perceives in a control cycle: its senses, as far as they are read. Kernels."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.fsm.perception import (
+    gray_level,
+    ground_by_vote,
+    light_direction,
+    nearest_label,
+    perceive,
+    proximity_weight,
+)
+from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.jit import jittable
+from mercator_design.missions.floor_kernels import colour_at
+from mercator_design.sim.kernels.lidar import scan_near
+from mercator_design.sim.kernels.noise import (
+    GROUND_DRAWS,
+    LIGHT_ANGLE_DRAWS,
+    LIGHT_DRAWS,
+    NEIGHBOURS_ANGLE_DRAWS,
+    NEIGHBOURS_DRAWS,
+    NEIGHBOURS_LOSS_DRAWS,
+    NO_NOISE,
+    PROXIMITY_DRAWS,
+    PROXIMITY_WEIGHT_DRAWS,
+    draw,
+    noise,
+)
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.sight import cast, is_hidden, is_lit
+from mercator_design.sim.kernels.swarm import Swarm
+
+Floats = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+_MOST_DEVIATIONS = 8.0  # that noise ever brings a reading nearer: more come once in 10^15 readings
+
+
+@jittable
+def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
+    """What robot i perceives with some of its senses (bits of modules.SENSES); what it does not sense is neutral."""
+    n = 0
+    count = 0.0
+    light_x, light_y = 0.0, 0.0
+    if senses & PROXIMITY:
+        sense_obstacles(scene, model, swarm, cycle, i)
+    else:
+        for k in range(len(swarm.proximity)):
+            swarm.proximity[k] = 0.0
+    if senses & NEIGHBOURS:
+        if scene.neighbours.by_lidar:
+            n = sense_heads(scene, model, swarm, cycle, i)
+            count = float(n)
+        else:
+            n, count = sense_robots(scene, model, swarm, cycle, i)
+    if senses & GROUND:
+        _sense_ground(scene, model, swarm, cycle, i)
+    else:
+        for k in range(3):
+            swarm.ground[k] = 255.0
+    if senses & LIGHT:
+        light_x, light_y = sense_light(scene, model, swarm, cycle, i)
+    return perceive(
+        model,
+        swarm.proximity,
+        scene.proximity.counts_x,
+        scene.proximity.counts_y,
+        swarm.distances,
+        swarm.bearings_x,
+        swarm.bearings_y,
+        n,
+        count,
+        swarm.ground,
+        (light_x, light_y),
+    )
+
+
+@jittable
+def sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
+    """Fill in how much what the proximity sensors of robot i see counts. A distance has noise where there is one."""
+    seen = swarm.proximity
+    sensors, key = len(seen), swarm.noise_keys[i]
+    row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
+    nearest, reach = scene.proximity.nearest, scene.proximity.furthest
+    if row[0] == NO_NOISE:
+        reach = min(reach, model.proximity_range)  # noise may bring nearer what lies beyond
+    cast(scene, swarm.poses, i, reach, seen)
+    for k in range(sensors):
+        if seen[k] > reach:
+            seen[k] = math.inf
+        elif seen[k] < nearest:
+            seen[k] = -math.inf
+        elif row[0] != NO_NOISE:
+            seen[k] = max(0.0, seen[k] + noise(row, key, PROXIMITY_DRAWS, cycle * sensors + k))
+        seen[k] = proximity_weight(model, seen[k])
+        if weight_row[0] != NO_NOISE:
+            disturbed = seen[k] + noise(weight_row, key, PROXIMITY_WEIGHT_DRAWS, cycle * sensors + k)
+            seen[k] = max(0.0, min(1.0, disturbed))
+
+
+@jittable
+def sense_heads(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
+    """Fill in where the robots are that robot i perceives as clusters of its lidar's readings: how many there are."""
+    lidar = scene.lidar
+    # Readings beyond neighbour_range are in no cluster, but noise may bring nearer what is a little beyond.
+    reach = model.neighbour_range + abs(lidar.noise[1]) + _MOST_DEVIATIONS * lidar.noise[2]
+    if not scan_near(scene, swarm.poses, i, swarm.noise_keys[i], cycle, reach, swarm.scan):
+        return 0
+    return lidar_neighbours(
+        model, swarm.scan, lidar.first_angle, lidar.angle_step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+    )
+
+
+@jittable
+def sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
+    """Fill in where the robots are that robot i perceives with its camera: how many rows that is, how many count."""
+    poses, camera = swarm.poses, scene.neighbours
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    robots = len(poses)
+    noisy = camera.noise[0] != NO_NOISE
+    slots = swarm.heard.shape[2]
+    remembers = len(swarm.heard) > 0
+    in_range = model.neighbour_range * model.neighbour_range
+    seen = camera.range * camera.range
+    near = seen if noisy else min(seen, in_range)
+    n = 0
+    count = 0.0
+    for j in range(robots):
+        if j == i:
+            continue
+        to_x = poses[j, 0] - x
+        to_y = poses[j, 1] - y
+        squared = to_x * to_x + to_y * to_y
+        perceived = 0.0 < squared < near
+        if not perceived and not remembers:
+            continue  # as most are, in a large swarm
+        number = cycle * robots + j
+        perceived = (
+            perceived
+            and (camera.loss == 0.0 or draw(swarm.noise_keys[i], NEIGHBOURS_LOSS_DRAWS, number) >= camera.loss)
+            and not (camera.occlusion and _is_robot_hidden(scene, poses, i, j))
+        )
+        ahead = c * to_x + s * to_y
+        aside = c * to_y - s * to_x
+        if perceived and noisy:
+            size = math.sqrt(squared) * noise(camera.noise, swarm.noise_keys[i], NEIGHBOURS_DRAWS, number)
+            angle = _TURN * draw(swarm.noise_keys[i], NEIGHBOURS_ANGLE_DRAWS, number)
+            ahead += size * math.cos(angle)
+            aside += size * math.sin(angle)
+            squared = ahead * ahead + aside * aside
+            perceived = 0.0 < squared < in_range
+        if remembers:
+            slot = cycle % slots
+            swarm.heard[i, j, slot, 0] = 1.0 if perceived else 0.0
+            swarm.heard[i, j, slot, 1] = ahead
+            swarm.heard[i, j, slot, 2] = aside
+            n, counts = _recall(model, swarm, i, j, cycle, n)
+            count += counts
+        elif perceived:
+            _note_neighbour(swarm, n, ahead, aside)
+            n += 1
+            count += 1.0
+    return n, count
+
+
+@jittable
+def _is_robot_hidden(scene: Scene, poses: Floats, i: int, j: int) -> bool:
+    height = scene.neighbours.height
+    return is_hidden(scene, poses, i, j, poses[i, 0], poses[i, 1], height, poses[j, 0], poses[j, 1], height)
+
+
+@jittable
+def _recall(model: ReferenceModel, swarm: Swarm, i: int, j: int, cycle: int, n: int) -> tuple[int, float]:
+    """Note where robot i has perceived robot j of late, as row n and on; the number of rows then, and 1 if j counts."""
+    slots = swarm.heard.shape[2]
+    counts = 0.0
+    pulls = True
+    for age in range(slots):
+        slot = (cycle - age) % slots
+        if swarm.heard[i, j, slot, 0] == 0.0:
+            continue
+        if age <= model.neighbour_count_memory:
+            counts = 1.0
+        if age <= model.neighbour_memory and pulls:
+            _note_neighbour(swarm, n, swarm.heard[i, j, slot, 1], swarm.heard[i, j, slot, 2])
+            n += 1
+            pulls = model.neighbour_repeats != 0.0
+    return n, counts
+
+
+@jittable
+def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
+    distance = math.sqrt(ahead * ahead + aside * aside)
+    swarm.distances[n] = distance
+    swarm.bearings_x[n] = ahead / distance
+    swarm.bearings_y[n] = aside / distance
+
+
+@jittable
+def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
+    """Fill in the colour of the ground under robot i: the mean of its sensors, its label, or what they vote for."""
+    sensors, ground, labels = len(scene.ground.places), swarm.ground, scene.ground.labels
+    if sensors == 0:
+        for channel in range(3):
+            ground[channel] = 255.0
+        return
+    for channel in range(3):
+        ground[channel] = 0.0
+    blacks, whites = 0.0, 0.0
+    for k in range(sensors):
+        red, green, blue = ground_under(scene, swarm, cycle, i, k)
+        level = gray_level(red, green, blue)
+        blacks += 1.0 if level < model.ground_vote_black else 0.0
+        whites += 1.0 if level > model.ground_vote_white else 0.0
+        ground[0] += red / sensors
+        ground[1] += green / sensors
+        ground[2] += blue / sensors
+    if len(labels) > 0:
+        label = nearest_label(labels, ground[0], ground[1], ground[2])
+        for channel in range(3):
+            ground[channel] = labels[3 * label + channel]
+    ages = swarm.votes.shape[1]
+    if ages > 0:
+        swarm.votes[i, cycle % ages, 0] = blacks
+        swarm.votes[i, cycle % ages, 1] = whites
+        for age in range(1, ages):
+            blacks += swarm.votes[i, (cycle + age) % ages, 0]
+            whites += swarm.votes[i, (cycle + age) % ages, 1]
+        level = ground_by_vote(model, blacks, whites)
+        for channel in range(3):
+            ground[channel] = level
+
+
+@jittable
+def ground_under(scene: Scene, swarm: Swarm, cycle: int, i: int, k: int) -> tuple[float, float, float]:
+    """Red, green, blue that ground sensor k of robot i measures; three times the brightness if it sees only that."""
+    row, key = scene.ground.noise, swarm.noise_keys[i]
+    x, y, c, s = swarm.poses[i, 0], swarm.poses[i, 1], swarm.poses[i, 3], swarm.poses[i, 4]
+    ahead, aside = scene.ground.places[k, 0], scene.ground.places[k, 1]
+    red, green, blue = colour_at(scene.floor, x + c * ahead - s * aside, y + s * ahead + c * aside)
+    number = 3 * (cycle * len(scene.ground.places) + k)
+    if scene.ground.gray:
+        level = max(0.0, min(255.0, gray_level(red, green, blue) + noise(row, key, GROUND_DRAWS, number)))
+        return level, level, level
+    if row[0] == NO_NOISE:
+        return red, green, blue
+    return (
+        _channel(red + noise(row, key, GROUND_DRAWS, number)),
+        _channel(green + noise(row, key, GROUND_DRAWS, number + 1)),
+        _channel(blue + noise(row, key, GROUND_DRAWS, number + 2)),
+    )
+
+
+@jittable
+def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
+    """Unit vector towards the lights that robot i perceives, forwards and to the left, or no vector."""
+    poses, light, readings = swarm.poses, scene.light, swarm.light
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    sensors, lights = len(readings), len(light.lights)
+    key = swarm.noise_keys[i]
+    for k in range(sensors):
+        readings[k] = 0.0
+    sum_x = 0.0
+    sum_y = 0.0
+    for n in range(lights):
+        if not light.seen[n, i] or not is_lit(scene, poses, i, n, x, y, light.height, light.range, light.occlusion):
+            continue
+        to_x, to_y = light.lights[n, 0] - x, light.lights[n, 1] - y
+        ahead = c * to_x + s * to_y
+        aside = c * to_y - s * to_x
+        if light.by_camera:
+            if light.noise[0] != NO_NOISE:
+                away = math.sqrt(ahead * ahead + aside * aside)
+                size = away * noise(light.noise, key, LIGHT_DRAWS, cycle * lights + n)
+                angle = _TURN * draw(key, LIGHT_ANGLE_DRAWS, cycle * lights + n)
+                ahead += size * math.cos(angle)
+                aside += size * math.sin(angle)
+            sum_x += ahead
+            sum_y += aside
+        else:
+            rise = light.lights[n, 2] - light.height
+            away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / light.lights[n, 3]
+            if away <= light.reach:
+                towards = math.atan2(aside, ahead)
+                for k in range(sensors):
+                    off = abs((towards - light.angles[k] + math.pi) % _TURN - math.pi)
+                    readings[k] += math.exp(-light.decay * away) * max(0.0, 1.0 - 2.0 * off / math.pi)
+    if light.by_camera:
+        length = math.sqrt(sum_x * sum_x + sum_y * sum_y)
+        return (sum_x / length, sum_y / length) if length > 0.0 else (0.0, 0.0)
+    for k in range(sensors):
+        if light.noise[0] != NO_NOISE:
+            readings[k] += noise(light.noise, key, LIGHT_DRAWS, cycle * sensors + k)
+        readings[k] = max(0.0, min(1.0, readings[k]))
+    return light_direction(model, readings, light.directions_x, light.directions_y)
+
+
+@jittable
+def _channel(value: float) -> float:
+    """What a colour sensor delivers: a whole number from 0 to 255."""
+    return max(0.0, min(255.0, float(math.floor(value + 0.5))))

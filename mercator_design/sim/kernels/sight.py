@@ -1,0 +1,326 @@
+"""What stands in the way of rays and of sight: walls, boxes and robots. Kernels.
+
+A ray of a proximity sensor starts on the sensor ring and is cast as far as the sensors reach. Walls are the inner faces
+of the arena; boxes are obstacles and the bodies of robots, which may also be discs.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.jit import jittable
+from mercator_design.sim.kernels.scene import Proximity, Scene
+
+Floats = NDArray[np.float64]
+
+# A robot pressed against a wall may have its ring this far [m] beyond the wall's face; it still touches the wall.
+_CONTACT = 0.02
+_PARALLEL = 1e-12
+
+
+@jittable
+def distance_to_wall(x: float, y: float, ray_x: float, ray_y: float, walls: Floats, i: int) -> float:
+    """Distance [m] from (x, y) along a unit vector to a wall, or infinity.
+
+    Args:
+        x: Start of the ray [m].
+        y: The same.
+        ray_x: Unit vector.
+        ray_y: The same.
+        walls: (walls, 6) start x, y; vector to the end x, y; unit normal x, y.
+        i: Which of them.
+    """
+    across = ray_x * walls[i, 3] - ray_y * walls[i, 2]
+    if across < _PARALLEL:  # the arena lies to the left of its walls; the ray does not go to their right
+        return math.inf
+    to_x = walls[i, 0] - x
+    to_y = walls[i, 1] - y
+    along_wall = (to_x * ray_y - to_y * ray_x) / across
+    if along_wall < 0.0 or along_wall > 1.0:
+        return math.inf
+    distance = (to_x * walls[i, 3] - to_y * walls[i, 2]) / across
+    if distance < -_CONTACT:
+        return math.inf
+    return float(max(distance, 0.0))
+
+
+@jittable
+def distance_to_box(x: float, y: float, ray_x: float, ray_y: float, half_length: float, half_width: float) -> float:
+    """Distance [m] along a ray, given in the frame of a box, to the box; 0 from inside, infinity past it."""
+    enter_x, leave_x = _slab(x, ray_x, half_length)
+    enter_y, leave_y = _slab(y, ray_y, half_width)
+    enter, leave = max(0.0, enter_x, enter_y), min(leave_x, leave_y)
+    return enter if enter <= leave else math.inf
+
+
+@jittable
+def _slab(x: float, ray_x: float, half: float) -> tuple[float, float]:
+    """Where along a ray |x| <= half begins and ends [m]; if nowhere, infinity and minus infinity."""
+    if abs(ray_x) < _PARALLEL:
+        return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
+    first = (-half - x) / ray_x
+    second = (half - x) / ray_x
+    return min(first, second), max(first, second)
+
+
+@jittable
+def distance_to_disc(x: float, y: float, ray_x: float, ray_y: float, radius: float) -> float:
+    """Distance [m] along a ray, given in the frame of a disc, to the disc; 0 from inside, infinity past it."""
+    ahead = -(x * ray_x + y * ray_y)
+    past = x * ray_y - y * ray_x
+    half_chord = radius * radius - past * past
+    if half_chord < 0.0:
+        return math.inf
+    half_chord = math.sqrt(half_chord)
+    return math.inf if ahead + half_chord < 0.0 else max(0.0, ahead - half_chord)
+
+
+@jittable
+def _cast_at_walls(
+    sensors: Proximity, walls: Floats, x: float, y: float, c: float, s: float, reach: float, found: Floats
+) -> None:
+    """Shorten distances to those of the walls.
+
+    Args:
+        sensors: The ring of proximity sensors.
+        walls: As in `distance_to_wall`.
+        x: Where the robot is [m].
+        y: The same.
+        c: Cosine of its heading.
+        s: Sine of its heading.
+        reach: How far from its centre [m] a ray ends at most.
+        found: (sensors,) the distances [m].
+    """
+    for i in range(len(walls)):
+        # Few walls are in reach, and the distance to their line tells.
+        if abs((x - walls[i, 0]) * walls[i, 4] + (y - walls[i, 1]) * walls[i, 5]) > reach:
+            continue
+        for k in range(len(found)):
+            ray_x = c * sensors.directions_x[k] - s * sensors.directions_y[k]
+            ray_y = s * sensors.directions_x[k] + c * sensors.directions_y[k]
+            distance = distance_to_wall(x + sensors.ring * ray_x, y + sensors.ring * ray_y, ray_x, ray_y, walls, i)
+            found[k] = min(found[k], distance)
+
+
+@jittable
+def _cast_at_box(
+    sensors: Proximity,
+    box_x: float,
+    box_y: float,
+    box_c: float,
+    box_s: float,
+    half_length: float,
+    half_width: float,
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    found: Floats,
+) -> None:
+    """Shorten distances to those of a box at (box_x, box_y) with heading (box_c, box_s); else as `_cast_at_walls`."""
+    to_x = box_c * (x - box_x) + box_s * (y - box_y)
+    to_y = -box_s * (x - box_x) + box_c * (y - box_y)
+    turn_c = box_c * c + box_s * s
+    turn_s = box_c * s - box_s * c
+    corner = half_length + half_width  # a bound of the true one
+    for k in range(len(found)):
+        ray_x = turn_c * sensors.directions_x[k] - turn_s * sensors.directions_y[k]
+        ray_y = turn_s * sensors.directions_x[k] + turn_c * sensors.directions_y[k]
+        # Most rays pass by, or point away.
+        if abs(to_x * ray_y - to_y * ray_x) > corner or to_x * ray_x + to_y * ray_y > corner:
+            continue
+        distance = distance_to_box(
+            to_x + sensors.ring * ray_x, to_y + sensors.ring * ray_y, ray_x, ray_y, half_length, half_width
+        )
+        found[k] = min(found[k], distance)
+
+
+@jittable
+def _cast_at_disc(
+    sensors: Proximity,
+    disc_x: float,
+    disc_y: float,
+    radius: float,
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    found: Floats,
+) -> None:
+    """Shorten distances to those of a disc at (disc_x, disc_y); else as `_cast_at_walls`."""
+    for k in range(len(found)):
+        ray_x = c * sensors.directions_x[k] - s * sensors.directions_y[k]
+        ray_y = s * sensors.directions_x[k] + c * sensors.directions_y[k]
+        distance = distance_to_disc(
+            x - disc_x + sensors.ring * ray_x, y - disc_y + sensors.ring * ray_y, ray_x, ray_y, radius
+        )
+        found[k] = min(found[k], distance)
+
+
+@jittable
+def cast(scene: Scene, poses: Floats, i: int, range_: float, found: Floats) -> None:
+    """Measure the distances [m] that the proximity sensors of robot i see, up to a range [m]; infinity beyond.
+
+    Args:
+        scene: The arena and the robots.
+        poses: (robots, 5) x, y [m], heading [rad], its cosine and sine.
+        i: Which robot.
+        range_: Of the sensors [m]; what is found beyond may be incomplete.
+        found: (sensors,) filled.
+    """
+    x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
+    sensors, boxes = scene.proximity, scene.boxes
+    for k in range(len(found)):
+        found[k] = math.inf
+    reach = sensors.ring + range_
+    _cast_at_walls(sensors, scene.walls, x, y, c, s, reach, found)
+    for b in range(len(boxes)):
+        _cast_at_box(
+            sensors, boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5], x, y, c, s, found
+        )
+    meets = (reach + scene.corner) * (reach + scene.corner)
+    for j in range(len(poses)):
+        to_x = poses[j, 0] - x
+        to_y = poses[j, 1] - y
+        if j == i or to_x * to_x + to_y * to_y >= meets:
+            continue
+        if scene.round:
+            _cast_at_disc(sensors, poses[j, 0], poses[j, 1], scene.corner, x, y, c, s, found)
+        else:
+            _cast_at_box(
+                sensors,
+                poses[j, 0],
+                poses[j, 1],
+                poses[j, 3],
+                poses[j, 4],
+                scene.half_length,
+                scene.half_width,
+                x,
+                y,
+                c,
+                s,
+                found,
+            )
+
+
+@jittable
+def is_hidden(
+    scene: Scene,
+    poses: Floats,
+    i: int,
+    j: int,
+    x: float,
+    y: float,
+    height: float,
+    to_x: float,
+    to_y: float,
+    to_height: float,
+) -> bool:
+    """Whether something stands between two points and is high enough to hide one from the other.
+
+    Args:
+        scene: The arena, the boxes and the robots.
+        poses: (robots, 5) as in `cast`.
+        i: A robot that hides nothing: it looks.
+        j: Another one: it is looked at.
+        x: The lower point [m].
+        y: The same.
+        height: Of the lower point [m].
+        to_x: The other point [m].
+        to_y: The same.
+        to_height: Of the other point [m], not less than `height`.
+    """
+    away_x, away_y = to_x - x, to_y - y
+    away = math.sqrt(away_x * away_x + away_y * away_y)
+    if away == 0.0:
+        return False
+    ray_x, ray_y = away_x / away, away_y / away
+    climb = (to_height - height) / away
+    walls, boxes = scene.walls, scene.boxes
+    for k in range(len(walls)):
+        across = ray_x * walls[k, 3] - ray_y * walls[k, 2]
+        if abs(across) < _PARALLEL:
+            continue
+        start_x, start_y = walls[k, 0] - x, walls[k, 1] - y
+        along_wall = (start_x * ray_y - start_y * ray_x) / across
+        distance = (start_x * walls[k, 3] - start_y * walls[k, 2]) / across
+        crosses = 0.0 <= along_wall <= 1.0 and 0.0 <= distance < away
+        if crosses and height + climb * distance < scene.wall_height:
+            return True
+    for b in range(len(boxes)):
+        distance = _distance_to_turned_box(
+            x, y, ray_x, ray_y, boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5]
+        )
+        if distance < away and height + climb * distance < boxes[b, 6]:
+            return True
+    for k in range(len(poses)):
+        if k in (i, j):
+            continue
+        if scene.round:
+            distance = distance_to_disc(x - poses[k, 0], y - poses[k, 1], ray_x, ray_y, scene.corner)
+        else:
+            distance = _distance_to_turned_box(
+                x,
+                y,
+                ray_x,
+                ray_y,
+                poses[k, 0],
+                poses[k, 1],
+                poses[k, 3],
+                poses[k, 4],
+                scene.half_length,
+                scene.half_width,
+            )
+        if distance < away and height + climb * distance < scene.body_height:
+            return True
+    return False
+
+
+@jittable
+def is_lit(
+    scene: Scene,
+    poses: Floats,
+    i: int,
+    n: int,
+    x: float,
+    y: float,
+    height: float,
+    range_: float,
+    occlusion: bool,
+) -> bool:
+    """Whether light n is in the range [m] of a sensor of robot i at a point and, with occlusion, not hidden from it."""
+    light_x, light_y, light_height = scene.light.lights[n, 0], scene.light.lights[n, 1], scene.light.lights[n, 2]
+    to_x, to_y = light_x - x, light_y - y
+    if to_x * to_x + to_y * to_y > range_ * range_:
+        return False
+    if not occlusion:
+        return True
+    if light_height < height:
+        return not is_hidden(scene, poses, i, i, light_x, light_y, light_height, x, y, height)
+    return not is_hidden(scene, poses, i, i, x, y, height, light_x, light_y, light_height)
+
+
+@jittable
+def _distance_to_turned_box(
+    x: float,
+    y: float,
+    ray_x: float,
+    ray_y: float,
+    box_x: float,
+    box_y: float,
+    box_c: float,
+    box_s: float,
+    half_length: float,
+    half_width: float,
+) -> float:
+    """As `distance_to_box`, all in the world's frame; the box has its centre at (box_x, box_y)."""
+    from_x, from_y = x - box_x, y - box_y
+    return distance_to_box(
+        box_c * from_x + box_s * from_y,
+        box_c * from_y - box_s * from_x,
+        box_c * ray_x + box_s * ray_y,
+        box_c * ray_y - box_s * ray_x,
+        half_length,
+        half_width,
+    )

@@ -1,0 +1,183 @@
+"""Where machine code lies between processes, so that nothing but what this user wrote there, whole, is ever run.
+
+A file of machine code is loaded by unpickling it and by executing it: a flipped bit may end the interpreter, and who
+can put a file there can run anything. So the folder must be this user's alone, on a path that no other user can change;
+each file must be this user's; and its contents end in a digest of them, which is compared first. What fails is compiled
+anew.
+"""
+
+import atexit
+import contextlib
+import functools
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mercator_design.system import address_space
+
+_DIGEST = 32
+"""Bytes of the digest at the end of a file."""
+
+
+class Place(NamedTuple):
+    """Where machine code is cached."""
+
+    folder: Path | None  # None: nowhere
+    doubt: str  # why it is not the usual folder; empty if it is
+
+
+@functools.cache
+def place(name: str) -> Place:
+    """The folder of a name in the user's cache, or if need be one of this process alone.
+
+    It is below NUMBA_CACHE_DIR if that is set, else below the user's cache folder.
+    """
+    import platformdirs
+
+    usual = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
+    doubt = "no file can be written there"
+    with contextlib.suppress(OSError, RuntimeError):  # a link that leads to itself is either, by version of Python
+        folder = Path(usual).resolve() / name
+        for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
+            missing.mkdir(mode=0o700, exist_ok=True)
+        doubt = why_not_private(folder)
+        if not doubt:
+            with tempfile.TemporaryFile(dir=folder):
+                return Place(folder, "")
+    doubt = f"{Path(usual) / name}: {doubt}; so what is compiled is forgotten when this process ends"
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # which nobody else may enter
+    except OSError:
+        return Place(None, doubt)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Place(folder, doubt)
+
+
+def why_not_private(folder: Path) -> str:
+    """What lets another user change what is found in a folder, on a path without links; empty if nothing does.
+
+    The folder must be this user's. Those that it is in may be root's, too; where others may write there, as in /tmp,
+    the sticky bit must keep them from replacing what is not theirs.
+    """
+    us = os.geteuid()
+    for place in (folder, *folder.parents):
+        found = place.lstat()
+        if found.st_uid != us and (found.st_uid != 0 or place == folder):
+            return f"{place} belongs to user {found.st_uid}, not to {us}"
+        kept = bool(found.st_mode & stat.S_ISVTX) and place != folder
+        if _others_may_write(found) and not kept:
+            return f"other users may write to {place}"
+    return ""
+
+
+def _others_may_write(found: os.stat_result) -> bool:
+    if found.st_mode & stat.S_IWOTH:
+        return True
+    return bool(found.st_mode & stat.S_IWGRP) and not _is_trusted(found.st_gid)
+
+
+def _is_trusted(group: int) -> bool:
+    """Whether a group is of root's, or has no member but this user, as many systems make one for each user."""
+    import grp
+    import pwd
+
+    if group == 0:
+        return True
+    try:
+        name, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+    except KeyError:  # no such user or group, as in some containers
+        return False
+    return found.gr_name == name and set(found.gr_mem) <= {name}
+
+
+def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
+    """Let numba's cache of one function load what is whole alone, and raise for nothing but a lack of memory."""
+    files = getattr(cache, "_cache_file", None)  # numba offers no other way in
+    if files is None:  # nothing is cached
+        return _Forgiving(cache)
+    kind: Any = type(files)
+
+    class Whole(kind):  # type: ignore[misc]  # as said above
+        """Its files, each with its digest behind what numba reads."""
+
+        def _load_index(self) -> Any:  # noqa: ANN401
+            return super()._load_index() if is_whole(Path(self._index_path)) else {}
+
+        def _load_data(self, name: str) -> Any:  # noqa: ANN401
+            path = self._data_path(name)
+            if not is_whole(Path(path)):
+                raise FileNotFoundError(path)  # which numba takes for a file that was removed
+            return super()._load_data(name)
+
+        @contextlib.contextmanager
+        def _open_for_write(self, path: str) -> Iterator["_Digesting"]:
+            with super()._open_for_write(path) as file:
+                os.fchmod(file.fileno(), 0o600)
+                digesting = _Digesting(file)
+                yield digesting
+                file.write(digesting.digest.digest())
+
+    files.__class__ = Whole
+    return _Forgiving(cache)
+
+
+class _Digesting:
+    """A file that is written, with the digest of what was."""
+
+    def __init__(self, file: Any) -> None:  # noqa: ANN401
+        self._file = file
+        self.digest = hashlib.blake2b(digest_size=_DIGEST)
+
+    def write(self, data: bytes) -> int:
+        self.digest.update(data)
+        return int(self._file.write(data))
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a file is this user's alone, and ends in the digest of what is before."""
+    try:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+                return False
+            data = file.read()
+    except OSError:
+        return False
+    return hashlib.blake2b(data[:-_DIGEST], digest_size=_DIGEST).digest() == data[-_DIGEST:]
+
+
+class _Forgiving:
+    """A cache in which what cannot be read means recompiling, and a full disk no cache.
+
+    Where LLVM would end this process, as there is no memory for it, MemoryError is raised.
+    """
+
+    def __init__(self, cache: Any) -> None:  # noqa: ANN401
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        return getattr(self._cache, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
+        address_space.require(address_space.TO_LOAD, "to load machine code")
+        found = None
+        with contextlib.suppress(Exception):  # such as what is wrong with a file that another version of numba wrote
+            found = self._cache.load_overload(signature, context)
+        if found is None:
+            address_space.require(address_space.TO_COMPILE, "to compile")
+        return found
+
+    def save_overload(self, signature: Any, data: Any) -> None:  # noqa: ANN401
+        for _ in range(2):
+            try:
+                self._cache.save_overload(signature, data)
+            except Exception:  # noqa: BLE001 - as above, when it reads the old index; or there is no room
+                with contextlib.suppress(OSError):
+                    self._cache.flush()  # forget the old index, and try anew
+            else:
+                return

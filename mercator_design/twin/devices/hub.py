@@ -1,0 +1,76 @@
+"""The twin's Teraranger Hub Multiflex: bytes of commands in, bytes of acknowledgements and distances out."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from mercator_design.robot.protocols.multiflex import (
+    BINARY_MODE,
+    MOST,
+    NOTHING,
+    SENSORS,
+    TEXT_MODE,
+    Acknowledgement,
+    Command,
+    Distances,
+    command_decoder,
+    use_sensors,
+)
+from mercator_design.twin.pace import next_due
+
+RATE = 50.0
+"""Measurements/s of all sensors together; a frame has one of each that is in use (data sheet of 2017)."""
+_CHOOSE = use_sensors(0).code
+
+
+class Hub:
+    """The hub, which sends from when it has power.
+
+    plugged_in: Bit i of sensor i: whether there is one.
+    """
+
+    def __init__(self, measure: Callable[[], Sequence[float]], *, now: float = 0.0) -> None:
+        """A hub in binary mode with all sensors in use.
+
+        Args:
+            measure: What each sensor measures now [m]; infinite if too near (negative) or nothing is in range.
+            now: The time.
+        """
+        self._measure = measure
+        self._line = command_decoder()
+        self._text = False
+        self.plugged_in = self._mask = (1 << SENSORS) - 1
+        self._due = now
+
+    def receive(self, data: bytes, now: float) -> bytes:
+        """What is said to these bytes."""
+        said = self.advance(now)
+        return said + b"".join(self._obey(command) for command in self._line.receive(data))
+
+    def advance(self, now: float) -> bytes:
+        """The frame that is due by now."""
+        if now < self._due:
+            return b""
+        mask = self._mask & self.plugged_in
+        period = max(mask.bit_count(), 1) / RATE
+        self._due = next_due(self._due, period, now)
+        used = [mask >> i & 1 for i in range(SENSORS)]
+        distances = [_millimetres(d) if on else NOTHING for d, on in zip(self._measure(), used, strict=True)]
+        frame = Distances(tuple(distances), mask)
+        return frame.encode_text() if self._text else frame.encode()
+
+    def _obey(self, command: Command) -> bytes:
+        done = True
+        if command in (TEXT_MODE, BINARY_MODE):
+            self._text = command == TEXT_MODE
+        elif command.code == _CHOOSE and command == use_sensors(command.arguments[-1]):
+            self._mask = command.arguments[-1]
+        else:
+            done = False
+        return Acknowledgement(command.code, done).encode()
+
+
+def _millimetres(distance: float) -> int:
+    """A distance [m] as the hub sends it."""
+    if distance == math.inf or 1000.0 * distance > MOST:
+        return NOTHING
+    return max(0, round(1000.0 * max(distance, 0.0)))

@@ -1,0 +1,153 @@
+"""The twin's YDLIDAR X4: bytes of commands in, bytes of answers and packets out.
+
+The laser is beside the lens, so what a sample is of lies at another angle than the device gives it, by its range. A
+decoder corrects that; here the ranges of a fine scan are put where a device would have them.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.jit import compiled
+from mercator_design.robot.protocols.ydlidar import (
+    SAMPLE_RATE,
+    DeviceInfo,
+    Health,
+    Packet,
+    ScanStarted,
+    command_decoder,
+    correction,
+)
+
+Floats = NDArray[np.float64]
+Scan: TypeAlias = Callable[[], Floats]
+"""What is around the robot now: FINE ranges [m] for each sample, counter-clockwise from its front; 0 if none."""
+
+RATE = SAMPLE_RATE
+"""Samples/s."""
+SPINS_UP = 0.5
+"""[s] that the motor takes to reach its speed."""
+FINE = 4
+
+_PACKET = 40  # samples at most
+_UNITS = 360 * 64  # of angles in packets, in a turn
+_MM = 4000.0  # units of ranges in a metre
+_REBOOTS = 0.5  # [s]
+_LONGEST = 0xFFFF
+_LEAST, _MOST = math.radians(-5.0), math.radians(8.0)  # corrections, of ranges from 0.1 m on
+_AT, _SPREAD = 0.5, 1.2  # beams from its place, within which one is there, and within which it counts if none is
+_BEHIND = 1e6  # farther than any range [m]
+_CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
+
+
+class Lidar:
+    """The lidar. Its motor has power while its port is open, as DTR is then on.
+
+    health: What it says of it: 0 is good, 1 a warning, 2 an error.
+    """
+
+    def __init__(self, scan: Scan, *, samples: int, number: int = 0) -> None:
+        """A lidar without power on its motor.
+
+        Args:
+            scan: What is around the robot.
+            samples: Of a turn.
+            number: Of the robot, which is in its serial number.
+        """
+        self._scan, self._samples, self._number = scan, samples, number
+        self.health = 0
+        self._line = command_decoder()
+        self._ready = -math.inf  # from when on it listens
+        self._turns = math.inf  # from when on the motor has its speed
+        self._scans = math.inf  # from when on it scans
+        self._sent = 0  # samples of this scan
+        self._found, self._scratch = np.zeros(_PACKET), np.zeros(_PACKET)
+
+    def set_motor(self, *, on: bool, now: float) -> None:
+        """Power for the motor, or none."""
+        self._turns = math.inf if not on else min(self._turns, now + SPINS_UP)
+        self._restart(now)
+
+    def receive(self, data: bytes, now: float) -> bytes:
+        """What is said to these bytes; while it scans, it hears nothing but the commands that end that."""
+        said = self.advance(now)
+        return said + b"".join(self._obey(command, now) for command in self._line.receive(data))
+
+    def advance(self, now: float) -> bytes:
+        """The packets that are complete by now."""
+        said = []
+        start = max(self._scans, self._turns)
+        while start <= now:
+            first = self._sent % self._samples
+            count = 1 if first == 0 else min(_PACKET, self._samples - first)
+            if (self._sent + count) / RATE > now - start:
+                break
+            said.append(self._packet(first, count))
+            self._sent += count
+        return b"".join(said)
+
+    def _obey(self, command: str, now: float) -> bytes:
+        if command in {"stop", "force_stop", "soft_reboot"}:
+            self._scans = math.inf
+            self._ready = now + _REBOOTS if command == "soft_reboot" else now
+        elif now < self._ready or self._scans <= now:
+            pass
+        elif command == "device_info":
+            return DeviceInfo(6, (1, 4), 1, f"{2026112100000000 + self._number:016}").encode()
+        elif command == "health":
+            return Health(self.health).encode()
+        else:
+            self._scans = now
+            self._restart(now)
+            return ScanStarted().encode()
+        return b""
+
+    def _restart(self, now: float) -> None:
+        """A scan goes on from now with a new turn."""
+        self._sent = 0
+        self._scans = max(self._scans, now)
+
+    def _packet(self, first: int, count: int) -> bytes:
+        found = self._found[:count]
+        compiled(put)(self._scan(), _CORRECTIONS, self._samples, first, found, self._scratch)
+        ranges = tuple(np.minimum(np.rint(_MM * found), _LONGEST).astype(int).tolist())
+        step = _UNITS / self._samples
+        return Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0).encode()
+
+
+def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, ranks: Floats) -> None:
+    """Put ranges where a device would have them.
+
+    Where several things come to the same place, the nearest hides the others; where none does, nothing comes back.
+
+    Args:
+        ranges: (beams,) [m], counter-clockwise from the front; 0 if none.
+        corrections: Of angles [rad], by range [mm].
+        samples: Of a turn.
+        first: Number of the first sample, clockwise from the front.
+        found: (count,) filled with the ranges of the samples from there on [m].
+        ranks: (count or more,) scratch.
+    """
+    beams, count = len(ranges), len(found)
+    step, fine = 2.0 * math.pi / samples, 2.0 * math.pi / beams
+    for j in range(count):
+        found[j] = 0.0
+        ranks[j] = math.inf
+    begin = math.floor((_LEAST - (first + count) * step) / fine)
+    end = math.ceil((_MOST - (first - 1) * step) / fine)
+    for k in range(begin, end + 1):
+        r = ranges[k % beams]
+        if r == 0.0:
+            continue
+        place = (corrections[min(int(1000.0 * r + 0.5), len(corrections) - 1)] - k * fine) / step - first
+        j = math.floor(place + 0.5)
+        off = abs(place - j) * FINE  # in beams
+        if not 0 <= j < count or off > _SPREAD:
+            continue
+        rank = r if off <= _AT else _BEHIND + off  # of things at the place the nearest, else the one beside it
+        if rank < ranks[j]:
+            ranks[j] = rank
+            found[j] = r

@@ -1,0 +1,295 @@
+"""The twin's Sphero RVR: bytes of commands in, bytes of responses, notifications and streams out.
+
+It falls asleep when nothing is said to it for five minutes, and refuses to do anything then; what it says of itself
+(versions, names) is made up. Sources: docs/reference/robot-protocols.md; where these are silent,
+docs/reference/twin.md says what is assumed.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from mercator_design.robot.protocols.rvr import Command, Device, Flags, Unknown
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
+from mercator_design.twin.devices.drive import Drive, Treads
+from mercator_design.twin.devices.senses import Measure, Senses
+
+WAKES = 2.0
+"""[s] that waking takes."""
+SLEEPS = 300.0
+"""[s] after the last command that keeps the robot awake."""
+_WARNING = 10.0  # [s] before it sleeps
+
+_UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
+_THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
+_EMPTY, _FULL = 6.4, 8.2  # [V]
+_ECHO = 16  # bytes at most
+_THERMOMETERS = 4, 5, 8  # of the left motor, the right one, the Nordic
+_TEMPERATURE = 30.0  # [degrees Celsius] of everything that is not hot
+_HOT, _TOO_HOT = 60.0, 70.0  # [degrees Celsius] of a motor; nowhere documented
+_CURRENT = 0.35  # [A] of a motor that turns
+_VERSIONS = {Processor.NORDIC: (9, 1, 462), Processor.ST: (9, 2, 482)}
+_MADE_UP: Mapping[str, Mapping[str, Any]] = {
+    "get_board_revision": {"revision": 3},
+    "get_stats_id": {"stats_id": 513},
+    "get_sku": {"sku": "RV01ROW"},
+}
+_ACCEPTED = {
+    # What they would notify does not happen here.
+    "enable_gyro_max_notify",
+    "enable_motor_fault_notify",
+    "enable_robot_infrared_message_notify",
+    "set_locator_flags",
+    # Slots are kept by the line.
+    "configure_streaming_service",
+}
+_WHITE = 30
+_LEDS = _WHITE + 1
+
+
+class Rvr:
+    """The robot. It is awake when it is switched on.
+
+    leds: Brightness of each LED, by its bit.
+    level: Of the battery [%].
+    """
+
+    def __init__(self, measure: Measure, *, tread_distance: float, number: int = 0, now: float = 0.0) -> None:
+        """Switch a robot on.
+
+        Args:
+            measure: What its devices measure.
+            tread_distance: [m] from tread to tread.
+            number: Of the robot, which is in its names.
+            now: The time.
+        """
+        self.leds = bytearray(_LEDS)
+        self.level = 100.0
+        self._line = Device()
+        self._senses = Senses(measure, self._line)
+        self._drive = Drive(tread_distance, self._senses.place)
+        self._number = number
+        self._began = self._active = self._now = now
+        self._awake = now  # from when on
+        self._warned = False
+        self._battery_state = _GOOD
+        self._notifies = dict.fromkeys(
+            ("battery_voltage_state_change", "motor_stall", "motor_thermal_protection_status"), False
+        )
+        self._temperatures = [_TEMPERATURE] * 2  # of the motors
+        self._said: list[bytes] = []
+        self._obeyed_by = {name: part for part in (self, self._senses, self._drive) for name in _names(part)}
+
+    @property
+    def told(self) -> Treads:
+        """What the treads aim at [m/s]."""
+        return self._drive.told
+
+    @property
+    def told_by(self) -> str:
+        """What told them: a command, or "timeout", "sleep", "port closed"."""
+        return self._drive.by
+
+    @property
+    def treads(self) -> Treads:
+        """The speed of the treads [m/s]."""
+        return self._drive.treads
+
+    @property
+    def is_awake(self) -> bool:
+        """Whether it does what it is told."""
+        return self._now >= self._awake
+
+    def receive(self, data: bytes, now: float) -> bytes:
+        """What is said to these bytes."""
+        said = self.advance(now)
+        return said + b"".join(self._obey(event) for event in self._line.receive(data))
+
+    def advance(self, now: float) -> bytes:
+        """What is said up to now without being asked."""
+        was_awake = self.is_awake
+        self._now = self._senses.now = self._drive.now = now
+        if self.is_awake and not was_awake:
+            self._notify("did_wake")
+            self._active = now
+        if self.is_awake:
+            self._doze()
+        for name, values in self._drive.advance():
+            self._notify(name, **values)
+        self._said.append(self._senses.advance())
+        self._watch_battery()
+        return self._take_said()
+
+    def hang_up(self, now: float) -> None:
+        """Nobody has the port open any more."""
+        self._now = self._drive.now = now
+        self._drive.end_position_drive("port closed")
+
+    def stall(self, motors: Iterable[int]) -> None:
+        """These motors (0 left, 1 right), and no others, are stuck, and cut off, from now on."""
+        for name, values in self._drive.stall(motors):
+            self._notify(name, **values)
+
+    def heat(self, temperatures: Mapping[int, float]) -> None:
+        """Motors (0 left, 1 right) are as hot as this [degrees Celsius] from now on, and others as usual."""
+        before = self.get_motor_thermal_protection_status()
+        self._temperatures = [temperatures.get(motor, _TEMPERATURE) for motor in (0, 1)]
+        status = self.get_motor_thermal_protection_status()
+        if status != before:
+            self._notify("motor_thermal_protection_status", **status)
+        self._drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
+
+    def _obey(self, event: Command | Unknown) -> bytes:
+        frame = event.frame
+        if Flags.ACTIVITY in frame.flags:
+            self._active, self._warned = self._now, False
+        answer = event.error if isinstance(event, Unknown) else self._result(event)
+        if isinstance(answer, Error):
+            return self._line.answer(frame, answer)
+        return self._line.answer(frame, **(answer or {})) + self._take_said()
+
+    def _result(self, command: Command) -> Mapping[str, Any] | Error | None:
+        message = COMMANDS[command.name]
+        if not self.is_awake and message.returns is None and command.name != "wake":
+            return Error.RESTRICTED
+        if not all(math.isfinite(value) for value in command.values.values() if isinstance(value, float)):
+            return Error.BAD_DATA_VALUE
+        if not self._line.follow(command):
+            return Error.BAD_DATA_VALUE
+        if command.name in _MADE_UP:
+            return _MADE_UP[command.name]
+        if command.name in _ACCEPTED:
+            return None
+        obey: Callable[..., Mapping[str, Any] | Error | None] = getattr(self._obeyed_by[command.name], command.name)
+        if len(message.processors) > 1:
+            return obey(command.processor, **command.values)
+        return obey(**command.values)
+
+    def _notify(self, name: str, **values: Any) -> None:  # noqa: ANN401 - what the notification carries
+        if self._notifies.get(name, True):
+            self._said.append(self._line.notify(name, **values))
+
+    def _take_said(self) -> bytes:
+        said = b"".join(self._said)
+        self._said.clear()
+        return said
+
+    def _doze(self) -> None:
+        if self._now >= self._active + SLEEPS:
+            self.sleep()
+        elif self._now >= self._active + SLEEPS - _WARNING and not self._warned:
+            self._warned = True
+            self._notify("will_sleep")
+
+    def _volts(self) -> float:
+        return _EMPTY + (_FULL - _EMPTY) * self.level / 100
+
+    def _watch_battery(self) -> None:
+        volts = self._volts()
+        rising = _THRESHOLDS["hysteresis"]
+        critical = _THRESHOLDS["critical_threshold"] + rising * (self._battery_state == _CRITICAL)
+        low = _THRESHOLDS["low_threshold"] + rising * (self._battery_state != _GOOD)
+        state = _CRITICAL if volts < critical else _LOW if volts < low else _GOOD
+        if state != self._battery_state:
+            self._battery_state = state
+            self._notify("battery_voltage_state_change", state=state)
+
+    def echo(self, _: Processor, data: bytes) -> Mapping[str, Any] | Error:
+        return {"data": data} if len(data) <= _ECHO else Error.BAD_DATA_LENGTH
+
+    def generate_api_error(self, _: Processor, error: int) -> Error | None:
+        return Error(error) if error in set(Error) else Error.BAD_DATA_VALUE
+
+    def get_main_application_version(self, processor: Processor) -> Mapping[str, Any]:
+        return dict(zip(("major", "minor", "revision"), _VERSIONS[processor], strict=True))
+
+    def get_bootloader_version(self, _: Processor) -> Mapping[str, Any]:
+        return {"major": 1, "minor": 2, "revision": 3}
+
+    def get_processor_name(self, processor: Processor) -> Mapping[str, Any]:
+        return {"name": "Nordic" if processor == Processor.NORDIC else "ST"}
+
+    def get_mac_address(self) -> Mapping[str, Any]:
+        return {"mac_address": f"D0:12:34:56:78:{self._number % 256:02X}"}
+
+    def get_bluetooth_advertising_name(self) -> Mapping[str, Any]:
+        return {"name": f"RV-{self._number:04X}"}
+
+    def get_core_up_time_in_milliseconds(self) -> Mapping[str, Any]:
+        return {"up_time": round(1000 * (self._now - self._began))}
+
+    def sleep(self) -> None:
+        self._drive.halt("sleep")
+        self._senses.end()
+        self._awake = math.inf
+        self._notify("did_sleep")
+
+    def wake(self) -> None:
+        self._awake = min(self._awake, self._now + WAKES)
+
+    def get_battery_percentage(self) -> Mapping[str, Any]:
+        return {"percentage": round(self.level)}
+
+    def get_battery_voltage_state(self) -> Mapping[str, Any]:
+        return {"state": self._battery_state}
+
+    def get_battery_voltage_in_volts(self, reading_type: int) -> Mapping[str, Any] | Error:
+        return {"voltage": self._volts()} if reading_type <= 2 else Error.BAD_DATA_VALUE
+
+    def get_battery_voltage_state_thresholds(self) -> Mapping[str, Any]:
+        return _THRESHOLDS
+
+    def get_current_sense_amplifier_current(self, amplifier_id: int) -> Mapping[str, Any] | Error:
+        if amplifier_id > 1:
+            return Error.BAD_DATA_VALUE
+        return {"amplifier_current": _CURRENT if self.treads[amplifier_id] else 0.0}
+
+    def enable_battery_voltage_state_change_notify(self, is_enabled: bool) -> None:
+        self._notifies["battery_voltage_state_change"] = is_enabled
+
+    def enable_motor_stall_notify(self, is_enabled: bool) -> None:
+        """Notify from now on, and of what is stuck already."""
+        self._notifies["motor_stall"] = is_enabled
+        for motor in sorted(self._drive.stalled):
+            self._notify("motor_stall", motor_index=motor, is_triggered=True)
+
+    def enable_motor_thermal_protection_status_notify(self, is_enabled: bool) -> None:
+        self._notifies["motor_thermal_protection_status"] = is_enabled
+
+    def get_motor_thermal_protection_status(self) -> Mapping[str, Any]:
+        values: dict[str, Any] = {}
+        for side, temperature in zip(("left", "right"), self._temperatures, strict=True):
+            values[f"{side}_motor_temperature"] = temperature
+            values[f"{side}_motor_status"] = (temperature >= _HOT) + (temperature >= _TOO_HOT)
+        return values
+
+    def get_temperature(self, id0: int, id1: int) -> Mapping[str, Any] | Error:
+        found = dict(zip(_THERMOMETERS, (*self._temperatures, _TEMPERATURE), strict=True))
+        if not {id0, id1} <= found.keys():
+            return Error.BAD_DATA_VALUE
+        return {"id0": id0, "temp0": found[id0], "id1": id1, "temp1": found[id1]}
+
+    def disable_notifications_and_active_commands(self) -> None:
+        self._notifies = dict.fromkeys(self._notifies, False)
+        self._senses.end()
+        self._drive.drive_stop()
+
+    def set_all_leds(self, led_group: int, led_brightness_values: bytes) -> Error | None:
+        if led_group >> _LEDS:
+            return Error.BAD_DATA_VALUE
+        for bit, level in zip((b for b in range(_LEDS) if led_group >> b & 1), led_brightness_values, strict=True):
+            self.leds[bit] = level
+        return None
+
+    def release_led_requests(self) -> None:
+        self.leds[:] = bytes(_LEDS)
+
+    def light(self, name: str) -> tuple[int, int, int]:
+        """Red, green, blue of one of the `LIGHTS`, 0 to 255."""
+        red, green, blue = self.leds[LIGHTS[name] : LIGHTS[name] + 3]
+        return red, green, blue
+
+
+def _names(part: object) -> list[str]:
+    """The commands that a part of the robot obeys."""
+    return [name for name in COMMANDS if hasattr(part, name)]

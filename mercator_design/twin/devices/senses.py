@@ -1,0 +1,193 @@
+"""What the twin's RVR measures, streams and notifies.
+
+The simulator's devices measure; here their values come into the robot's units, and into its axes: x to the right and y
+forwards from where it was when its yaw and its locator were reset.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+from mercator_design.robot.protocols.rvr import Device
+from mercator_design.robot.protocols.rvr_messages import Error, Processor
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData
+from mercator_design.twin.devices.drive import Place, wrapped
+from mercator_design.twin.pace import next_due
+
+Measure: TypeAlias = Callable[[str], Sequence[float]]
+"""What a robot's device measures now, by its name in `sim.devices`, axes with y forwards; `treads`: how far each has
+gone [m]."""
+
+_NO_CLASS = 255  # of a colour: none that the robot has learnt
+_TICKS = 3000.0  # of an encoder for a metre; nowhere documented
+_FIELD = 0.3, 0.4  # [gauss] of the earth, along the floor to the arena's +y, and downwards
+_CALIBRATING = 3.0  # [s] of the magnetometer
+
+
+class Senses:
+    """The senses. Public methods with the names of commands obey these; `now` is to be set before."""
+
+    def __init__(self, measure: Measure, line: Device) -> None:
+        """The senses of a robot that is switched on.
+
+        Args:
+            measure: What its devices measure.
+            line: Its end of the serial line, which knows what is in the slots of streaming.
+        """
+        self.now = 0.0
+        self._measure, self._line = measure, line
+        self._start = self._zero = self._world_yaw()
+        self._from, self._base = self._world_place(), (0.0, 0.0)
+        self._streams: dict[Processor, tuple[float, float]] = {}  # period, when next [s]
+        self._lamp = False
+        self._colours: tuple[float, float, int] | None = None  # period, when next [s], least confidence
+        self._calibrated = math.inf
+
+    def place(self) -> Place:
+        """Where the robot is, by its locator."""
+        x, y = self._world_place()
+        right, forwards = _turned(x - self._from[0], y - self._from[1], math.pi / 2 - self._zero)
+        return wrapped(math.degrees(self._world_yaw() - self._zero)), self._base[0] + right, self._base[1] + forwards
+
+    def advance(self) -> bytes:
+        """What is streamed and notified up to now."""
+        said = []
+        for processor, (period, due) in self._streams.items():
+            if self.now >= due:
+                said += [self._stream(processor, slot) for slot in sorted(self._line.slots.of(processor))]
+                self._streams[processor] = period, next_due(due, period, self.now)
+        if self._colours is not None and self.now >= self._colours[1]:
+            period, due, least = self._colours
+            if 255 * self._confidence() >= least:
+                said.append(self._colour_notification())
+            self._colours = period, next_due(due, period, self.now), least
+        if self.now >= self._calibrated:
+            north = round(wrapped(math.degrees(math.pi / 2 - self._zero)))
+            said.append(
+                self._line.notify("magnetometer_calibration_complete", is_successful=True, yaw_north_direction=north)
+            )
+            self._calibrated = math.inf
+        return b"".join(said)
+
+    def end(self) -> None:
+        """Stream and notify nothing any more."""
+        self._streams.clear()
+        self._colours = None
+
+    def reset_yaw(self) -> None:
+        _, *self_place = self.place()
+        self._base, self._from, self._zero = (self_place[0], self_place[1]), self._world_place(), self._world_yaw()
+
+    def reset_locator_x_and_y(self) -> None:
+        self._base, self._from = (0.0, 0.0), self._world_place()
+
+    def enable_color_detection(self, is_enabled: bool) -> None:
+        self._lamp = is_enabled
+
+    def enable_color_detection_notify(
+        self, is_enabled: bool, interval: int, minimum_confidence_threshold: int
+    ) -> Error | None:
+        if is_enabled and interval == 0:
+            return Error.BAD_DATA_VALUE
+        period = interval / 1000
+        self._colours = (
+            (period, next_due(self.now, period, self.now), minimum_confidence_threshold) if is_enabled else None
+        )
+        return None
+
+    def get_current_detected_color_reading(self) -> None:
+        self._colours = self._colours or (math.inf, self.now, 0)
+
+    def get_rgbc_sensor_values(self) -> dict[str, Any]:
+        red, green, blue = (257 * level for level in self._colour())
+        return {"red": red, "green": green, "blue": blue, "clear": min(red + green + blue, 0xFFFF)}
+
+    def get_ambient_light_sensor_value(self) -> dict[str, Any]:
+        return {"ambient_light_value": self._measure("ambient_light")[0]}
+
+    def start_streaming_service(self, processor: Processor, period: int) -> Error | None:
+        if period == 0:
+            return Error.BAD_DATA_VALUE
+        self._streams[processor] = period / 1000, next_due(self.now, period / 1000, self.now)
+        return None
+
+    def stop_streaming_service(self, processor: Processor) -> None:
+        self._streams.pop(processor, None)
+
+    clear_streaming_service = stop_streaming_service
+
+    def get_encoder_counts(self) -> dict[str, Any]:
+        left, right = (round(_TICKS * way) for way in self._measure("treads"))
+        return {"left": left, "right": right}
+
+    def get_magnetometer_reading(self) -> dict[str, Any]:
+        level, down = _FIELD
+        heading = self._world_yaw()
+        return {"x_axis": -level * math.cos(heading), "y_axis": level * math.sin(heading), "z_axis": -down}
+
+    def magnetometer_calibrate_to_north(self) -> None:
+        self._calibrated = self.now + _CALIBRATING
+
+    def _world_yaw(self) -> float:
+        return self._measure("imu")[2]
+
+    def _world_place(self) -> tuple[float, float]:
+        x, y = self._measure("locator")
+        return x, y
+
+    def _confidence(self) -> float:
+        return 1.0 if self._lamp else 0.0
+
+    def _colour(self) -> tuple[int, int, int]:
+        red, green, blue = map(round, self._measure("ground_sensors")) if self._lamp else (0, 0, 0)
+        return red, green, blue
+
+    def _colour_notification(self) -> bytes:
+        red, green, blue = self._colour()
+        confidence = round(255 * self._confidence())
+        return self._line.notify(
+            "color_detection",
+            red=red,
+            green=green,
+            blue=blue,
+            confidence=confidence,
+            color_classification_id=_NO_CLASS,
+        )
+
+    def _stream(self, processor: Processor, slot: int) -> bytes:
+        services = self._line.slots.of(processor)[slot]
+        values = {name: dict(zip(SERVICES[name].attributes, self._service(name), strict=True)) for name in services}
+        return self._line.stream(StreamData(processor, slot, is_valid=True, values=values))
+
+    def _service(self, name: str) -> Sequence[float]:
+        """The attributes of a service that is streamed, in their order."""
+        match name:
+            case "imu":
+                pitch, roll, _ = map(math.degrees, self._measure("imu"))
+                return pitch, roll, self.place()[0]
+            case "gyroscope":
+                return [math.degrees(turn) for turn in self._measure("gyroscope")]
+            case "quaternion":
+                w, x, y, z = self._measure("quaternion")  # against the start, about an axis that is upright
+                w, z = _turned(w, z, 0.5 * (self._start - self._zero))
+                return w, x, y, z
+            case "locator":
+                return self.place()[1:]
+            case "velocity":
+                x, y = self._measure("velocity")  # against the start
+                return _turned(x, y, self._start - self._zero)
+            case "speed":
+                return (math.hypot(*self._measure("velocity")),)
+            case "color_detection":
+                return *self._colour(), _NO_CLASS, self._confidence()
+            case "core_time":
+                return divmod(round(1000 * self.now), 1 << 32)
+            case "encoders":
+                return [*self.get_encoder_counts().values()]
+        return self._measure(name)
+
+
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    """A vector that is turned counter-clockwise by an angle [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return c * x - s * y, s * x + c * y

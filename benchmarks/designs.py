@@ -16,7 +16,7 @@ from mercator_design.design import Designer, evaluate, fresh_instances
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import Space
+from mercator_design.race import parse_space
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
@@ -29,7 +29,7 @@ HAND_MADE = {
 
 def random_pfsms(n: int, seed: int) -> list[Pfsm]:
     """PFSMs with every parameter uniform over its domain."""
-    space = Space.from_text(parameters_text("watermelon"), "grammar")
+    space = parse_space(parameters_text("watermelon"), "grammar")
     draws = generator(seed, "random PFSMs")
     configurations = [space.build(lambda p, bounds: p.quantile(draws.random(), bounds)) for _ in range(n)]
     return [to_pfsm(configuration, "watermelon") for configuration in configurations]

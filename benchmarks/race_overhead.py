@@ -25,7 +25,7 @@ from typing import TypeVar
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import Space
+from mercator_design.race import parse_space
 from mercator_design.race.methods.table import METHODS, RACES
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measured
@@ -48,7 +48,7 @@ def free(item: tuple[int, int]) -> Measured:
 
 def run(record: Record, executor: Executor, budget: int, method: str = "irace") -> int:
     """A race with the free evaluator; gives how many experiments it had."""
-    space = Space.from_text(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+    space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
     race = METHODS[method](space, budget=budget, seed=1)
     if not record.start:
         record.begin({"budget": budget})

@@ -38,7 +38,7 @@ import mercator_design
 from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
-from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
+from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space, parse_space
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.racing.statistics import holm
 
@@ -105,7 +105,7 @@ class Mission:
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.simulate import Simulator
 
-        self.space = Space.from_text(parameters_text("watermelon"), "grammar", structure=PfsmStructure("watermelon"))
+        self.space = parse_space(parameters_text("watermelon"), "grammar", structure=PfsmStructure("watermelon"))
         self._simulator = Simulator(load_mission(name))
         self._seed = 0
 

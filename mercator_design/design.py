@@ -34,7 +34,7 @@ from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
-from mercator_design.race import Configuration, Experiment, Space
+from mercator_design.race import Configuration, Experiment, Space, parse_space
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import Finished, Measured, Tested
@@ -267,7 +267,7 @@ class Designer(Task[tuple[Pfsm, int]]):
 @cache
 def _space(flavour: str) -> Space:
     """All PFSMs of a flavour."""
-    return Space.from_text(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
+    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,9 +6,7 @@
     pfsm        states and transitions, validated
     control     one control cycle; the driver of one robot
     text        AutoMoDe's command line and fsm.txt
-    grammar     all PFSMs as a space of parameters
-    structure   steps from one PFSM to the next, and which are the same
-    drawing     diagrams
+    space/      all PFSMs as a space of parameters, and steps from one PFSM to the next
     digest      whether two computers decide alike
 
 Plain Python on the standard library, as it runs on the robot; the simulator compiles the same functions.

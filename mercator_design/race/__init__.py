@@ -4,15 +4,21 @@ A racing library that knows no robots: it says which experiments to run, is told
 configurations of least mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
 Research Perspectives 3:43-58), but that a surrogate proposes most of what is raced; `RaceOptions.irace()` is irace.
 
-    Space, Parameter       what may be configured; `Space.from_text` reads irace's parameters.txt
-    IteratedRace           the whole algorithm as ask and tell, with RaceOptions
-    methods.METHODS        others, and this one, by name
-    Experiment             one configuration on one instance, both counted from 0
-    tuner.Tuner            a race of any program that irace's scenario.txt describes
-    task.Task              what is raced, for races with journals, executors and folders
+    IteratedRace   the whole algorithm as ask and tell, with RaceOptions
+    Space          what may be configured; `parse_space` reads irace's parameters.txt
+    Experiment     one configuration on one instance, both counted from 0
 
->>> from mercator_design.race import IteratedRace, Space
->>> space = Space.from_text('''
+The rooms, from the bottom up:
+
+    space/     parameters, their domains and conditions
+    irace/     irace's files, and a race of any program that irace's scenario.txt describes
+    racing/    one race: statistical tests, budget, options
+    methods/   the optimizers by name; IteratedRace is one
+    running/   executors, journal and task: for races with folders and workers
+    analysis/  importance of parameters, ablation
+
+>>> from mercator_design.race import IteratedRace, parse_space
+>>> space = parse_space('''
 ... x    "--x "    r (-5, 5)
 ... rule "--rule " c (slow, fast)
 ... ''')
@@ -25,6 +31,7 @@ Research Perspectives 3:43-58), but that a surrogate proposes most of what is ra
 (True, 'fast', True)
 """
 
+from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.race import Experiment, Race, RaceRules
@@ -48,5 +55,6 @@ __all__ = [
     "categorical",
     "integer",
     "ordered",
+    "parse_space",
     "real",
 ]

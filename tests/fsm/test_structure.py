@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure, canonical, neighbour
-from mercator_design.race import Space
+from mercator_design.race import parse_space
 from tests.fsm.strategies import pfsms
 
-SPACE = Space.from_text(parameters_text("watermelon"))
+SPACE = parse_space(parameters_text("watermelon"))
 
 
 def random_pfsm(seed):

@@ -11,7 +11,7 @@ import signal
 import sys
 from pathlib import Path
 
-from mercator_design.race import IteratedRace, Space
+from mercator_design.race import IteratedRace, parse_space
 from mercator_design.race.running.evaluation import Testing, run_tests
 from mercator_design.race.running.events import Measured
 from mercator_design.race.running.executors import ThreadExecutor
@@ -19,7 +19,7 @@ from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import Runner
 
-SPACE = Space.from_text('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
+SPACE = parse_space('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300
 TESTING = Testing(runs=20, elites=2, iterations=True)
 

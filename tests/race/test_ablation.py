@@ -6,13 +6,13 @@ import zlib
 import numpy as np
 import pytest
 
-from mercator_design.race import Space
+from mercator_design.race import parse_space
 from mercator_design.race.analysis.ablation import Flips, ablate
 from mercator_design.race.methods.moves import Moves
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines_text
 
-SPACE = Space.from_text("""
+SPACE = parse_space("""
 x    "" r (0, 1)
 y    "" r (0, 1)
 rule "" c (u, v)
@@ -77,7 +77,7 @@ class TestPath:
 @pytest.mark.parametrize("k", [1, 2, 3, 5])
 def test_what_it_takes(k):
     """As docs/how-to/assess-a-design.md says."""
-    space = Space.from_text("\n".join(f'x{n} "" r (0, 1)' for n in range(k)))
+    space = parse_space("\n".join(f'x{n} "" r (0, 1)' for n in range(k)))
     start, target = ({f"x{n}": value for n in range(k)} for value in (0.0, 1.0))
     flips, n_measured = Flips(space, target), 0
 
@@ -103,7 +103,7 @@ def test_what_makes_no_difference():
     assert ablate(SPACE.key(START), flips.changes, measuring(flips, 1.0), 5)[1].p_value > 0.01
 
 
-@pytest.mark.parametrize("space", [MIXED, Space.from_text(machines_text())])
+@pytest.mark.parametrize("space", [MIXED, parse_space(machines_text())])
 def test_every_path_is_of_valid_configurations_and_ends(space):
     """Between random configurations, whatever is conditional or dependent in between."""
     moves = Moves(space, np.random.default_rng(1))

@@ -3,12 +3,12 @@ from dataclasses import replace
 import pytest
 
 from mercator_design.errors import RaceError
+from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.budget import n_iterations, plan
 from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.space.space import Space
 
-NUMBERS = Space.from_text("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
+NUMBERS = parse_space("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
 DEFAULTS = {"mu": 5, "each_test": 1, "n_new": 1, "elitist": True}
 
 

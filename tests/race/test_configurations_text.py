@@ -1,10 +1,10 @@
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical
+from mercator_design.race import Space, categorical, parse_space
 from mercator_design.race.irace.configurations import read_configurations, to_text
 
-SPACE = Space.from_text("""
+SPACE = parse_space("""
 x "--x " r (0, 0.9)
 n "--n " i (1, 9) | rule == "fast"
 rule "--rule " c (slow, fast, "in between")
@@ -38,7 +38,7 @@ def test_what_is_read(tmp_path, text, expected):
 )
 def test_what_is_not_of_the_space_when_it_is_rounded(tmp_path, row, words):
     """0.49999 is 0.5 with four digits, for which another parameter is active; 0.1667 is more than a third of it."""
-    space = Space.from_text('x "" r (0, 1)\nz "" c (a, b) | x >= 0.5\nw "" r (0.01, "x/3")\n')
+    space = parse_space('x "" r (0, 1)\nz "" c (a, b) | x >= 0.5\nw "" r (0.01, "x/3")\n')
     (tmp_path / "c.txt").write_text(f"x z w\n{row}\n")
     with pytest.raises(RaceError, match=rf"c.txt:2: rounded to the digits of its parameters: parameter {words}"):
         read_configurations(tmp_path / "c.txt", space)
@@ -78,7 +78,7 @@ def test_what_is_refused(tmp_path, text, message):
 
 def test_a_table_that_irace_printed(tmp_path):
     """What R printed: `configurations.print` of irace 3.5, whose rows are named by their configurations' numbers."""
-    space = Space.from_text('x "--x " r (-1,1)\nrule "--rule " c (\'a\', b)\nn "--n=" i (1,5) | rule == "b"\n')
+    space = parse_space('x "--x " r (-1,1)\nrule "--rule " c (\'a\', b)\nn "--n=" i (1,5) | rule == "b"\n')
     (tmp_path / "c.txt").write_text("          x rule  n\n12  0.25000  'a' NA\n3  -0.00001    b  3\n")
     found, notes = read_configurations(tmp_path / "c.txt", space)
     assert found == [{"x": 0.25, "rule": "'a'"}, {"x": 0.0, "rule": "b", "n": 3}]

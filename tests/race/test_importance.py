@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, Space, real
+from mercator_design.race import IteratedRace, RaceOptions, Space, parse_space, real
 from mercator_design.race.analysis.importance import Importance, explain
 from mercator_design.race.methods.moves import Moves
 
-SPACE = Space.from_text("""
+SPACE = parse_space("""
 a     "" r (0, 1)
 b     "" r (0, 1)
 rule  "" c (u, v, w)

@@ -19,6 +19,7 @@ from mercator_design.race import (
     Space,
     categorical,
     integer,
+    parse_space,
     real,
 )
 from mercator_design.race.methods import iterated
@@ -416,7 +417,7 @@ def test_no_budget_is_exceeded(d, kind):
 @pytest.mark.parametrize(("budget", "iterations"), [(30, 1), (100, 2), (1000, 8), (1080, 9)])
 def test_a_large_grammar_is_raced_with_a_small_budget(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
-    space = Space.from_text(machines_text())
+    space = parse_space(machines_text())
     race = IteratedRace(space, budget=budget, seed=1)
     assert race.progress.iterations == iterations
     assert len(race.notes) == (iterations < 9)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, Space, categorical
+from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, parse_space
 from tests.race.mixed import MIXED, run
 from tests.race.spaces import machines_text
 
@@ -115,7 +115,7 @@ def test_an_option_out_of_range_is_refused(options, message):
 
 def test_a_budget_below_one_iteration_is_refused():
     with pytest.raises(RaceError, match=r"expected at least 30 experiments .* found 29"):
-        IteratedRace(Space.from_text(machines_text()), budget=29, seed=1)
+        IteratedRace(parse_space(machines_text()), budget=29, seed=1)
 
 
 def test_fewer_configurations_than_survive_are_refused():

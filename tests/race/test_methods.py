@@ -8,7 +8,7 @@ import pytest
 
 from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor
 from mercator_design.race.running.journal import Journal
@@ -69,7 +69,7 @@ class TestConformance:
         assert told[0] == told[1] != told[2]
 
     def test_configurations_are_valid_and_have_parents(self, method):
-        race = race_of(method, Space.from_text(machines_text()), budget=400)
+        race = race_of(method, parse_space(machines_text()), budget=400)
         run(race, cost=len)
         for configuration in race.configurations:
             race.space.check(configuration)

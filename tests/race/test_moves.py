@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from mercator_design.race import Space, categorical, integer, real
+from mercator_design.race import Space, categorical, integer, parse_space, real
 from mercator_design.race.methods.moves import Moves
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines_text
 
-MACHINES = Space.from_text(machines_text())
-DEPENDENT = Space.from_text('n "" i (1, 9)\nm "" i (1, "n")\nx "" r (0, "n / 2") | n > 3')
+MACHINES = parse_space(machines_text())
+DEPENDENT = parse_space('n "" i (1, 9)\nm "" i (1, "n")\nx "" r (0, "n / 2") | n > 3')
 
 
 @pytest.fixture(params=[MIXED, MACHINES, DEPENDENT], ids=["mixed", "machines", "dependent"])

@@ -3,7 +3,7 @@ import re
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race import categorical, integer, ordered, parse_space, real
 
 TEXT = """
 # an example with all that the format has
@@ -24,7 +24,7 @@ digits = 3
 
 
 def test_the_whole_format_is_read():
-    space = Space.from_text(TEXT)
+    space = parse_space(TEXT)
     assert space.parameters == (
         categorical("algorithm", ["as", "mm as", "eas"], switch="--"),
         ordered("level", [0, 1, 2], switch="--level "),
@@ -43,7 +43,7 @@ def test_the_whole_format_is_read():
 
 def test_single_quotes_are_part_of_a_value():
     """As readParameters of irace has it."""
-    space = Space.from_text("""a "" c ('eas', it's, "a b")""", "p.txt")
+    space = parse_space("""a "" c ('eas', it's, "a b")""", "p.txt")
     assert space["a"].values == ("'eas'", "it's", "a b")
     assert space.notes == (
         "p.txt:1: irace takes single quotes for a part of the value 'eas', and so does this: use double quotes",
@@ -69,18 +69,18 @@ def test_single_quotes_are_part_of_a_value():
     ],
 )  # fmt: skip
 def test_what_irace_refuses_is_noted(text, notes):
-    assert Space.from_text(text, "p.txt").notes == notes
+    assert parse_space(text, "p.txt").notes == notes
 
 
 def test_digits_are_four_unless_said_and_sections_may_come_in_any_order():
-    assert Space.from_text('a "" r (0,1)')["a"].digits == 4
-    space = Space.from_text('a "" r (0,1)\n[global]\ndigits=2\n[forbidden]\na > 0.5\n')
+    assert parse_space('a "" r (0,1)')["a"].digits == 4
+    space = parse_space('a "" r (0,1)\n[global]\ndigits=2\n[forbidden]\na > 0.5\n')
     assert space["a"].digits == 2
     assert space.is_forbidden({"a": 0.6})
 
 
 def test_a_parameter_may_depend_on_one_that_comes_later():
-    space = Space.from_text('a "-a " i (1, "b") | b > 2\nb "-b " i (1,9)')
+    space = parse_space('a "-a " i (1, "b") | b > 2\nb "-b " i (1,9)')
     assert list(space.build(lambda p, bounds: p.quantile(0.9, bounds))) == ["a", "b"]
 
 
@@ -155,4 +155,4 @@ def test_a_parameter_may_depend_on_one_that_comes_later():
 )
 def test_a_wrong_text_is_refused_with_its_place(text, message):
     with pytest.raises(RaceError, match=re.escape(message)):
-        Space.from_text(text, "p.txt")
+        parse_space(text, "p.txt")

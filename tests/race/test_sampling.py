@@ -6,7 +6,7 @@ from scipy.special import ndtr
 from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal
 from tests.race.spaces import machines_text
@@ -80,7 +80,7 @@ def test_parents_are_drawn_by_rank():
 
 @pytest.fixture(scope="module")
 def machines():
-    return Space.from_text(machines_text())
+    return parse_space(machines_text())
 
 
 def test_all_sampled_machines_are_valid(machines):

@@ -4,7 +4,7 @@ import pickle
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Parameter, Space, categorical, integer, ordered, real
+from mercator_design.race import Parameter, Space, categorical, integer, ordered, parse_space, real
 from tests.race.spaces import machines_text
 
 PARAMETERS = [
@@ -28,7 +28,7 @@ def test_position_undoes_quantile(parameter):
 
 
 def test_a_grammar_of_machines_is_read():
-    space = Space.from_text(machines_text())
+    space = parse_space(machines_text())
     assert (len(space.parameters), space.n_variable, max(space.levels.values())) == (149, 149, 4)
     assert space["P3x3"].digits == 2
     small = {"NumStates": 1, "S0": "1"}
@@ -162,13 +162,13 @@ def test_a_space_that_is_not_valid_is_refused(make, message):
 
 
 def test_a_condition_that_is_neither_true_nor_false_is_said():
-    space = Space.from_text('c "" c (0, 1)\ny "" i (0, 5) | c')
+    space = parse_space('c "" c (0, 1)\ny "" i (0, 5) | c')
     with pytest.raises(RaceError, match=r"c: expected TRUE or FALSE, found '0' \(with c = '0'\)"):
         space.check({"c": "0", "y": 1})
 
 
 def test_bounds_that_are_too_large_are_said():
-    space = Space.from_text(f'a "" i (1, 5)\ny "" r (0, "a*{"9" * 400}/3")')
+    space = parse_space(f'a "" i (1, 5)\ny "" r (0, "a*{"9" * 400}/3")')
     with pytest.raises(RaceError, match=r"expected finite lower <= upper, found \(0, inf\) with a = 2"):
         space.check({"a": 2, "y": 1.0})
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from mercator_design.race import IteratedRace, RaceOptions, Space
+from mercator_design.race import IteratedRace, RaceOptions, parse_space
 from mercator_design.race.racing.stagnation import PATIENCE, agreement, is_better, judged
 from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
@@ -15,7 +15,7 @@ from mercator_design.race.running.journal import read
 from mercator_design.race.running.record import Record
 from tests.race.racing import resumed, runner
 
-SPACE = Space.from_text('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')
+SPACE = parse_space('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')
 
 
 def distance(configuration):
@@ -38,7 +38,7 @@ class TestRaces:
 
     def test_most_that_improve_say_nothing(self, options):
         """Of ten parameters, there is more to improve than the budget is enough for."""
-        space = Space.from_text("\n".join(f'x{k} "" r (-5, 5)' for k in range(10)))
+        space = parse_space("\n".join(f'x{k} "" r (-5, 5)' for k in range(10)))
 
         def far(configuration):
             return sum((x - 1) ** 2 for x in configuration.values())
@@ -69,7 +69,7 @@ class TestRaces:
 
 def test_soft_restarts_are_told():
     """A space so small that newcomers repeat what there was."""
-    small = Space.from_text('a "" c (a, b, c, d)\nb "" c (a, b, c, d)')
+    small = parse_space('a "" c (a, b, c, d)\nb "" c (a, b, c, d)')
     race = IteratedRace(small, budget=600, seed=1, options=RaceOptions.irace())
     rng = random.Random(1)
     while batch := race.ask():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.race import Space, categorical, integer, real
+from mercator_design.race import Space, categorical, integer, parse_space, real
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.surrogate import Features, Surrogate
 from tests.race.mixed import MIXED, mixed_cost
@@ -124,7 +124,7 @@ def test_last_bits_of_costs_decide_nothing():
 
 def test_distances_are_of_vectors_so_that_covariances_are_valid():
     """Conditional parameters included: no eigenvalue is negative but by rounding."""
-    space = Space.from_text(machines_text())
+    space = parse_space(machines_text())
     moves = Moves(space, np.random.default_rng(4))
     features = Features(space)
     rows = features.of(features.places([moves.uniform() for _ in range(60)]))

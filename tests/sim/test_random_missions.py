@@ -35,7 +35,7 @@ from mercator_design.missions.placement import (
     HalfPlaneLimit,
     RectanglePlacement,
 )
-from mercator_design.race import Space
+from mercator_design.race import parse_space
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import (
@@ -54,7 +54,7 @@ from mercator_design.sim.robot_parts import (
 from mercator_design.sim.simulate import Simulator
 
 ROBOTS = [load_robot_model(name) for name in shipped.robot_models()]
-PFSMS = {flavour: Space.from_text(parameters_text(flavour), flavour) for flavour in FLAVOURS}
+PFSMS = {flavour: parse_space(parameters_text(flavour), flavour) for flavour in FLAVOURS}
 PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")
 MANY = 100_000
 

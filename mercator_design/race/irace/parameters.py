@@ -14,7 +14,7 @@ from typing import NoReturn
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import DEFAULT_DIGITS, LARGEST_DIGITS, Kind, Parameter, bound_of
-from mercator_design.race.space.space import Space
+from mercator_design.race.space.space import Space, Structure
 
 _KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
 _NAME = re.compile(r"[._A-Za-z0-9]+")
@@ -23,8 +23,8 @@ _TYPE = re.compile(r"(?P<kind>[coir])(?P<log>,log)?(?=[\s(]|$)")
 _DIGITS = re.compile(r"digits\s*=\s*(?P<digits>\d+)$")
 
 
-def read_space(text: str, source: str) -> Space:
-    """The space that the text of a parameters.txt describes.
+def parse_space(text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> Space:
+    """The space that the text of a parameters.txt describes; `source` names it in messages.
 
     Raises:
         RaceError: with source, line and column, what was expected and what was found.
@@ -50,7 +50,7 @@ def read_space(text: str, source: str) -> Space:
     notes = [note for line in sections[""] for note in line.notes]
     notes += _notes_on([p.condition for p in parameters if p.condition is not None] + forbidden, parameters)
     try:
-        return Space(parameters, forbidden=forbidden, notes=notes)
+        return Space(parameters, forbidden=forbidden, notes=notes, structure=structure)
     except RaceError as error:
         raise RaceError(f"{source}: {error}") from None
 

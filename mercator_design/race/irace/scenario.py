@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.irace.configurations import read_configurations, read_lines
+from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.irace.scenario_options import EXPECTED, MOST, OPTIONS, TESTS, in_names_of_irace, unknown
 from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments
 from mercator_design.race.irace.target_runner import REQUIRED, Target
@@ -108,7 +109,7 @@ class _Reader:
     def scenario(self, base: RaceOptions, name: str | None) -> Scenario:
         parameters = self.file("parameterFile")
         text = _text(parameters, "parameterFile", self.place("parameterFile"))
-        space = Space.from_text(text, str(parameters))
+        space = parse_space(text, str(parameters))
         self.notes += space.notes
         instances = self.instances("instances", "trainInstances")
         if not instances:

@@ -70,19 +70,6 @@ class Space:
         self._order = {p.name: place for place, p in enumerate(self.parameters)}
         self._prepare()
 
-    @classmethod
-    def from_text(cls, text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> "Space":
-        """Read the text of a parameters.txt file; `source` names it in messages.
-
-        Raises:
-            RaceError: with file, line and column, what was expected and what was found.
-        """
-        from mercator_design.race.irace.parameters import read_space
-
-        space = read_space(text, source)
-        space.structure = structure
-        return space
-
     def __getitem__(self, name: str) -> Parameter:
         return self._by_name[name]
 

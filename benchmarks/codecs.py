@@ -39,10 +39,10 @@ def lidar_second() -> bytes:
 
 def rvr_second() -> tuple[rvr.Host, bytes]:
     """The computer, which has asked for it, and what the robot streams."""
-    host, device = rvr.Host(), rvr.Device()
+    host, device = rvr.Host(), rvr.RvrEnd()
     for name, target, values in streaming(STREAMED, PERIOD):
         for command in device.receive(host.send(name, target=target, **values)):
-            if isinstance(command, rvr.Command):
+            if isinstance(command, rvr.RvrCommand):
                 device.follow(command)
     told = [
         device.stream(

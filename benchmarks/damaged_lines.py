@@ -33,7 +33,7 @@ from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error
 from mercator_design.robot.protocols.rvr_streaming import streaming
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.twin.arena import Arena, without_noise
+from mercator_design.twin.arena import TwinArena, without_noise
 from mercator_design.twin.faults import Flip, Lose, Script
 from mercator_design.twin.twin import Twin
 
@@ -75,7 +75,7 @@ class _LastTurn(Sweep):
 
 def perceived(rate: float, seconds: float, *, is_moving: bool, seed: int = 1) -> Iterator[Cycle]:
     """What a robot perceives in each control cycle, among three others."""
-    twin = Twin(Arena(_mission(), without_noise(load_robot_model("mercator")), 1), _faults(rate, seed))
+    twin = Twin(TwinArena(_mission(), without_noise(load_robot_model("mercator")), 1), _faults(rate, seed))
     settings = Settings()
     senses, alone = (Senses(settings, ("neighbours",), settings.labels_of({})) for _ in range(2))
     alone.sweep = _LastTurn()
@@ -120,7 +120,7 @@ def _mission() -> Mission:
 
 def passed(device: FrameDevice, rate: float, frames: int) -> tuple[float, int]:
     """What share of what the RVR or the hub sends arrives whole, and how many damaged frames pass for sound ones."""
-    twin = Twin(Arena(_mission(), load_robot_model("mercator"), 1))
+    twin = Twin(TwinArena(_mission(), load_robot_model("mercator"), 1))
     robot, *_ = twin.robots
     host, hub = rvr.Host(), multiflex.decoder()
     for name, target, values in streaming(STREAMED, 50):
@@ -163,7 +163,7 @@ class Commanded(NamedTuple):
 
 def commanded(fault: Flip | Lose, commands: int) -> Commanded:
     """What becomes of commands to drive, and of their answers, on a damaged line."""
-    host, device, chance = rvr.Host(), rvr.Device(), random.Random(1)
+    host, device, chance = rvr.Host(), rvr.RvrEnd(), random.Random(1)
 
     def damaged(sent: bytes) -> bytes:
         return b"".join(fault.damaged(byte, chance) for byte in sent)

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from mercator_design.fleet.deploy import Fleet, copy, stop
-from mercator_design.fleet.ssh import Robot
+from mercator_design.fleet.ssh import RemoteRobot
 from mercator_design.fleet.start import start
 
 GO = "--nstates 1 --s0 0 --rwm0 20\n"
@@ -63,7 +63,7 @@ def main() -> None:
         os.environ["PATH"] = f"{folder / 'bin'}:{os.environ['PATH']}"
         os.environ.pop("PYTHONPATH", None)
         (folder / "fsm.txt").write_text(GO)
-        fleet = Fleet(robots=tuple(Robot(name=f"r{k}", host=f"r{k}") for k in range(given.robots)))
+        fleet = Fleet(robots=tuple(RemoteRobot(name=f"r{k}", host=f"r{k}") for k in range(given.robots)))
         line = [sys.executable, "-m", "mercator_design.twin", "aggregation", "--set", f"robots={given.robots}"]
         with subprocess.Popen([*line, "--folder", folder / "twin"], stdout=subprocess.PIPE, text=True) as twin:
             if twin.stdout is None or not all(twin.stdout.readline() for _ in fleet.robots):

@@ -28,7 +28,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race import parse_space
 from mercator_design.race.methods.table import METHODS, RACES
 from mercator_design.race.running.dask_executor import DaskExecutor
-from mercator_design.race.running.events import Measured
+from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
@@ -39,11 +39,11 @@ R = TypeVar("R")
 MIB = 1024  # KiB, in which Linux counts
 
 
-def free(item: tuple[int, int]) -> Measured:
+def free(item: tuple[int, int]) -> Measurement:
     """A score that depends on configuration and instance, in under a microsecond."""
     configuration, instance = item
     noise = (configuration * 2654435761 + instance * 40503 * 65537) % 1009 / 1009
-    return Measured((configuration * 7919 % 997) / 997 + 2 * noise, "0123456789abcdef")
+    return Measurement((configuration * 7919 % 997) / 997 + 2 * noise, "0123456789abcdef")
 
 
 def run(record: Record, executor: Executor, budget: int, method: str = "irace") -> int:

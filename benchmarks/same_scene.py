@@ -29,7 +29,7 @@ from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
 from mercator_design.sim.simulate import Simulator, referee_motion
-from mercator_design.twin.arena import Arena, without_noise
+from mercator_design.twin.arena import TwinArena, without_noise
 
 Floats: TypeAlias = NDArray[np.float64]
 Pose: TypeAlias = tuple[float, float, float]
@@ -79,7 +79,7 @@ class World:
         """Robots at poses, on the twin and in the simulator, where they may be of another model."""
         settings, scene = settings_of(MERCATOR), mission(poses, height=height)
         labels = settings.labels_of({"floor": "gray, black"})
-        self.robots = Stepped(Arena(scene, MERCATOR, 1), lambda: senses(settings, SENSES, labels))
+        self.robots = Stepped(TwinArena(scene, MERCATOR, 1), lambda: senses(settings, SENSES, labels))
         self._model = model.reference_model
         self._instance = Simulator(scene, model).instance(1)
 

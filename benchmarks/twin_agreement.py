@@ -48,7 +48,7 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import write_text
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def step(name: str, duration: float | None, seed: int, folder: Path) -> str:
     """Run a case without a clock, and note its result in the folder; what it was, in words."""
     what = case(name, duration)
     mission = what.simulator.mission
-    arena = Arena(mission, what.simulator.robot_model, seed)
+    arena = TwinArena(mission, what.simulator.robot_model, seed)
     poses = stepped_run(arena, what.pfsm, what.header, cycles=mission.cycles, seed=seed).poses
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / _POSES, poses)

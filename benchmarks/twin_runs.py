@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from mercator_design.config.loading import dump
-from mercator_design.robot.devices.settings import Settings, Swarm, read_settings
+from mercator_design.robot.devices.settings import Settings, SwarmSettings, read_settings
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from mercator_design.twin.terminals import LOG
 
@@ -117,7 +117,7 @@ def _end(process: subprocess.Popen[Any]) -> None:
 
 
 def _awaiting_heartbeats(settings: Settings) -> Settings:
-    return dataclasses.replace(settings, swarm=Swarm(port=settings.swarm.port, heartbeat=_SILENCE))
+    return dataclasses.replace(settings, swarm=SwarmSettings(port=settings.swarm.port, heartbeat=_SILENCE))
 
 
 def _await_logs(logs: Sequence[Path], robots: Sequence[subprocess.Popen[Any]], folder: Path) -> None:

@@ -25,7 +25,7 @@ from mercator_design.robot.protocols.rvr_streaming import streaming
 from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.run.senses import Senses, why_device_is_needed
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.twin import Twin
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -102,7 +102,7 @@ class Stepped:
     now: The time [s].
     """
 
-    def __init__(self, arena: Arena, senses: Callable[[], Senses], *, scans: bool = True) -> None:
+    def __init__(self, arena: TwinArena, senses: Callable[[], Senses], *, scans: bool = True) -> None:
         """Switch the twin's robots on, and start them up.
 
         Args:
@@ -147,7 +147,7 @@ class SteppedRun(NamedTuple):
 
 
 def stepped_run(
-    arena: Arena, pfsm: Pfsm, header: dict[str, str], *, cycles: int, seed: int, phases: bool = True
+    arena: TwinArena, pfsm: Pfsm, header: dict[str, str], *, cycles: int, seed: int, phases: bool = True
 ) -> SteppedRun:
     """Robots run a PFSM.
 

@@ -37,9 +37,9 @@ from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugin
 from mercator_design.race import Configuration, Experiment, Space, parse_space
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.events import Finished, Measured, Tested
+from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.running.executors import ThreadExecutor, in_order
-from mercator_design.race.running.task import Result, Start, Task
+from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Simulator
@@ -56,7 +56,7 @@ class Experimenter:
         self.simulator = simulator
         self._kernels = kernels_digest()  # now: files may be edited later
 
-    def __call__(self, item: tuple[Pfsm, int]) -> Measured:
+    def __call__(self, item: tuple[Pfsm, int]) -> Measurement:
         """Score, and digest of where all robots are and in what state at the end."""
         pfsm, seed = item
         outcome = self.simulator.run(pfsm, seed)
@@ -64,7 +64,7 @@ class Experimenter:
         digest = hashlib.blake2b(trace.poses[-1].tobytes(), digest_size=8)
         digest.update(trace.states[-1].tobytes())
         digest.update(outcome.score.hex().encode())
-        return Measured(outcome.score, digest.hexdigest())
+        return Measurement(outcome.score, digest.hexdigest())
 
     def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
         # Classes of plugins may be in the mission: it is unpacked when they are there.
@@ -218,7 +218,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         """The PFSM of a configuration that is raced."""
         return to_pfsm(self.race.configurations[configuration], self.flavour)
 
-    def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
+    def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """As `Task.winner_text`: an fsm.txt."""
         return fsm_file_text(self.pfsm(result.configuration), header)
 
@@ -226,7 +226,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         """As `Task.is_winner`."""
         return read_fsm(file).pfsm == to_pfsm(configuration, self.flavour)
 
-    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:
+    def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:
         """As `Task.command_of_failed`: mdesign evaluate, with an fsm.txt in the subfolder failed."""
         file = folder / "failed" / f"{one.configuration}.txt"
         file.parent.mkdir(exist_ok=True)

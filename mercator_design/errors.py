@@ -127,7 +127,7 @@ class SettingsError(RobotError):
     exit_code = 3
 
 
-class Stopped(RobotError):  # noqa: N818 - a swarm that is told to stop has made no error
+class RobotStopped(RobotError):  # noqa: N818 - a swarm that is told to stop has made no error
     """Something stopped a robot's wheels; they turn no more before the next run."""
 
     exit_code = 4

@@ -15,7 +15,13 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.running import evaluation, events
-from mercator_design.race.running.events import End, Finished, Iteration, Measured, NewConfiguration
+from mercator_design.race.running.events import (
+    ConfigurationAdded,
+    ExperimentDone,
+    IterationEnded,
+    Measurement,
+    RaceEnded,
+)
 from mercator_design.race.running.executors import Rejected, ThreadExecutor
 from mercator_design.race.running.record import Record
 from mercator_design.sim.simulate import Simulator
@@ -35,7 +41,7 @@ def measured(call):
     x = int(call.arguments.split()[1])
     if x > 27:
         raise Rejected("too large")
-    return Measured((x - 7) ** 2 + call.seed % 3, "")
+    return Measurement((x - 7) ** 2 + call.seed % 3, "")
 
 
 @pytest.fixture(scope="module")
@@ -119,18 +125,18 @@ def test_of_a_mission_costs_are_minus_the_scores():
     designer = Designer(Simulator(load_mission("aggregation")), budget=2000, seed=1)
     record = Record()
     record.begin(designer.start())
-    record.note(NewConfiguration(configuration=0, parent=None, values={"NumStates": "1"}))
+    record.note(ConfigurationAdded(configuration=0, parent=None, values={"NumStates": "1"}))
     for instance, score in enumerate([3.0, None]):
-        one = Finished(experiment=instance, iteration=1, configuration=0, instance=instance,
+        one = ExperimentDone(experiment=instance, iteration=1, configuration=0, instance=instance,
                        seed=designer.seed(instance), score=score, failure="" if score else "broken")  # fmt: skip
         record.note(one)
-    record.note(Iteration(iteration=1, postselection=False, budget=9, used=2, configurations=1, instances=2,
+    record.note(IterationEnded(iteration=1, postselection=False, budget=9, used=2, configurations=1, instances=2,
                           alive=1, elites=(0,), stagnant=0, note=""))  # fmt: skip
     found = irace_results(designer, record)
     assert found["experiments"].cells.tolist() == [[-3.0], [math.inf]]
     assert found["state"]["completed"] == "Incomplete"
-    record.note_end(End(budget=2000, experiments=2, winner=0))
-    record.note(events.Tested(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
+    record.note_end(RaceEnded(budget=2000, experiments=2, winner=0))
+    record.note(events.TestDone(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
     found = irace_results(designer, record)
     assert found["state"]["completed"] == "Ended"
     assert found["testing"]["experiments"].cells.tolist() == [[-2.0]]

@@ -10,7 +10,7 @@ import pytest
 
 from mercator_design.errors import lack_of_memory
 from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
-from mercator_design.race.running.events import Measured
+from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import ExperimentFailed
@@ -129,7 +129,7 @@ class TestWorkers:
     def test_it_stops_the_race_which_can_be_resumed(self, executor):
         def greedy(item):
             if item[1] % 5 == 4:
-                return Measured(len(bytearray(1 << 62)), "")
+                return Measurement(len(bytearray(1 << 62)), "")
             return measure(item)
 
         record = Record()

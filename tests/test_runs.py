@@ -25,7 +25,7 @@ from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.racing.summary import Elite, Progress
-from mercator_design.race.running.events import Finished, Iteration, NewConfiguration, Stop
+from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone, IterationEnded, SessionStopped
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import difference, with_notes_wrapped
@@ -484,7 +484,7 @@ class TestSignals:
         reading = read(folder / JOURNAL)
         assert reading.record.experiments
         assert reading.torn == ""
-        assert isinstance(reading.record.sessions[-1], Stop)
+        assert isinstance(reading.record.sessions[-1], SessionStopped)
         assert "stopped" in mdesign("runs", "show", folder)[1]
 
     def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
@@ -503,7 +503,7 @@ class TestSignals:
                 raise
         assert process.returncode == 75
         last = read(folder / JOURNAL).record.sessions[-1]
-        assert (type(last), last.why) == (Stop, "Signalled")
+        assert (type(last), last.why) == (SessionStopped, "Signalled")
 
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
     def test_before_its_first_experiment(self, tmp_path, number):
@@ -798,10 +798,10 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
     record = Record()
     record.begin({"budget": 40})
     for k in range(40):
-        one = Finished(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
-        record.note(NewConfiguration(configuration=k, parent=None, values={}))
+        one = ExperimentDone(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
+        record.note(ConfigurationAdded(configuration=k, parent=None, values={}))
         record.note(one)
-        summary = Iteration(
+        summary = IterationEnded(
             iteration=k + 1,
             postselection=False,
             budget=1,

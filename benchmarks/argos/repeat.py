@@ -22,8 +22,8 @@ from mercator_design.fsm import Pfsm
 from mercator_design.fsm.behaviours import BEHAVIOURS, TURN_CYCLES
 from mercator_design.fsm.conditions import CONDITIONS, probability
 from mercator_design.fsm.control import CYCLES, DRAWS, STATE, control_cycle
-from mercator_design.fsm.modules import MOST_PARAMETERS
-from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Program
+from mercator_design.fsm.modules import MAX_PARAMETERS
+from mercator_design.fsm.pfsm import MAX_TRANSITIONS, Program
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import Tiles
@@ -157,8 +157,8 @@ def draw(
             if order[i, j] < order[i, k]:
                 ahead += 1
         swarm.draws[1 + 2 * k] = (ahead + 0.5) / (n - k)
-        edge = MOST_TRANSITIONS * state + order[i, k]
-        condition, first = program.conditions[edge], MOST_PARAMETERS * edge
+        edge = MAX_TRANSITIONS * state + order[i, k]
+        condition, first = program.conditions[edge], MAX_PARAMETERS * edge
         parameters = (program.condition_parameters[first], program.condition_parameters[first + 1])
         fires = False
         if not _LOOKS_FIRST >> condition & 1 or probability(condition, model, readings, (1.0, parameters[1])) > 0.0:
@@ -210,7 +210,7 @@ class Original:
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
         self.mission = mission = simulator.mission
-        self._shuffles = c_library_rand(mission.cycles * mission.robots * (MOST_TRANSITIONS - 1))
+        self._shuffles = c_library_rand(mission.cycles * mission.robots * (MAX_TRANSITIONS - 1))
 
     def run(self, pfsm: Pfsm, seed: int) -> tuple[float, History]:
         """Score and full history of a run."""
@@ -222,7 +222,7 @@ class Original:
         history = new_history(mission.cycles, mission.robots, everything=True)
         stream = np.array([robot.random_raw(mission.cycles * DRAWS // 2 + mission.cycles) for robot in robots], float)
         bridge = new_bridge(instance.space, instance.robots)
-        order = np.zeros((mission.robots, MOST_TRANSITIONS), dtype=np.int64)
+        order = np.zeros((mission.robots, MAX_TRANSITIONS), dtype=np.int64)
         place = np.zeros(mission.robots + 1, dtype=np.int64)
         compiled(rerun)(
             bridge, scene, model.reference_model, program_arrays(pfsm), swarm, history, order, stream, self._shuffles,

@@ -12,13 +12,13 @@ from typing import Any
 from benchmarks.vectors.checks import Check, difference, each
 from benchmarks.vectors.pieces import difference_in_pieces, received
 from mercator_design.robot.protocols.rvr import (
-    Command,
-    Device,
     Flags,
     Frame,
     Host,
     Notification,
     Response,
+    RvrCommand,
+    RvrEnd,
     Unknown,
     frame_decoder,
 )
@@ -54,8 +54,8 @@ def _encode(case: str, vector: dict[str, Any]) -> Iterator[Check]:
     yield Check("encode", f"{case} {vector['name']}", difference(vector["hex"], sent.hex()))
     fields = {key: vector[key] for key in ("flags", "target", "did", "cid", "seq", "payload_hex")}
     yield _frame("encode, fields", vector, fields)
-    (command,) = Device().receive(whole)
-    found = [command.name, command.processor, *_flat(command.values)] if isinstance(command, Command) else [command]
+    (command,) = RvrEnd().receive(whole)
+    found = [command.name, command.processor, *_flat(command.values)] if isinstance(command, RvrCommand) else [command]
     expected = [vector["call"], target, *_flat(inputs)]
     yield Check("encode, read by the robot", vector["name"], difference(expected, found, digits=SINGLE))
     yield _pieces("encode", vector["name"], whole)
@@ -123,7 +123,7 @@ def _response(_: str, vector: dict[str, Any]) -> Iterator[Check]:
             result = {"big-endian": int(fields["payload_hex"], 16)}  # of what the SDK cannot read
         expected, found = [fields["err"], *_flat(result)], [event.error, *_flat(event.values)]
         if "result" in vector and fields["flags"] == Flags.RESPONSE | Flags.SOURCE and "extra" not in name:
-            sent = Device().answer(command, **event.values)
+            sent = RvrEnd().answer(command, **event.values)
             yield Check("decode_response, sent by the robot", name, difference(answer.hex(), sent.hex()))
     else:
         expected, found = [Response], [event]
@@ -139,7 +139,7 @@ def _notification(_: str, vector: dict[str, Any]) -> Iterator[Check]:
         handler = vector["handler"].removeprefix("on_").removesuffix("_notify")
         told = [event.name, *_flat(event.values)] if isinstance(event, Notification) else [event]
         yield Check("decode_notify", name, difference([handler, *_flat(vector["result"] or {})], told))
-        sent = Device().notify(handler, **event.values) if isinstance(event, Notification) else b""
+        sent = RvrEnd().notify(handler, **event.values) if isinstance(event, Notification) else b""
         yield Check("decode_notify, sent by the robot", name, difference(vector["hex"], sent.hex()))
     else:
         yield Check("decode_notify", name, difference(Unknown, type(event)))
@@ -147,7 +147,7 @@ def _notification(_: str, vector: dict[str, Any]) -> Iterator[Check]:
 
 
 def _stream(_: str, vector: dict[str, Any]) -> Iterator[Check]:
-    whole, name, host, device = bytes.fromhex(vector["hex"]), vector["name"], Host(), Device()
+    whole, name, host, device = bytes.fromhex(vector["hex"]), vector["name"], Host(), RvrEnd()
     entries = [entry["id"].to_bytes(2, "big") + bytes([entry["size_code"]]) for entry in vector["configuration"]]
     configured = host.send(
         "configure_streaming_service",
@@ -156,7 +156,7 @@ def _stream(_: str, vector: dict[str, Any]) -> Iterator[Check]:
         configuration=b"".join(entries),
     )
     for command in device.receive(configured):
-        if isinstance(command, Command):
+        if isinstance(command, RvrCommand):
             device.follow(command)
     (event,) = host.receive(whole)
     if isinstance(event, StreamData):

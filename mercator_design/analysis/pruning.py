@@ -5,7 +5,7 @@ from dataclasses import replace
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import numbered
-from mercator_design.fsm.pfsm import MOST_STATES, MOST_TRANSITIONS, Pfsm, Transition
+from mercator_design.fsm.pfsm import MAX_TRANSITIONS, MOST_STATES, Pfsm, Transition
 
 Element = tuple[int, int | None]
 """A state, or a transition of it, by their numbers."""
@@ -16,7 +16,7 @@ def most_modules(flavour: str) -> dict[str, int]:
     behaviours, conditions = numbered(BEHAVIOURS, flavour).values(), numbered(CONDITIONS, flavour).values()
     return {
         **{module.name: MOST_STATES for module in behaviours},
-        **{module.name: MOST_STATES * MOST_TRANSITIONS for module in conditions},
+        **{module.name: MOST_STATES * MAX_TRANSITIONS for module in conditions},
     }
 
 

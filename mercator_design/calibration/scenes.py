@@ -44,7 +44,7 @@ class Series(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class StillScene:
     """A robot that stands still.
 
     name: Of the recording, and the time in it if it has others.
@@ -55,7 +55,7 @@ class Scene:
     sensors: Mapping[str, Series]
 
 
-class Recording(NamedTuple):
+class RobotRecording(NamedTuple):
     """What a recording has.
 
     start: Its first event.
@@ -69,10 +69,10 @@ class Recording(NamedTuple):
     duration: float
     rest: float
     moves: list[tuple[float, float]]
-    scenes: list[Scene]
+    scenes: list[StillScene]
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path) -> RobotRecording:
     """The scenes of a recording, each at least SHORTEST long.
 
     Raises:
@@ -102,9 +102,9 @@ def read_recording(path: Path) -> Recording:
         if ends - begins >= SHORTEST:
             parts = {name: each.between(begins, ends) for name, each in series.items()}
             name = f"{path.name}, {begins:.0f} to {ends:.0f} s" if moves else path.name
-            scenes.append(Scene(name=name, sensors=parts))
+            scenes.append(StillScene(name=name, sensors=parts))
     rest = max(0.0, *(end - begin for begin, end in still))
-    return Recording(path, start, duration, rest, moves, scenes)
+    return RobotRecording(path, start, duration, rest, moves, scenes)
 
 
 def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any]) -> Series:

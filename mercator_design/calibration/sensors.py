@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_of
-from mercator_design.calibration.scenes import SHORTEST, Recording, Scene, Series, read_recording
+from mercator_design.calibration.scenes import SHORTEST, RobotRecording, Series, StillScene, read_recording
 from mercator_design.errors import MercatorError
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.sim.robot_model import RobotModel
@@ -68,7 +68,7 @@ SENSORS = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
+class SensorNoise:
     """What is known of a sensor's noise.
 
     samples, channels, scenes: How many measurements counted, of how many channels, which are others in each scene.
@@ -96,8 +96,8 @@ class Calibration:
     """
 
     base: RobotModel
-    recordings: tuple[Recording, ...]
-    sensors: tuple[Measured, ...]
+    recordings: tuple[RobotRecording, ...]
+    sensors: tuple[SensorNoise, ...]
     unknown: tuple[Sensor, ...]
     notes: tuple[str, ...]
 
@@ -123,7 +123,7 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
     robots = sorted({recording.start.get("robot", "?") for recording in recordings})
     if len(robots) > 1:
         notes.append(f"recordings of {', '.join(robots)}: what is fitted is the noise of all of them together")
-    measured: list[Measured] = []
+    measured: list[SensorNoise] = []
     unknown: list[Sensor] = []
     for number, sensor in enumerate(SENSORS):
         part = getattr(base, sensor.key)
@@ -145,7 +145,7 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
     )
 
 
-def _motion(recording: Recording) -> Iterator[str]:
+def _motion(recording: RobotRecording) -> Iterator[str]:
     for begin, end in recording.moves:
         yield f"{recording.path}: the robot was moved from {begin:.0f} to {end:.0f} s, which is left out"
     if not recording.scenes:
@@ -156,10 +156,10 @@ def _motion(recording: Recording) -> Iterator[str]:
 def _measured(
     sensor: Sensor,
     limits: tuple[float, float],
-    scenes: Sequence[Scene],
+    scenes: Sequence[StillScene],
     random: np.random.Generator,
     notes: list[str],
-) -> Measured | None:
+) -> SensorNoise | None:
     """What is known of a sensor, to which notes are added; None if too little is recorded."""
     channels: list[Floats] = []
     told_by = 0
@@ -181,7 +181,7 @@ def _measured(
         )
         return None
     step = _step(channels)
-    found = partial(Measured, sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, step=step)
+    found = partial(SensorNoise, sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, step=step)
     if step == 0.0:
         return found(noise=None, why_none="all samples of a channel are equal")
     levels = _counted(channels, step)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from mercator_design.command import LEFT_OUT
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
-from mercator_design.fleet.ssh import Conversation, Robot, hear
+from mercator_design.fleet.ssh import Conversation, RemoteRobot, hear
 from mercator_design.robot.protocols.clocks import PROBE, Clock, from_line, probe
 
 COLUMNS = {
@@ -27,7 +27,7 @@ exec python3 {PROGRAM} check --json "$@"
 
 
 @dataclass(frozen=True)
-class Found:
+class RobotFinding:
     """One finding on a robot."""
 
     what: str
@@ -43,8 +43,8 @@ class Checked:
     failure: Why it could not be looked at, or not to the end; empty if it could.
     """
 
-    robot: Robot
-    findings: list[Found] = field(default_factory=list)
+    robot: RemoteRobot
+    findings: list[RobotFinding] = field(default_factory=list)
     is_done: bool = False
     clock: Clock = field(default_factory=Clock)
     failure: str = ""
@@ -112,7 +112,7 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
         match said["say"]:
             case "finding":
                 is_fine = said.get("is_fine") is True
-                checked.findings.append(Found(str(said.get("what")), is_fine, str(said.get("words"))))
+                checked.findings.append(RobotFinding(str(said.get("what")), is_fine, str(said.get("words"))))
             case "done":
                 checked.is_done = True
             case "clock":

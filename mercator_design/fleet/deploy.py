@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from mercator_design.config.loading import FieldError, Length, checked, read
 from mercator_design.errors import RobotError, SettingsError
 from mercator_design.fleet.bundle import bundle
-from mercator_design.fleet.ssh import Robot, on, run, shell
+from mercator_design.fleet.ssh import RemoteRobot, on, run, shell
 
 PROGRAM, FSM = "mercator-robot.pyz", "fsm.txt"
 _MOST = 100  # robots at a time
@@ -48,14 +48,14 @@ class Fleet:
     """The robots of an experiment."""
 
     schema: Literal[1] = 1  # version of this format
-    robots: Annotated[tuple[Robot, ...], Length(1)]
+    robots: Annotated[tuple[RemoteRobot, ...], Length(1)]
 
     def __post_init__(self) -> None:
         checked(self._mistakes())
 
     def _mistakes(self) -> Iterator[FieldError]:
         names: set[str] = set()
-        places: set[Robot] = set()
+        places: set[RemoteRobot] = set()
         for number, robot in enumerate(self.robots):
             place = replace(robot, name="")
             if robot.name in names:
@@ -67,10 +67,10 @@ class Fleet:
 
 
 @dataclass(frozen=True)
-class Result:
+class RobotOutcome:
     """What came of it on one robot."""
 
-    robot: Robot
+    robot: RemoteRobot
     is_done: bool
     words: str
 
@@ -84,7 +84,7 @@ def read_fleet(path: Path) -> Fleet:
     return read(path, Fleet, error=SettingsError)
 
 
-def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[Result]:
+def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
     """Put the program and an fsm.txt on all robots on which no run is in progress, as that may yet import something.
 
     Args:
@@ -101,7 +101,7 @@ def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[Result]:
 
         new = f"new/{secrets.token_hex(4)}"  # of this copy alone, as others may copy at the same time
 
-        def to(robot: Robot) -> str:
+        def to(robot: RemoteRobot) -> str:
             make = f"mkdir -p {robot.folder}/{new} && cd {robot.folder} || exit 1\n{BE_IDLE}"
             shell(robot, make, timeout, folder=".")
             run("scp", robot, [*map(str, sent), on(robot, f"{new}/")], timeout)
@@ -110,15 +110,15 @@ def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[Result]:
         return on_all(fleet, to)
 
 
-def stop(fleet: Fleet, timeout: float) -> list[Result]:
+def stop(fleet: Fleet, timeout: float) -> list[RobotOutcome]:
     """End what runs on all robots; done where it has ended."""
     return on_all(fleet, lambda robot: shell(robot, _STOP, timeout))
 
 
-def collect(fleet: Fleet, folder: Path, timeout: float) -> list[Result]:
+def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
     """Copy the logs of all robots, each robot's to a folder of its name."""
 
-    def of(robot: Robot) -> str:
+    def of(robot: RemoteRobot) -> str:
         count = shell(robot, _COUNT_LOGS, timeout)
         if count == "0":
             return "no logs"
@@ -131,14 +131,14 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[Result]:
     return on_all(fleet, of)
 
 
-def on_all(fleet: Fleet, do: Callable[[Robot], str]) -> list[Result]:
+def on_all(fleet: Fleet, do: Callable[[RemoteRobot], str]) -> list[RobotOutcome]:
     """Do something on all robots at the same time; done where it gives what there is to say, and raises nothing."""
 
-    def one(robot: Robot) -> Result:
+    def one(robot: RemoteRobot) -> RobotOutcome:
         try:
-            return Result(robot, is_done=True, words=do(robot))
+            return RobotOutcome(robot, is_done=True, words=do(robot))
         except (RobotError, OSError) as error:
-            return Result(robot, is_done=False, words=str(error))
+            return RobotOutcome(robot, is_done=False, words=str(error))
 
     with ThreadPoolExecutor(min(_MOST, len(fleet.robots))) as pool:
         return list(pool.map(one, fleet.robots))

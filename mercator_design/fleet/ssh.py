@@ -26,7 +26,7 @@ _OWN_FAULT = 255  # exit code of ssh if what has failed is not the script
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robot:
+class RemoteRobot:
     """Where a robot is reached."""
 
     name: Name
@@ -45,7 +45,7 @@ class Conversation:
     words: The last line of what was written to stderr then.
     """
 
-    def __init__(self, robot: Robot, script: str, arguments: Iterable[str] = ()) -> None:
+    def __init__(self, robot: RemoteRobot, script: str, arguments: Iterable[str] = ()) -> None:
         """Begin; Ctrl-C here does not reach it.
 
         Raises:
@@ -126,17 +126,19 @@ def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[
         yield name, conversations[name].read()
 
 
-def on(robot: Robot, path: str) -> str:
+def on(robot: RemoteRobot, path: str) -> str:
     """A path in a robot's folder, for scp; the brackets keep an IPv6 address from ending at its first colon."""
     return f"[{robot.host}]:{robot.folder}/{path}"
 
 
-def shell(robot: Robot, script: str, timeout: float, arguments: Iterable[str] = (), folder: str | None = None) -> str:
+def shell(
+    robot: RemoteRobot, script: str, timeout: float, arguments: Iterable[str] = (), folder: str | None = None
+) -> str:
     """Run a script of the shell in a robot's folder, or in another: the last line that it prints; errors as `run`."""
     return run("ssh", robot, _shell(robot, script, arguments, folder), timeout)
 
 
-def run(program: str, robot: Robot, arguments: Sequence[str], timeout: float) -> str:
+def run(program: str, robot: RemoteRobot, arguments: Sequence[str], timeout: float) -> str:
     """Run ssh or scp: the last line that it prints.
 
     Raises:
@@ -162,13 +164,13 @@ def run(program: str, robot: Robot, arguments: Sequence[str], timeout: float) ->
     return said
 
 
-def _shell(robot: Robot, script: str, arguments: Iterable[str], folder: str | None = None) -> list[str]:
+def _shell(robot: RemoteRobot, script: str, arguments: Iterable[str], folder: str | None = None) -> list[str]:
     """The arguments of ssh for a script of the shell."""
     script = f"cd {folder or robot.folder} || exit 1\n{script}"
     return [robot.host, shlex.join(["sh", "-c", script, "sh", *arguments])]
 
 
-def _command(program: str, robot: Robot, arguments: Sequence[str]) -> list[str]:
+def _command(program: str, robot: RemoteRobot, arguments: Sequence[str]) -> list[str]:
     given = {"User": robot.user, "Port": robot.port}
     settings = _OPTIONS | {name: str(value) for name, value in given.items() if value is not None}
     return [program, *(word for name, value in settings.items() for word in ("-o", f"{name}={value}")), *arguments]

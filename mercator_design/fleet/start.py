@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
-from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, Result, stop
+from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, RobotOutcome, stop
 from mercator_design.fleet.ssh import Conversation, hear
 from mercator_design.robot.protocols.joint_start import SILENCE, Leader
 
@@ -41,7 +41,7 @@ class Start:
     uncertainty: Of that [s].
     """
 
-    results: list[Result]
+    results: list[RobotOutcome]
     why: str
     spread: float = 0.0
     uncertainty: float = 0.0
@@ -104,7 +104,7 @@ def _until_ended(leader: Leader, robots: Mapping[str, Conversation]) -> None:
         _turn(leader, robots)
 
 
-def _running(fleet: Fleet, leader: Leader) -> Iterator[Result]:
+def _running(fleet: Fleet, leader: Leader) -> Iterator[RobotOutcome]:
     for robot in fleet.robots:
         clock = leader.difference(robot.name)
         words = (
@@ -112,10 +112,12 @@ def _running(fleet: Fleet, leader: Leader) -> Iterator[Result]:
             f"first; its clock is {abs(clock.ahead):.3f} s {'ahead' if clock.ahead > 0.0 else 'behind'}, give or take "
             f"{1000.0 * clock.uncertainty:.1f} ms"
         )
-        yield Result(robot, is_done=True, words=words)
+        yield RobotOutcome(robot, is_done=True, words=words)
 
 
-def _resting(fleet: Fleet, leader: Leader, robots: Mapping[str, Conversation], timeout: float) -> Iterator[Result]:
+def _resting(
+    fleet: Fleet, leader: Leader, robots: Mapping[str, Conversation], timeout: float
+) -> Iterator[RobotOutcome]:
     """Of each robot why it does not run; one of which it is not known whether it has ended is stopped once more."""
     unknown = [robot for robot in fleet.robots if not robots[robot.name].is_known_to_have_ended]
     stopped = (
@@ -128,4 +130,4 @@ def _resting(fleet: Fleet, leader: Leader, robots: Mapping[str, Conversation], t
             words += f"; over another connection: {again.words}"
             if not again.is_done:
                 words += f"; by itself it stops {SILENCE:g} s after it has last heard of this computer"
-        yield Result(robot, is_done=False, words=words)
+        yield RobotOutcome(robot, is_done=False, words=words)

@@ -12,7 +12,7 @@ of the published AutoMoDe source; docs/control_software.md has all differences.
 import math
 from collections.abc import Callable
 
-from mercator_design.fsm.modules import Module, Parameter
+from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.perception import Row
 from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import dispatcher, jittable
@@ -118,7 +118,9 @@ BEHAVIOURS = (
         numbers={"watermelon": 0, "chocolate": 0},
         reads=_OBSTACLES,
         # 0 is legal in published controllers and means the same as 1.
-        parameters=(Parameter(name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1),),
+        parameters=(
+            ModuleParameter(name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1),
+        ),
     ),
     Module(name="stop", label="Stop", function=stop, numbers={"watermelon": 1, "chocolate": 1}),
     Module(name="phototaxis", label="Phototaxis", function=phototaxis, numbers={"chocolate": 2}, reads=_LIGHT),
@@ -135,7 +137,7 @@ BEHAVIOURS = (
         function=attraction,
         numbers={"watermelon": 2, "chocolate": 4},
         reads=_NEIGHBOURS,
-        parameters=(Parameter(name="alpha", flag="att", grammar="ATT", low=1, high=5),),
+        parameters=(ModuleParameter(name="alpha", flag="att", grammar="ATT", low=1, high=5),),
     ),
     Module(
         name="repulsion",
@@ -143,7 +145,7 @@ BEHAVIOURS = (
         function=repulsion,
         numbers={"watermelon": 3, "chocolate": 5},
         reads=_NEIGHBOURS,
-        parameters=(Parameter(name="alpha", flag="rep", grammar="REP", low=1, high=5),),
+        parameters=(ModuleParameter(name="alpha", flag="rep", grammar="REP", low=1, high=5),),
     ),
 )
 

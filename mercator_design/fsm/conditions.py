@@ -7,7 +7,7 @@ touch a generator. Sources as in behaviours.py.
 import math
 from collections.abc import Callable
 
-from mercator_design.fsm.modules import Module, Parameter
+from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.perception import Row, gray_level
 from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import dispatcher, jittable
@@ -106,14 +106,14 @@ def floor_colour(model: ReferenceModel, readings: Readings, parameters: Row) -> 
     return parameters[0] if label >= 0 and label == parameters[1] else 0.0
 
 
-def _beta() -> Parameter:
-    return Parameter(name="beta", flag="p", grammar="P", low=0, high=1)
+def _beta() -> ModuleParameter:
+    return ModuleParameter(name="beta", flag="p", grammar="P", low=0, high=1)
 
 
-def _count(suffix: str) -> tuple[Parameter, Parameter]:
+def _count(suffix: str) -> tuple[ModuleParameter, ModuleParameter]:
     return (
-        Parameter(name="xi", flag="p", grammar="B" + suffix, low=0, high=10, integer=True, sampled_low=1),
-        Parameter(name="eta", flag="w", grammar="W" + suffix, low=0, high=20),
+        ModuleParameter(name="xi", flag="p", grammar="B" + suffix, low=0, high=10, integer=True, sampled_low=1),
+        ModuleParameter(name="eta", flag="w", grammar="W" + suffix, low=0, high=20),
     )
 
 
@@ -180,7 +180,7 @@ CONDITIONS = (
         numbers={"watermelon": 6},
         reads=_GROUND,
         colours=True,
-        parameters=(_beta(), Parameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
+        parameters=(_beta(), ModuleParameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
     ),
 )
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE, behave
 from mercator_design.fsm.conditions import probability
-from mercator_design.fsm.modules import MOST_PARAMETERS
+from mercator_design.fsm.modules import MAX_PARAMETERS
 from mercator_design.fsm.perception import Row
-from mercator_design.fsm.pfsm import MOST_TRANSITIONS, Pfsm, Program, Transition
+from mercator_design.fsm.pfsm import MAX_TRANSITIONS, Pfsm, Program, Transition
 from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import jittable
 
@@ -20,7 +20,7 @@ STATE, CYCLES = 0, 1
 MEMORY = 4
 """Length of a controller's memory; all zeros at the start of a run."""
 
-DRAWS = 1 + 2 * MOST_TRANSITIONS
+DRAWS = 1 + 2 * MAX_TRANSITIONS
 """Uniform draws a cycle may use: one for the behaviour, two for each transition (which is next, does it fire)."""
 
 
@@ -42,7 +42,7 @@ def control_cycle(
         draws: (DRAWS,) uniform in [0, 1).
     """
     state = int(memory[STATE])
-    first = MOST_PARAMETERS * state
+    first = MAX_PARAMETERS * state
     parameters = (program.behaviour_parameters[first], program.behaviour_parameters[first + 1])
     wheels = behave(program.behaviours[state], model, readings, parameters, memory, draws[0])
     entered = memory[CYCLES] == 0.0
@@ -59,8 +59,8 @@ def control_cycle(
                 ahead -= 1
             j += 1
         tested |= 1 << j
-        place = MOST_TRANSITIONS * state + j
-        first = MOST_PARAMETERS * place
+        place = MAX_TRANSITIONS * state + j
+        first = MAX_PARAMETERS * place
         parameters = (program.condition_parameters[first], program.condition_parameters[first + 1])
         if draws[2 + 2 * k] < probability(program.conditions[place], model, readings, parameters):
             memory[STATE] = float(program.targets[place])
@@ -96,4 +96,4 @@ class Controller:
         control_cycle(self._model, self._program._replace(targets=places), readings, memory, draws)
         if memory[CYCLES] > 0.0:
             return None
-        return self.pfsm.states[state].transitions[int(memory[STATE]) % MOST_TRANSITIONS]
+        return self.pfsm.states[state].transitions[int(memory[STATE]) % MAX_TRANSITIONS]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-MOST_PARAMETERS = 2
+MAX_PARAMETERS = 2
 """No module has more parameters; rows of parameters are padded to this length."""
 
 SENSES = ("proximity", "neighbours", "ground", "light")
@@ -24,7 +24,7 @@ def senses_bits(senses: Iterable[str]) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
+class ModuleParameter:
     """A parameter of a module."""
 
     name: str
@@ -58,13 +58,13 @@ class Module:
     label: str  # as AutoMoDe's diagrams write it
     function: Callable[..., Any]
     numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[ModuleParameter, ...] = ()
     reads: frozenset[str] = field(default_factory=frozenset)  # of SENSES
     colours: bool = False  # whether it is of use only if the ground is seen in colours
 
     def __post_init__(self) -> None:
-        if len(self.parameters) > MOST_PARAMETERS:
-            raise ValueError(f"{self.name}: a module has at most {MOST_PARAMETERS} parameters; see Program")
+        if len(self.parameters) > MAX_PARAMETERS:
+            raise ValueError(f"{self.name}: a module has at most {MAX_PARAMETERS} parameters; see Program")
 
 
 def numbered(table: tuple[Module, ...], flavour: str) -> dict[int, Module]:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 from mercator_design.errors import FsmError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import MOST_PARAMETERS, Module, named, senses_bits
+from mercator_design.fsm.modules import MAX_PARAMETERS, Module, named, senses_bits
 from mercator_design.fsm.perception import Row
 
 MOST_STATES = 4
-MOST_TRANSITIONS = 4
+MAX_TRANSITIONS = 4
 """The limits of AutoMoDe's grammar: states a PFSM, outgoing transitions a state."""
 
 FLAVOURS = ("watermelon", "chocolate")
@@ -101,9 +101,9 @@ class Pfsm:
             raise FsmError(f"expected 1 to {MOST_STATES} states, found {len(self.states)}")
         for i, state in enumerate(self.states):
             self._check_module(f"state {i}", "behaviour", state.behaviour, state.parameters)
-            if len(state.transitions) > MOST_TRANSITIONS:
+            if len(state.transitions) > MAX_TRANSITIONS:
                 raise FsmError(
-                    f"state {i}: expected at most {MOST_TRANSITIONS} transitions, found {len(state.transitions)}"
+                    f"state {i}: expected at most {MAX_TRANSITIONS} transitions, found {len(state.transitions)}"
                 )
             for j, transition in enumerate(state.transitions):
                 place = f"state {i}, transition {j}"
@@ -147,7 +147,7 @@ class Pfsm:
         places = [
             transition
             for state in self.states
-            for transition in (*state.transitions, *[nothing] * (MOST_TRANSITIONS - len(state.transitions)))
+            for transition in (*state.transitions, *[nothing] * (MAX_TRANSITIONS - len(state.transitions)))
         ]
         return Program(
             behaviours=tuple(_BEHAVIOURS[state.behaviour] for state in self.states),
@@ -162,4 +162,4 @@ class Pfsm:
 
 def _padded(rows: Iterable[tuple[float, ...]]) -> tuple[float, ...]:
     """Parameters one after the other, MOST_PARAMETERS to a module."""
-    return tuple(float(value) for row in rows for value in (*row, *[0.0] * (MOST_PARAMETERS - len(row))))
+    return tuple(float(value) for row in rows for value in (*row, *[0.0] * (MAX_PARAMETERS - len(row))))

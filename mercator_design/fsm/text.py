@@ -17,11 +17,11 @@ from pathlib import Path
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, Parameter, numbered
+from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import (
     FLAVOURS,
+    MAX_TRANSITIONS,
     MOST_STATES,
-    MOST_TRANSITIONS,
     Pfsm,
     State,
     Transition,
@@ -72,7 +72,7 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = Non
             raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}")
     if tolerate:
         tokens = _as_original(tokens, flavour, tolerate)
-    pfsm = _Reader(tokens, flavour, any_domain=tolerate is not None).pfsm()
+    pfsm = _TokenReader(tokens, flavour, any_domain=tolerate is not None).pfsm()
     if tolerate:
         for place, module, parameter, value in _parameters(pfsm):
             if not parameter.contains(value):
@@ -102,7 +102,7 @@ def _values(module: Module, values: tuple[float, ...], index: str) -> list[str]:
     ]
 
 
-def _parameters(pfsm: Pfsm) -> Iterator[tuple[str, Module, Parameter, float]]:
+def _parameters(pfsm: Pfsm) -> Iterator[tuple[str, Module, ModuleParameter, float]]:
     """Each parameter of a PFSM with its place."""
     for i, state in enumerate(pfsm.states):
         for parameter, value in zip(state.module.parameters, state.parameters, strict=True):
@@ -112,7 +112,7 @@ def _parameters(pfsm: Pfsm) -> Iterator[tuple[str, Module, Parameter, float]]:
                 yield f"state {i}, transition {j}", transition.module, parameter, value
 
 
-class _Reader:
+class _TokenReader:
     """Reads well-formed tokens, one flag with its value after the other."""
 
     def __init__(self, tokens: list[str], flavour: str, *, any_domain: bool) -> None:
@@ -148,7 +148,7 @@ class _Reader:
         parameters = self._values(place, module, self._gather(flags), f"{i}")
         transitions: tuple[Transition, ...] = ()
         if self._peek() == f"--n{i}":
-            most = MOST_TRANSITIONS if n > 1 else 0
+            most = MAX_TRANSITIONS if n > 1 else 0
             m = self._integer(f"--n{i}", f"the number of transitions of {place} (of {n})", 0, most)
             transitions = tuple(self._transition(i, j, n) for j in range(m))
         return State(module.name, parameters, transitions)
@@ -261,7 +261,7 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
         end = find(f"--s{i + 1}", 0, len(tokens)) if i < n - 1 else len(tokens)
         behaviour = take(f"--s{i}", start, end, integer=True)
         take_parameters(numbered(BEHAVIOURS, flavour), behaviour, f"{i}", start, end)
-        m = min(int(take(f"--n{i}", start, end, integer=True) or 0), MOST_TRANSITIONS + 1)
+        m = min(int(take(f"--n{i}", start, end, integer=True) or 0), MAX_TRANSITIONS + 1)
         for j in range(m):
             first = find(f"--n{i}x{j}", start, end)
             last = find(f"--n{i}x{j + 1}", start, end) if j < m - 1 else end

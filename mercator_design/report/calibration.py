@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mercator_design.calibration.noise import CONFIDENCE, SIMULATIONS, Noise
-from mercator_design.calibration.sensors import Calibration, Measured
+from mercator_design.calibration.sensors import Calibration, SensorNoise
 from mercator_design.errors import printable
 from mercator_design.report.columns import aligned
 from mercator_design.report.pictures.figures import house_style, save_figure
@@ -89,7 +89,7 @@ def save_noise(path: Path, calibration: Calibration) -> None:
         save_figure(path, figure)
 
 
-def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
+def _draw(axes: Axes, one: SensorNoise, noise: Noise) -> None:
     """A histogram, whose bars are some steps wide, and the density of the noise after it is rounded."""
     levels = noise.levels
     found = levels.level - noise.centres[levels.channel]
@@ -118,7 +118,7 @@ def _draw(axes: Axes, one: Measured, noise: Noise) -> None:
     axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_words(noise)}, p={noise.p_value:.2g}", fontsize=7.5)
 
 
-def _cells(one: Measured) -> tuple[object, ...]:
+def _cells(one: SensorNoise) -> tuple[object, ...]:
     if one.noise is None:
         return (f"none: {one.why_none}", None, None, None)
     noise, unit = one.noise, one.sensor.unit
@@ -135,7 +135,7 @@ def _words(noise: Noise) -> str:
     return f"{noise.family.name}, {noise.family.parameter.replace('_', ' ')} {noise.parameter:.4g}"
 
 
-def _written(one: Measured) -> str:
+def _written(one: SensorNoise) -> str:
     if one.noise is None:
         return f"null  # {one.why_none}; {one.samples} samples"
     noise = one.noise
@@ -145,7 +145,7 @@ def _written(one: Measured) -> str:
     return f"{value}  # {unit}({low:.4g} to {high:.4g}); p = {noise.p_value:.2g}; {one.samples} samples"
 
 
-def _record(one: Measured) -> dict[str, object]:
+def _record(one: SensorNoise) -> dict[str, object]:
     noise = one.noise
     return {
         "sensor": one.sensor.key,

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.events import Finished, Iteration, Revised
+from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
 
@@ -40,7 +40,7 @@ def iterations_table(record: Record) -> list[str]:
     return aligned(rows)
 
 
-def _happened(record: Record) -> list[Finished | Revised]:
+def _happened(record: Record) -> list[ExperimentDone | ScoreRevised]:
     """The experiments in order of their numbers, and what has replaced their scores at the place where it did."""
     revised = [
         one for number in record.revised if number in record.experiments for one in record.revised[number].values()
@@ -55,7 +55,7 @@ def iteration_notes(record: Record) -> list[str]:
     ]
 
 
-def _row(ended: Iteration, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
+def _row(ended: IterationEnded, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
     best = ended.elites[0]
     own = Scores(tuple(scores[best].values()))
     mean = f"{own.mean:.4g}" if own.values else ""

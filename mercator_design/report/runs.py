@@ -6,7 +6,7 @@ from typing import Any
 
 from mercator_design.errors import RaceError, printable
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.events import Session, Stop
+from mercator_design.race.running.events import SessionStarted, SessionStopped
 from mercator_design.race.running.journal import Reading, is_locked
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned
@@ -146,8 +146,8 @@ def _score(run: dict[str, Any]) -> str | None:
     return None if run["score"] is None else f"{run['score']:.4g}"
 
 
-def _session(session: Session | Stop) -> str:
-    if isinstance(session, Stop):
+def _session(session: SessionStarted | SessionStopped) -> str:
+    if isinstance(session, SessionStopped):
         return f"{session.time}  stopped: {session.why}"
     how = f"{session.executor}, {session.jobs} jobs" if session.executor else ""
     return f"{session.time}  process {session.process} on {session.host}: {how}"

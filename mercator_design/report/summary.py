@@ -9,13 +9,13 @@ from typing import Any
 from mercator_design.design import Designer, Evaluation
 from mercator_design.errors import printable
 from mercator_design.fsm.conditions import COLOUR_LABELS
-from mercator_design.fsm.modules import Parameter
+from mercator_design.fsm.modules import ModuleParameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugins
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.task import Result, Task
+from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.sim.checks.doubts import dead_conditions, dead_transitions
@@ -25,7 +25,15 @@ _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
 
 def race_summary(
-    result: Result, task: Task[Any], record: Record, *, new: int, tested: int, seconds: float, jobs: int, folder: Path
+    result: RaceResult,
+    task: Task[Any],
+    record: Record,
+    *,
+    new: int,
+    tested: int,
+    seconds: float,
+    jobs: int,
+    folder: Path,
 ) -> str:
     """What was asked, what happened in each iteration, what won, and where it lies.
 
@@ -83,7 +91,7 @@ def _asked(task: Task[Any]) -> list[str]:
     ]
 
 
-def _design(result: Result, designer: Designer, record: Record, folder: Path) -> list[str]:
+def _design(result: RaceResult, designer: Designer, record: Record, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
     dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
     spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
@@ -102,7 +110,7 @@ def _design(result: Result, designer: Designer, record: Record, folder: Path) ->
     ]
 
 
-def _elites(result: Result, task: Task[Any], record: Record) -> list[str]:
+def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
     """The best configurations as a table, a line for each of their values, and the best as a command line."""
     race = task.race
     numbers = [elite.configuration for elite in race.elites]
@@ -217,7 +225,7 @@ def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int | Non
     )
 
 
-def _called(name: str, parameters: tuple[Parameter, ...], values: tuple[float, ...]) -> str:
+def _called(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[float, ...]) -> str:
     given = ", ".join(
         f"{p.name} {COLOUR_LABELS[int(value)] if p.name == 'label' else format(value, 'g')}"
         for p, value in zip(parameters, values, strict=True)

@@ -27,9 +27,9 @@ from mercator_design import __version__
 from mercator_design.errors import RaceError
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
 from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
-from mercator_design.race.running.events import Extension, Finished, Tested
+from mercator_design.race.running.events import BudgetExtended, ExperimentDone, TestDone
 from mercator_design.race.running.journal import Journal, now
-from mercator_design.race.running.task import Result, Task
+from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.runs.files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
 from mercator_design.runs.tables import configurations_of
@@ -142,7 +142,7 @@ class RunFolder:
                 f"{self.path}: expected a budget of {self.journal.budget}, as before, or more, found {budget}"
             )
         if budget > self.journal.budget:
-            self.journal.note(Extension(budget=budget))
+            self.journal.note(BudgetExtended(budget=budget))
 
     def test(self, testing: Testing | None) -> None:
         """Let these be the tests, from now on.
@@ -154,7 +154,7 @@ class RunFolder:
         with _naming(self.path):
             write(self.path, self._provenance)
 
-    def keep_failed(self, finished: Finished | Tested) -> str:
+    def keep_failed(self, finished: ExperimentDone | TestDone) -> str:
         """Write what an experiment that failed needs; gives the command that runs it alone.
 
         Raises:
@@ -163,7 +163,7 @@ class RunFolder:
         with _naming(self.path):
             return self.task.command_of_failed(finished, self.path, self._header())
 
-    def finish(self, result: Result, *, seconds: float) -> None:
+    def finish(self, result: RaceResult, *, seconds: float) -> None:
         """Write what the race came to: the winner first, that it is not lost where there is no room for all.
 
         Args:

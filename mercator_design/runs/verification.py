@@ -6,7 +6,7 @@ from typing import Any
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment
-from mercator_design.race.running.events import Finished, Tested
+from mercator_design.race.running.events import ExperimentDone, TestDone
 from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.task import Task
 from mercator_design.runs.files import JOURNAL, check_configurations, read_journal, wrong_end
@@ -50,7 +50,7 @@ def verify(
         if not task.is_winner(path / task.WINNER, record.configurations[winner]):
             raise RaceError(f"{path / task.WINNER}: expected configuration {winner}, found another")
         checked.append(f"{task.WINNER}: is configuration {winner}, the winner")
-    ran: list[Finished | Tested] = [record.experiments[number] for number in sorted(record.experiments)]
+    ran: list[ExperimentDone | TestDone] = [record.experiments[number] for number in sorted(record.experiments)]
     ran += [record.tests[where] for where in sorted(record.tests)]
     finished = [one for one in ran if one.score is not None]
     n = min(number, len(finished)) if task.evaluate is None else 0  # an evaluator compares with others
@@ -60,19 +60,19 @@ def verify(
         task.item(
             Experiment(one.configuration, one.instance),
             record.configurations[one.configuration],
-            test=isinstance(one, Tested),
+            test=isinstance(one, TestDone),
         )
         for one in sample
     ]
     found_again = in_order(executor, task.function, items, stopped=stopped)
     for one, (score, outcome) in zip(sample, found_again, strict=True):
         if (score, outcome) != (one.score, one.outcome):
-            what = f"experiment {one.experiment}" if isinstance(one, Finished) else f"test on instance {one.instance}"
+            what = f"experiment {one.experiment}" if isinstance(one, ExperimentDone) else f"test on instance {one.instance}"
             raise RaceError(
                 f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
             )
-    tests = sum(isinstance(one, Tested) for one in finished)
+    tests = sum(isinstance(one, TestDone) for one in finished)
     among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
     if task.evaluate is not None:
         return [*checked, f"{among} were not run again, as their targetEvaluator compares them with others"]

@@ -41,7 +41,6 @@ from mercator_design.sim.kernels.swarm import History, Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import (
     AmbientLight,
-    Device,
     DeviceWithAxes,
     Drive,
     Ground,
@@ -50,6 +49,7 @@ from mercator_design.sim.robot_parts import (
     LidarNeighbours,
     LightCamera,
     LightRing,
+    MotionSensor,
     Neighbours,
     Proximity,
 )
@@ -213,25 +213,25 @@ def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) 
     return _finished(recording, sensor, ACCELEROMETER_DRAWS, cycles, upright[cycles])
 
 
-def gyroscope(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def gyroscope(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
     """Turn about x, y and z over a cycle (eqs. 10-11) [rad/s]; the floor is level."""
     turns = np.diff(recording.headings, axis=0) / recording.control_period
     return _finished(recording, sensor, GYROSCOPE_DRAWS, cycles, _about_z(turns)[cycles])
 
 
-def imu(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def imu(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
     """Pitch, roll and yaw against the world [rad], yaw from -pi to pi."""
     yaws = np.arctan2(np.sin(recording.headings[1:]), np.cos(recording.headings[1:]))
     return _finished(recording, sensor, IMU_DRAWS, cycles, _about_z(yaws)[cycles])
 
 
-def locator(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def locator(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
     """Place from the start, along the world's axes (eq. 12) [m]."""
     places = recording.history.poses[1:, :, :2] - recording.history.poses[0, :, :2]
     return _finished(recording, sensor, LOCATOR_DRAWS, cycles, places[cycles])
 
 
-def quaternion(recording: Recording, sensor: Device, cycles: Cycles) -> Floats:
+def quaternion(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
     """Orientation against that at the start (eq. 13): w, x, y, z."""
     half = 0.5 * (recording.headings[1:] - recording.headings[0])
     none = np.zeros_like(half)
@@ -376,7 +376,7 @@ def _scratch(recording: Recording) -> Swarm:
 
 def _finished(
     recording: Recording,
-    sensor: Device | DeviceWithAxes | AmbientLight,
+    sensor: MotionSensor | DeviceWithAxes | AmbientLight,
     number: int,
     cycles: Cycles,
     values: Floats,

@@ -20,7 +20,6 @@ from mercator_design.sim.fields import as_spelt, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,
     BoxBody,
-    Device,
     DeviceWithAxes,
     DiscBody,
     Drive,
@@ -30,6 +29,7 @@ from mercator_design.sim.robot_parts import (
     LidarNeighbours,
     LightCamera,
     LightRing,
+    MotionSensor,
     Neighbours,
     Physics,
     Proximity,
@@ -55,10 +55,10 @@ class RobotModel:
     ambient_light: AmbientLight | None = None
     velocity: DeviceWithAxes | None = None  # [m/s] along the start's axes
     accelerometer: DeviceWithAxes | None = None  # [g] along x, y and z
-    gyroscope: Device | None = None  # [rad/s] about x, y and z
-    imu: Device | None = None  # [rad] of pitch, roll and yaw
-    locator: Device | None = None  # [m] from the start, along the world's axes
-    quaternion: Device | None = None  # w, x, y, z of the orientation against that at the start
+    gyroscope: MotionSensor | None = None  # [rad/s] about x, y and z
+    imu: MotionSensor | None = None  # [rad] of pitch, roll and yaw
+    locator: MotionSensor | None = None  # [m] from the start, along the world's axes
+    quaternion: MotionSensor | None = None  # w, x, y, z of the orientation against that at the start
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()

@@ -249,7 +249,7 @@ class AmbientLight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Device:
+class MotionSensor:
     """A sensor of the robot's own motion."""
 
     range: Bounds  # between which readings are kept, in the device's unit

@@ -16,7 +16,7 @@ from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
-from mercator_design.sim.kernels.chipmunk import Robot, new_robot
+from mercator_design.sim.kernels.chipmunk import ChipmunkRobot, new_robot
 from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
@@ -36,7 +36,7 @@ class Instance:
 
     robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
-    robots: list[Robot]
+    robots: list[ChipmunkRobot]
     scene: Scene
     swarm: Swarm
     zone_rows: dict[str, tuple[int, ...]]
@@ -169,7 +169,7 @@ class World:
                 return places[k], batch * _BATCH
         return None, batches * _BATCH
 
-    def _robot(self) -> Robot:
+    def _robot(self) -> ChipmunkRobot:
         body, drive = self.robot_model.body, self.robot_model.drive
         robot = new_robot(
             half_size=body.half_size,

@@ -28,7 +28,7 @@ from mercator_design.sim.kernels.swarm import Swarm, new_history
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.twin.devices.drive import Treads
-from mercator_design.twin.devices.lidar import FINE, Lidar
+from mercator_design.twin.devices.lidar import FINE, TwinLidar
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ TREADS = "treads"
 _LOOKS_BACK = 2  # cycles
 
 
-class Arena:
+class TwinArena:
     """An arena with robots at rest, as an instance of a mission has them.
 
     period: Of a tick [s].
@@ -108,7 +108,7 @@ class Arena:
             self.step([(0.0, 0.0)] * self.robots)
         for device in MEASURED:
             self.measure(0, device)
-        lidar = Lidar(functools.partial(self.scan, 0), samples=self.samples)
+        lidar = TwinLidar(functools.partial(self.scan, 0), samples=self.samples)
         lidar.set_motor(on=True, now=-1.0)
         lidar.receive(encode_command("scan"), now=0.0)
         lidar.advance(1.0 / self.samples)

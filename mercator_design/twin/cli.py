@@ -51,7 +51,7 @@ def twin(
         from mercator_design.missions.mission import load_mission
         from mercator_design.sim.robot_model import load_robot_model
         from mercator_design.sim.simulate import robot_model_of
-        from mercator_design.twin.arena import Arena, without_noise
+        from mercator_design.twin.arena import TwinArena, without_noise
         from mercator_design.twin.faults import Script, read_script
         from mercator_design.twin.folder import usual_folder
         from mercator_design.twin.terminals import Terminals, open_log
@@ -66,11 +66,11 @@ def twin(
         model = without_noise(model)
     place = usual_folder() if folder is None else folder
     with announced(lambda: tell("Compiling the twin; later runs find it in the cache ...")):
-        arena = Arena(loaded, model, seed)
+        arena = TwinArena(loaded, model, seed)
         with open_log(place) as log:
             terminals = Terminals(Twin(arena, script, log), place)
             terminals.check()
-            Arena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
+            TwinArena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
             with Interrupt() as interrupt, terminals:
                 go_first(_PRIORITY)
                 for number, file in enumerate(terminals.robots):

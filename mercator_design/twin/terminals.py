@@ -19,7 +19,7 @@ from typing import Any, Self, TextIO
 from mercator_design.config.loading import dump
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
-from mercator_design.robot.devices.settings import Limits, Settings, Swarm
+from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings
 from mercator_design.robot.logs.log import now as time_of_day
 from mercator_design.twin.twin import Log, Twin
 
@@ -109,7 +109,7 @@ def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
     stream.flush()
 
 
-class _Line:
+class _Wire:
     """Bytes on their way along a line of some rate [bytes/s], since some time [s]."""
 
     def __init__(self, rate: float, since: float) -> None:
@@ -141,7 +141,7 @@ class Terminals:
         self._ports: dict[int, tuple[int, DeviceName]] = {}
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
         self._is_open: set[int] = set()
-        self._under_way: dict[int, _Line] = {}
+        self._under_way: dict[int, _Wire] = {}
         self._latest, self._dropped = 0.0, 0
         self._lateness_told = _LATE  # what is not later than that is not told
         self._tell: Callable[[str], None] = lambda _: None
@@ -243,7 +243,7 @@ class Terminals:
             name=f"twin-{number}",
             ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
             limits=Limits(speed=model.drive.maximum_speed),
-            swarm=Swarm(port=port),  # robots are all on one machine
+            swarm=SwarmSettings(port=port),  # robots are all on one machine
             proximity_angles=angles,
             reference_model=model.reference_model,
         )
@@ -316,7 +316,7 @@ class Terminals:
         if rate is None:
             self._write(fd, data)
             return
-        line = self._under_way.setdefault(fd, _Line(rate, now))
+        line = self._under_way.setdefault(fd, _Wire(rate, now))
         fits = data[: _CHUNK - len(line.data)]
         self._dropped += len(data) - len(fits)
         line.data += fits

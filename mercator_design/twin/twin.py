@@ -7,28 +7,28 @@ from typing import Any, NamedTuple, TypeAlias
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.health import SIDES
 from mercator_design.robot.devices.ports import DeviceName
-from mercator_design.twin.arena import Arena
-from mercator_design.twin.devices.hub import Hub
-from mercator_design.twin.devices.lidar import Lidar
-from mercator_design.twin.devices.rvr import Rvr
+from mercator_design.twin.arena import TwinArena
+from mercator_design.twin.devices.hub import TwinHub
+from mercator_design.twin.devices.lidar import TwinLidar
+from mercator_design.twin.devices.rvr import TwinRvr
 from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat, LineFault, PortLoss, Script, Stall
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 """Is given what happens, event by event."""
 
 
-class _Line(NamedTuple):
+class _DeviceLine(NamedTuple):
     """A device, and what goes wrong on the line to it and from it."""
 
-    device: Rvr | Lidar | Hub
+    device: TwinRvr | TwinLidar | TwinHub
     to_robot: Damage
     from_robot: Damage
 
 
-class Robot:
+class TwinRobot:
     """A robot of an arena, switched on at the time 0."""
 
-    def __init__(self, arena: Arena, number: int, script: Script, log: Log) -> None:
+    def __init__(self, arena: TwinArena, number: int, script: Script, log: Log) -> None:
         """The robot of a number.
 
         Args:
@@ -38,16 +38,20 @@ class Robot:
             log: Is given what happens to it.
         """
         measure = functools.partial(arena.measure, number)
-        self.rvr = Rvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
-        self.lidar = Lidar(functools.partial(arena.scan, number), samples=arena.samples, number=number)
-        self.hub = Hub(functools.partial(measure, "proximity"))
+        self.rvr = TwinRvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
+        self.lidar = TwinLidar(functools.partial(arena.scan, number), samples=arena.samples, number=number)
+        self.hub = TwinHub(functools.partial(measure, "proximity"))
         self._number, self._log = number, log
         self._faults = [fault for fault in script.faults if fault.robot == number]
         self._on: list[Fault] = []
         self._seen: dict[str, Any] = {}
-        devices: dict[DeviceName, Rvr | Lidar | Hub] = {"rvr": self.rvr, "lidar": self.lidar, "proximity": self.hub}
+        devices: dict[DeviceName, TwinRvr | TwinLidar | TwinHub] = {
+            "rvr": self.rvr,
+            "lidar": self.lidar,
+            "proximity": self.hub,
+        }
         self._lines = {
-            name: _Line(
+            name: _DeviceLine(
                 device, self._damage(script.seed, name, "to_robot"), self._damage(script.seed, name, "from_robot")
             )
             for name, device in devices.items()
@@ -123,7 +127,7 @@ class Twin:
     robots: By number.
     """
 
-    def __init__(self, arena: Arena, script: Script | None = None, log: Log = lambda _: None) -> None:
+    def __init__(self, arena: TwinArena, script: Script | None = None, log: Log = lambda _: None) -> None:
         """Switch the robots on.
 
         Raises:
@@ -136,7 +140,7 @@ class Twin:
                 place = script.where(f"faults[{number}].robot")
                 raise SettingsError(f"{place}: {expected}, found {fault.robot}")
         self.arena, self._log = arena, log
-        self.robots = [Robot(arena, number, script, log) for number in range(arena.robots)]
+        self.robots = [TwinRobot(arena, number, script, log) for number in range(arena.robots)]
         self._note_poses()
 
     @property

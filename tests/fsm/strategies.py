@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
-from mercator_design.fsm.pfsm import FLAVOURS, MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import FLAVOURS, MAX_TRANSITIONS, MOST_STATES, Pfsm, State, Transition
 from mercator_design.fsm.reference import Readings
 
 CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
@@ -44,7 +44,7 @@ def pfsms(draw, flavours=FLAVOURS):
     states = []
     for i in range(n):
         transitions = []
-        for _ in range(draw(st.integers(0, MOST_TRANSITIONS)) if n > 1 else 0):
+        for _ in range(draw(st.integers(0, MAX_TRANSITIONS)) if n > 1 else 0):
             condition = draw(st.sampled_from(conditions))
             target = draw(st.integers(0, n - 1).filter(lambda t, i=i: t != i))
             transitions.append(Transition(condition.name, draw(values(condition)), target))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mercator_design.race import IteratedRace, parse_space
 from mercator_design.race.running.evaluation import Testing, run_tests
-from mercator_design.race.running.events import Measured
+from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
@@ -29,7 +29,7 @@ def measure(item):
     (x, y, rule), seed = item
     noise = random.Random(seed + int(1000 * x)).gauss(0, 1)  # as a simulation's, of both
     score = (x - 1.5) ** 2 + (y + 1) ** 2 + (rule != "fast") + noise
-    return Measured(score, f"{score:.6f}")
+    return Measurement(score, f"{score:.6f}")
 
 
 def runner(record, executor, *, race=None, seed=1, function=measure, budget=BUDGET, **options):

@@ -19,9 +19,9 @@ from mercator_design.errors import MissionError, RaceError
 from mercator_design.race.running import dask_executor, executors
 from mercator_design.race.running.dask_executor import BUNDLE, DaskExecutor
 from mercator_design.race.running.executors import (
+    ExecutorStopped,
     Failed,
     ProcessExecutor,
-    Stopped,
     ThreadExecutor,
     WorkerUnfit,
     in_order,
@@ -252,7 +252,7 @@ class TestConformance:
 
     def test_a_race_that_is_stopped_keeps_what_was_under_way(self, make):
         record = Record()
-        with make() as executor, pytest.raises(Stopped):
+        with make() as executor, pytest.raises(ExecutorStopped):
             runner(record, executor, stopped=lambda: len(record.experiments) > 50).run()
         assert 50 < len(record.experiments) < 70
         with make() as executor:

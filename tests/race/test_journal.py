@@ -17,8 +17,16 @@ from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions
 from mercator_design.race.running import evaluation, journal
-from mercator_design.race.running.events import Ahead, End, Extension, Finished, Measured, NewConfiguration, Revised
-from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.events import (
+    BudgetExtended,
+    ConfigurationAdded,
+    ExperimentDone,
+    Measurement,
+    RaceEnded,
+    ScoreRevised,
+    SpeculativeDone,
+)
+from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.journal import Journal, is_locked, read
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import ExperimentFailed
@@ -153,7 +161,7 @@ class TestResume:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         with Journal(path, new=False) as one:
-            one.note(Finished(experiment=9999, iteration=6, configuration=1, instance=0, seed=1, score=1.0))
+            one.note(ExperimentDone(experiment=9999, iteration=6, configuration=1, instance=0, seed=1, score=1.0))
         with pytest.raises(RaceError, match=f"expected {RAN} experiments in all, found {RAN + 1}"):
             resumed(path)
 
@@ -197,10 +205,10 @@ class TestResume:
     def test_more_that_is_there_twice(self):
         record = Record()
         record.begin({"budget": 5})
-        record.note(NewConfiguration(configuration=0, parent=None, values={"x": 1}))
+        record.note(ConfigurationAdded(configuration=0, parent=None, values={"x": 1}))
         for event in (
-            Ahead(configuration=0, instance=1, score=1.0),
-            Revised(experiment=3, configuration=0, instance=1, score=1.0),
+            SpeculativeDone(configuration=0, instance=1, score=1.0),
+            ScoreRevised(experiment=3, configuration=0, instance=1, score=1.0),
         ):
             record.note(event)
             with pytest.raises(RaceError, match="configuration 0 on instance 1 is there twice"):
@@ -268,7 +276,7 @@ class TestExtension:
         path = tmp_path / "journal.jsonl"
         with Journal(path, new=True) as one, ThreadExecutor(1) as executor:
             running = runner(one, executor)
-            one.note(Extension(budget=400), Extension(budget=600))
+            one.note(BudgetExtended(budget=400), BudgetExtended(budget=600))
             running.run()
         data = path.read_bytes()
         draws = random.Random(1)
@@ -413,7 +421,7 @@ class TestFailures:
         (x, y, _), _ = item
         if x > 2:
             raise ArithmeticError("too far")
-        return measure(item) if y < 0 else Measured(float("nan" if x < 0 else "inf"), "")
+        return measure(item) if y < 0 else Measurement(float("nan" if x < 0 else "inf"), "")
 
     def test_they_stop_the_race_by_default_and_are_tried_again(self, tmp_path):
         path = tmp_path / "journal.jsonl"
@@ -465,7 +473,7 @@ def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
         return measure(item)
 
     with Journal(path, new=True) as one, ThreadExecutor(3) as executor:
-        with pytest.raises(Stopped):
+        with pytest.raises(ExecutorStopped):
             runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).run()
         known = {*places(one)} | one.ahead.keys()
         assert len(known) == len(begun)
@@ -522,11 +530,11 @@ class TestAhead:
 
 def test_the_digest_is_of_what_happened():
     other = undisturbed()
-    other.experiments[5] = Finished(
-        **{n: getattr(other.experiments[5], n) for n in Finished.__slots__} | {"score": 1e-9}
+    other.experiments[5] = ExperimentDone(
+        **{n: getattr(other.experiments[5], n) for n in ExperimentDone.__slots__} | {"score": 1e-9}
     )
     assert other.digest() != EXPECTED[1]
     other = undisturbed()
-    other.ends[-1] = End(budget=BUDGET, experiments=RAN, winner=EXPECTED[0] + 1)
+    other.ends[-1] = RaceEnded(budget=BUDGET, experiments=RAN, winner=EXPECTED[0] + 1)
     assert other.digest() != EXPECTED[1]
     assert undisturbed(seed=2).digest() != EXPECTED[1]

@@ -8,7 +8,7 @@ import pytest
 from mercator_design.race import IteratedRace
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running import optuna_mirror
-from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.record import Record
 from tests.race.racing import SPACE, measure, runner, undisturbed
@@ -97,7 +97,7 @@ def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
     record = Record()
     race = IteratedRace(SPACE, budget=150, seed=1)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)
-    with ThreadExecutor(1) as executor, pytest.raises(Stopped), mirroring as mirror:
+    with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped), mirroring as mirror:
         runner(record, executor, race=race, watch=mirror.note, stopped=lambda: len(record.experiments) > 60).run()
     before = len(trials_of(url))
     assert before > 5

@@ -7,8 +7,8 @@ import pytest
 from mercator_design.errors import RaceError
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running import evaluation, events  # whose classes pytest would take for tests
-from mercator_design.race.running.events import Measured
-from mercator_design.race.running.executors import Stopped, ThreadExecutor
+from mercator_design.race.running.events import Measurement
+from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import ExperimentFailed
@@ -85,7 +85,7 @@ def test_after_a_larger_budget(tmp_path):
     path = tmp_path / "journal.jsonl"
     resumed(path, testing=evaluation.Testing(runs=5))
     with Journal(path, new=False) as one:
-        one.note(events.Extension(budget=500))
+        one.note(events.BudgetExtended(budget=500))
     winner, digest, _ = resumed(path, testing=evaluation.Testing(runs=5))
     longer = undisturbed(budgets=(racing.BUDGET, 500))
     assert (winner, digest) == (longer.ends[-1].winner, longer.digest())
@@ -101,7 +101,7 @@ def test_what_is_under_way_when_they_are_stopped_is_kept(ended):
         time.sleep(0.002)
         return measure(item)
 
-    with ThreadExecutor(3) as executor, pytest.raises(Stopped):
+    with ThreadExecutor(3) as executor, pytest.raises(ExecutorStopped):
         racing.run_all_tests(record, executor, race, function=counted, stopped=lambda: len(begun) > 10)
     assert 10 < len(record.tests) == len(begun) < len(TESTING.experiments(race))
 
@@ -111,7 +111,7 @@ class TestFailures:
     def failing(item):
         if item[1] % 7 == 3:
             raise ArithmeticError("no")
-        return measure(item) if item[1] % 7 else Measured(float("nan"), "")
+        return measure(item) if item[1] % 7 else Measurement(float("nan"), "")
 
     def test_they_stop_the_tests_by_default_and_are_tried_again(self, ended):
         record, race = ended
@@ -137,7 +137,7 @@ class TestFailures:
 
 def test_other_instances_are_refused(ended):
     record, race = ended
-    record.note(events.Tested(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
+    record.note(events.TestDone(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
     with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="instance 0 to have seed 1000000, found 7"):
         racing.run_all_tests(record, executor, race)
 

@@ -15,7 +15,7 @@ from mercator_design.robot.devices.ports import DEVICES, PortNames
 from mercator_design.robot.protocols.rvr import Unknown
 from mercator_design.robot.protocols.ydlidar import Packet, encode_command
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.twin.devices.lidar import FINE, SPINS_UP, Lidar
+from mercator_design.twin.devices.lidar import FINE, SPINS_UP, TwinLidar
 from mercator_design.twin.faults import Flip, PortLoss, Script, Silence, WrongBaud
 from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
@@ -216,7 +216,7 @@ def by_hand(is_on, kind, **values):
 @functools.cache
 def compile_scan():
     """Before time counts."""
-    lidar = Lidar(functools.partial(Surroundings().scan, 0), samples=Surroundings.samples)
+    lidar = TwinLidar(functools.partial(Surroundings().scan, 0), samples=Surroundings.samples)
     lidar.set_motor(on=True, now=-SPINS_UP)
     lidar.receive(encode_command("scan"), 0.0)
     lidar.advance(1.0)

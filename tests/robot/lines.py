@@ -39,7 +39,7 @@ def _packets():
 
 
 def _robot():
-    host, device = rvr.Host(), rvr.Device()
+    host, device = rvr.Host(), rvr.RvrEnd()
     sent = [host.send(name, target=target, **values) for name, target, values in streaming(STREAMED, 100)]
     sent.append(host.send("set_all_leds", **lights({"headlight_left": (0x8D, 0xD8, 0xAB)})))
     sent += [host.send("drive_tank_si_units", left_velocity=v / 7, right_velocity=-v / 9) for v in range(-6, 7)]

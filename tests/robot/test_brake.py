@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from mercator_design.errors import RobotError, Signalled, Stopped
+from mercator_design.errors import RobotError, RobotStopped, Signalled
 from mercator_design.robot.protocols import rvr
 from mercator_design.robot.run.safety import STALL, Brake, Signals
 
@@ -47,10 +47,10 @@ def test_what_is_in_range_passes(wire, brake):
 
 @pytest.mark.parametrize("speeds", [(0.3001, 0.0), (0.0, -0.3001), (math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0)])
 def test_what_is_not_stops_for_good(wire, brake, speeds):
-    with pytest.raises(Stopped, match="wheels: expected speeds from"):
+    with pytest.raises(RobotStopped, match="wheels: expected speeds from"):
         brake.drive(*speeds)
     assert wire.sent == [b"zero"] * 2
-    with pytest.raises(Stopped, match="wheels"):
+    with pytest.raises(RobotStopped, match="wheels"):
         brake.drive(0.1, 0.1)
     assert wire.sent == [b"zero"] * 2
 
@@ -95,7 +95,7 @@ def test_a_loop_that_was_suspended_does_not_drive_again(wire, brake):
     brake.arm()
     brake.drive(0.1, 0.1)
     time.sleep(STALL + 0.02)
-    with pytest.raises(Stopped, match=r"the control loop stalled: no command for 0\.\d\d s"):
+    with pytest.raises(RobotStopped, match=r"the control loop stalled: no command for 0\.\d\d s"):
         brake.drive(0.1, 0.1)
     assert wire.sent == [b"0.1 0.1", b"zero", b"zero"]
 
@@ -106,7 +106,7 @@ def test_nor_if_it_was_suspended_while_a_command_was_being_sent(wire, brake):
     brake.drive(0.1, 0.1)
     assert wire.sent[0] == b"0.1 0.1"
     assert set(wire.sent[1:]) == {b"zero"}
-    with pytest.raises(Stopped, match="the control loop stalled"):
+    with pytest.raises(RobotStopped, match="the control loop stalled"):
         brake.drive(0.1, 0.1)
 
 
@@ -168,7 +168,7 @@ def test_a_stop_in_the_middle_of_a_frame_is_heard(is_finished):
     assert b"\xab" in drive  # an escape, behind which it may be cut, too
     zero = host.send("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + host.send("drive_stop")
     for cut in range(1, len(drive)):
-        heard = rvr.Device().receive(drive[:cut] + zero + (drive[cut:] if is_finished else b""))
+        heard = rvr.RvrEnd().receive(drive[:cut] + zero + (drive[cut:] if is_finished else b""))
         assert [command.name for command in heard] == ["drive_tank_si_units", "drive_stop"]
         assert heard[0].values == {"left_velocity": 0.0, "right_velocity": 0.0}
 

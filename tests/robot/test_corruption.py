@@ -44,7 +44,7 @@ def test_events_do_not_depend_on_how_bytes_are_split(stream):
 def test_any_bytes_are_taken(name, data):
     line = LINES[name]
     received(line, data, *line.frames)
-    for end in (rvr.Host(), rvr.Device()):
+    for end in (rvr.Host(), rvr.RvrEnd()):
         end.receive(data + line.begins + data)
 
 

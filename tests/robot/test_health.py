@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from mercator_design.errors import Stopped
+from mercator_design.errors import RobotStopped
 from mercator_design.robot.devices.health import (
     ANSWERS_WINDOW,
     FEWEST_ANSWERS,
@@ -194,7 +194,7 @@ class TestRvr:
         ],
     )
     def test_what_stops_it(self, rvr, name, values, words):
-        with pytest.raises(Stopped, match=words):
+        with pytest.raises(RobotStopped, match=words):
             [*rvr.take(name, values)]
 
     def test_a_hot_motor_is_told_when_that_changes(self, rvr):
@@ -214,7 +214,7 @@ class TestRvr:
         told = [*rvr.take("motor_stall", {"motor_index": 1, "is_triggered": True})]
         assert told == ["rvr: the right tread is stuck"]
         rvr.look(11.9)
-        with pytest.raises(Stopped, match=r"^rvr: the right tread is stuck for 2.1 s; the limit is 2 s; free it$"):
+        with pytest.raises(RobotStopped, match=r"^rvr: the right tread is stuck for 2.1 s; the limit is 2 s; free it$"):
             rvr.look(12.1)
 
     def test_one_that_gets_free_does_not(self, rvr):
@@ -239,7 +239,7 @@ class TestRvr:
                     rvr.look(now)
 
         tries()
-        with pytest.raises(Stopped, match="left tread is stuck"):
+        with pytest.raises(RobotStopped, match="left tread is stuck"):
             tries()
 
     def test_what_has_no_values_says_nothing(self, rvr):

@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot.devices import link, ports, start
@@ -16,7 +16,7 @@ from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
 from mercator_design.robot.devices.samples import STREAMED, converted
 from mercator_design.robot.devices.settings import Limits, Settings
 from mercator_design.robot.protocols.multiflex import Distances
-from mercator_design.robot.protocols.rvr import Device, Response
+from mercator_design.robot.protocols.rvr import Response, RvrEnd
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run import mercator
@@ -182,7 +182,8 @@ class TestReadings:
             devices.silent.add("proximity")
             robot.attend(time.monotonic() + 0.7)
             with pytest.raises(
-                Stopped, match=r"^proximity: nothing for 0\.\d\d s; the limit is 0\.5 s; it was heard before: are all"
+                RobotStopped,
+                match=r"^proximity: nothing for 0\.\d\d s; the limit is 0\.5 s; it was heard before: are all",
             ):
                 robot.readings()
 
@@ -393,7 +394,7 @@ def test_of_commands_that_are_refused_one_matters():
     for name in COMMANDS:
         try:
             robot._take(Response(name, Processor.NORDIC, {}, 4, 1), 0.0)
-        except Stopped as error:
+        except RobotStopped as error:
             stopped.append(str(error))
     assert stopped == ["rvr: it does not drive: restricted; switch it off and on (rvr on /dev/serial0)"]
 
@@ -419,7 +420,7 @@ def test_a_command_to_drive_that_was_damaged_is_repeated(error):
     robot.drive(Wheels(0.5, -0.5))
     for _ in range(3):
         robot._take(refused, 0.0)
-    assert [Device().receive(data)[0].values for data in port.written] == [
+    assert [RvrEnd().receive(data)[0].values for data in port.written] == [
         {"left_velocity": pytest.approx(0.15), "right_velocity": pytest.approx(-0.15)}
     ] * 2
     assert robot.lines()["rvr"][-1] == 1
@@ -438,7 +439,7 @@ def test_an_rvr_that_answers_too_little_stops_the_robot():
         robot.drive(Wheels(0.5, -0.5))
     robot._look_at_answers(now + 0.1)
     assert robot.notes == deque()
-    with pytest.raises(Stopped) as stopped:
+    with pytest.raises(RobotStopped) as stopped:
         robot._look_at_answers(now + 4.5)
     assert str(stopped.value) == (
         "rvr: only 77 % of the commands to it are answered; the limit is 80 %; is its cable loose, too long, or beside "
@@ -492,9 +493,9 @@ def test_wheels_and_lamps(devices):
         _, _, lamps = next(each for each in devices.commands[::-1] if each[1] == "set_all_leds")
         assert lamps["led_group"] == 0x3FFFFFFF
         assert bytes(lamps["led_brightness_values"]) == bytes((0, 158, 115)) * 10
-        with pytest.raises(Stopped, match=r"found 0\.3, nan"):
+        with pytest.raises(RobotStopped, match=r"found 0\.3, nan"):
             robot.drive(Wheels(1.0, math.nan))
-        with pytest.raises(Stopped, match=r"found 0\.3, nan"):  # once and for all
+        with pytest.raises(RobotStopped, match=r"found 0\.3, nan"):  # once and for all
             robot.drive(Wheels(0.1, 0.1))
 
 

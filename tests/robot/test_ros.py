@@ -10,9 +10,9 @@ from xmlrpc.server import SimpleXMLRPCServer
 import numpy as np
 import pytest
 
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.samples import STREAMED, Sample, converted
-from mercator_design.robot.devices.settings import Settings, Swarm
+from mercator_design.robot.devices.settings import Settings, SwarmSettings
 from mercator_design.robot.devices.sweep import BINS, Sweep
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
@@ -20,7 +20,7 @@ from mercator_design.robot.protocols.ydlidar import Packet
 from mercator_design.robot.ros import messages
 from mercator_design.robot.ros import node as ros
 from mercator_design.robot.ros.messages import PUBLISHED
-from mercator_design.robot.ros.node import Node, Orders, Reports, serve
+from mercator_design.robot.ros.node import Orders, Reports, RosNode, serve
 from mercator_design.robot.run import control, mercator, safety
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
@@ -167,7 +167,7 @@ class TestOrders:
     def test_what_cannot_be_obeyed_stops_the_wheels_for_good(self, orders, values, words):
         for each in ((0.1, 0.1), values, (0.1, 0.1)):
             orders.take_speeds(speeds(*each))
-        with pytest.raises(Stopped) as stop:
+        with pytest.raises(RobotStopped) as stop:
             orders._brake.drive(0.0, 0.0)
         assert words in str(stop.value)
 
@@ -224,7 +224,7 @@ class TestReports:
 
 
 class FakeNode:
-    """In the place of `Node`: what a thread of a test wants is done, then the robot is stopped."""
+    """In the place of `RosNode`: what a thread of a test wants is done, then the robot is stopped."""
 
     name, namespace = "/mercator_robot", ""
 
@@ -262,8 +262,8 @@ def devices(monkeypatch):
 def served(devices, act, words="the test is over", rate=5.0):
     """A node on devices, until it has ended as expected; and what it said."""
     node, said = FakeNode(act), []
-    with pytest.raises(Stopped, match=words):
-        serve(Settings(ports=devices.names, swarm=Swarm(port=None)), node, rate, 0.3, said.append)
+    with pytest.raises(RobotStopped, match=words):
+        serve(Settings(ports=devices.names, swarm=SwarmSettings(port=None)), node, rate, 0.3, said.append)
     return node, said
 
 
@@ -424,7 +424,7 @@ def fake(monkeypatch):
 
 class TestNode:
     def test_topics(self, fake):
-        node = Node()
+        node = RosNode()
         assert fake.made == {
             "rvr/ground_color": ("ColorRGBA", 10, True),
             "rvr/fixed_color": ("ColorRGBA", 10, True),
@@ -440,7 +440,7 @@ class TestNode:
         assert (topic, type(message).__name__, message.fields) == ("scan", "LaserScan", {"ranges": [1.0]})
 
     def test_types_that_are_made_have_all_definitions(self, fake):
-        Node()
+        RosNode()
         assert fake.definitions == {
             "teraranger_array/RangeArray": f"sensor_msgs/Range[] ranges\nHeader header\n\n{80 * '='}\n"
             "MSG: sensor_msgs/Range\ntext of Range",
@@ -448,7 +448,7 @@ class TestNode:
         }
 
     def test_what_is_obeyed_and_what_ends_that(self, fake, orders):
-        Node().obey(orders._brake, orders)
+        RosNode().obey(orders._brake, orders)
         (kind, take), (leds_kind, _) = fake.subscribed["rvr/wheels_speed"], fake.subscribed["rvr/rgb_leds"]
         assert (kind, leds_kind) == ("Float32MultiArray", "Leds")
         for _ in range(2):
@@ -459,7 +459,7 @@ class TestNode:
         assert orders._brake.why == "ros: the node was told to shut down"
 
     def test_a_master_that_goes(self, fake, orders):
-        Node().obey(orders._brake, orders)
+        RosNode().obey(orders._brake, orders)
         time.sleep(0.1)
         assert not orders._brake.why
         fake.go()
@@ -470,7 +470,7 @@ class TestNode:
         assert orders._brake.why.startswith(f"ros: no master at http://127.0.0.1:{fake.port}/: ")
 
     def test_a_master_that_goes_while_the_robot_starts(self, fake, orders):
-        node = Node()
+        node = RosNode()
         fake.go()
         with pytest.raises(RobotError, match="ros: no master at "):
             node.obey(orders._brake, orders)
@@ -479,13 +479,13 @@ class TestNode:
     def test_no_master(self, fake):
         fake.go()
         with pytest.raises(RobotError, match=r"ros: no master at http://127\.0\.0\.1:.*; does roscore run there\?"):
-            Node()
+            RosNode()
 
     @pytest.mark.parametrize("uri", ["here", "http://here:port/"])
     def test_a_master_s_address_that_is_none(self, fake, uri):
         fake.get_master_uri = lambda: uri
         with pytest.raises(RobotError, match="ros: "):
-            Node()
+            RosNode()
 
 
 class TestMastersThatDoNotAnswer:
@@ -499,10 +499,10 @@ class TestMastersThatDoNotAnswer:
     def test_at_the_start(self, fake, silent):
         fake.get_master_uri = lambda: silent
         with pytest.raises(RobotError, match=r"ros: no master at .*: timed out; does roscore run there\?"):
-            Node()
+            RosNode()
 
     def test_later(self, fake, silent, orders):
-        node = Node()
+        node = RosNode()
         node.obey(orders._brake, orders)
         node._master = silent
         end = time.monotonic() + 5.0
@@ -517,14 +517,14 @@ class TestMastersThatDoNotAnswer:
         monkeypatch.setattr(ros, "_REGISTER", 0.2)
         setattr(fake, what, lambda *_, **__: over.wait(20))
         with pytest.raises(RobotError, match=r"ros: the master at .* does not answer any more"):
-            Node().obey(orders._brake, orders)
+            RosNode().obey(orders._brake, orders)
         over.set()
         assert fake.is_shut_down
 
     def test_rospy_that_cannot_leave(self, fake, monkeypatch):
         over = threading.Event()
         monkeypatch.setattr(ros, "_LEAVE", 0.2)
-        node = Node()
+        node = RosNode()
         fake.signal_shutdown = lambda _: over.wait(20)
         began = time.monotonic()
         node.close()
@@ -534,7 +534,7 @@ class TestMastersThatDoNotAnswer:
     def test_what_answers_is_no_master(self, fake):
         fake.master.funcs.clear()
         with pytest.raises(RobotError, match=r"ros: no master at .*getPid"):
-            Node()
+            RosNode()
 
 
 def test_without_ros(robot_command, monkeypatch):

@@ -11,12 +11,12 @@ from mercator_design.errors import ProtocolError
 from mercator_design.robot.protocols import rvr_messages
 from mercator_design.robot.protocols.rvr import (
     LONGEST,
-    Device,
     Flags,
     Frame,
     Host,
     Notification,
     Response,
+    RvrEnd,
     Unknown,
     frame_decoder,
 )
@@ -64,7 +64,7 @@ def test_every_row_of_the_tables_is_read():
 @given(st.data())
 def test_commands_and_responses_arrive_as_they_were_sent(data):
     name = data.draw(st.sampled_from(sorted(COMMANDS.keys() - {"configure_streaming_service"})))
-    message, host, device = COMMANDS[name], Host(data.draw(BYTE)), Device()
+    message, host, device = COMMANDS[name], Host(data.draw(BYTE)), RvrEnd()
     values = data.draw(values_of(message.carries))
     target = data.draw(st.sampled_from(message.processors))
     (command,) = device.receive(host.send(name, target=target, reply=Flags.ANSWER, **values))
@@ -80,7 +80,7 @@ def test_notifications_arrive_as_they_were_sent(data):
     name = data.draw(st.sampled_from(sorted(NOTIFICATIONS.keys() - {"streaming_service_data"})))
     processor = data.draw(st.sampled_from(NOTIFICATIONS[name].processors))
     values = data.draw(values_of(NOTIFICATIONS[name].carries))
-    sent = Device().notify(name, processor, **values)
+    sent = RvrEnd().notify(name, processor, **values)
     assert Host().receive(sent) == [Notification(name, processor, values)]
 
 
@@ -154,7 +154,7 @@ class TestWhatIsNotSent:
             Host().send(name, target=COMMANDS[name].processors[-1], **values)
 
     def test_a_text_that_is_not_ascii(self):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         (command,) = device.receive(host.send("get_sku"))
         with pytest.raises(ProtocolError, match="get_sku: sku: expected text, found 'é'"):
             device.answer(command.frame, sku="é")
@@ -176,7 +176,7 @@ class TestAnswers:
         ],
     )
     def test_who_wants_one_gets_one(self, name, reply, error, flags, is_answered):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         sent = host.send(name, reply=reply)
         assert sent[1] == flags
         (command,) = device.receive(sent)
@@ -184,7 +184,7 @@ class TestAnswers:
         assert host.receive(device.answer(command.frame, error)) == expected
 
     def test_each_command_is_answered_once(self):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         commands = [device.receive(host.send("echo", data=bytes([n])))[0] for n in range(3)]
         late_first = [device.answer(command.frame, **command.values) for command in commands[::-1]]
         assert [event.values["data"] for event in host.receive(b"".join(late_first))] == [b"\2", b"\1", b"\0"]
@@ -199,7 +199,7 @@ class TestAnswers:
         assert set(others) == set(range(256)) - {254}
 
     def test_robots_that_never_answer_do_not_use_up_the_numbers(self):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         for _ in range(1000):
             (command,) = device.receive(host.send("get_battery_percentage"))
         (response,) = host.receive(device.answer(command.frame, percentage=50))
@@ -227,7 +227,7 @@ class TestAnswers:
         ],
     )
     def test_the_robot_refuses_what_it_does_not_understand(self, frame, error):
-        device = Device()
+        device = RvrEnd()
         (unknown,) = device.receive(frame.encode())
         assert unknown == Unknown(frame, error)
         asks = Frame(did=frame.did, cid=frame.cid, seq=7, flags=Flags.ANSWER)
@@ -245,7 +245,7 @@ class TestAnswers:
 
 class TestStreaming:
     def ends(self, *services):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         for name, target, values in streaming(services, 50):
             (event,) = device.receive(host.send(name, target=target, **values))
             assert device.follow(event)
@@ -279,7 +279,7 @@ class TestStreaming:
 
     @pytest.mark.parametrize("code", [0, 1, 2])
     def test_integers_of_any_size(self, code):
-        host, device = Host(), Device()
+        host, device = Host(), RvrEnd()
         configuration = bytes([0, 1, code, 0, 0x0B, code, 0, 8, 2])  # the IMU, encoders, and the speed
         told = {"token": 4, "configuration": configuration}
         (event,) = device.receive(host.send("configure_streaming_service", target=Processor.ST, **told))
@@ -334,6 +334,6 @@ def test_lights_are_sent_in_the_order_of_their_bits():
     values = lights({"headlight_left": (4, 5, 6), "headlight_right": (1, 2, 3)})
     assert values == {"led_group": 0b111111, "led_brightness_values": [1, 2, 3, 4, 5, 6]}
     assert lights(dict.fromkeys(LIGHTS, (0, 0, 0)))["led_group"] == 0x3FFFFFFF
-    (command,) = Device().receive(Host().send("set_all_leds", **values))
+    (command,) = RvrEnd().receive(Host().send("set_all_leds", **values))
     assert struct.pack(">I", command.values["led_group"]) == bytes([0, 0, 0, 0b111111])
     assert command.values["led_brightness_values"] == bytes(range(1, 7))

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from mercator_design.robot.devices.settings import Settings, Swarm
+from mercator_design.robot.devices.settings import Settings, SwarmSettings
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Heartbeats, signature
 
 KEY, LASTS = "a key that nobody guesses", 2.0
@@ -104,4 +104,4 @@ def test_what_is_kept_is_not_much(robot):
 
 
 def test_a_key_is_not_shown_by_accident():
-    assert KEY not in repr(Settings(swarm=Swarm(key=KEY)))
+    assert KEY not in repr(Settings(swarm=SwarmSettings(key=KEY)))

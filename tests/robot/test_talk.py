@@ -10,7 +10,7 @@ from mercator_design.errors import RobotError
 from mercator_design.robot.devices import link as talk_module
 from mercator_design.robot.devices.link import Talk
 from mercator_design.robot.devices.start import wake_rvr
-from mercator_design.robot.protocols.rvr import Device, Host
+from mercator_design.robot.protocols.rvr import Host, RvrEnd
 from mercator_design.robot.protocols.rvr_messages import Error
 
 
@@ -22,7 +22,7 @@ class Line:
     def __init__(self):
         self._here, self._there = socket.socketpair()
         self.say = self._there.send
-        self.robot, self.commands = Device(), []
+        self.robot, self.commands = RvrEnd(), []
         self.answer = lambda _commands: b""
 
     def fileno(self):

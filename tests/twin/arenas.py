@@ -2,7 +2,7 @@
 
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.twin.arena import Arena, without_noise
+from mercator_design.twin.arena import TwinArena, without_noise
 from mercator_design.twin.twin import Twin
 from tests.sim.worlds import at, mission
 
@@ -12,7 +12,7 @@ QUIET = without_noise(MERCATOR)
 
 def arena(*poses, robot_model=QUIET, seed=1, **given):
     """An arena with robots at exact poses."""
-    return Arena(mission(robots=len(poses), placement=at(*poses), **given), robot_model, seed)
+    return TwinArena(mission(robots=len(poses), placement=at(*poses), **given), robot_model, seed)
 
 
 class Talk:

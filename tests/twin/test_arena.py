@@ -17,7 +17,7 @@ from mercator_design.sim.robot_parts import Gaussian
 from mercator_design.twin import arena as of_arenas
 from mercator_design.twin.arena import MEASURED, TREADS, without_noise
 from mercator_design.twin.devices import lidar
-from mercator_design.twin.devices.lidar import Lidar
+from mercator_design.twin.devices.lidar import TwinLidar
 from tests.sim.worlds import look
 from tests.twin.arenas import MERCATOR, QUIET, Talk, arena
 
@@ -110,7 +110,7 @@ class TestTheLidar:
         place = "{shape: poses, poses: " + str([list(pose) for pose in POSES]) + "}"
         simulated = look(QUIET, robots=3, placement=place, overrides=room).recording.measure("lidar")[0, 0]
         here = arena(*POSES, overrides=room)
-        lidar = Lidar(lambda: here.scan(0), samples=here.samples)
+        lidar = TwinLidar(lambda: here.scan(0), samples=here.samples)
         lidar.set_motor(on=True, now=-1.0)
         sent = lidar.receive(encode_command("scan"), 0.0) + lidar.advance(0.5)
         turns = Turns()

@@ -8,7 +8,7 @@ import pytest
 from mercator_design.errors import RobotError
 from mercator_design.robot.cli import main
 from mercator_design.twin import folder as of_twins
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.folder import usual_folder
 
 
@@ -80,6 +80,6 @@ def test_the_command_uses_it(run_command, runtime, monkeypatch):
     def rehearse(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Arena, "rehearse", rehearse)
+    monkeypatch.setattr(TwinArena, "rehearse", rehearse)
     assert run_command("mercator-robot", main, "twin", "aggregation")[0] == 130
     assert (runtime / "mercator-twin/twin.jsonl").exists()

@@ -9,12 +9,12 @@ from mercator_design.robot.protocols.multiflex import (
     NOTHING,
     TEXT_MODE,
     Acknowledgement,
-    Command,
     Distances,
+    HubCommand,
     decoder,
     use_sensors,
 )
-from mercator_design.twin.devices.hub import Hub
+from mercator_design.twin.devices.hub import TwinHub
 
 AROUND = [0.5, 1.2345, 2.0, 2.1, math.inf, -math.inf, 0.05, 0.04]
 MILLIMETRES = (500, 1234, 2000, NOTHING, NOTHING, 0, 50, 40)
@@ -22,7 +22,7 @@ MILLIMETRES = (500, 1234, 2000, NOTHING, NOTHING, 0, 50, 40)
 
 class Talk:
     def __init__(self):
-        self.hub, self.decoder, self.now = Hub(lambda: AROUND), decoder(), 0.0
+        self.hub, self.decoder, self.now = TwinHub(lambda: AROUND), decoder(), 0.0
         self.wait(0.01)
 
     def send(self, *commands):
@@ -72,7 +72,9 @@ def test_text(talk):
     assert len(talk.said) % 20 == 0
 
 
-@pytest.mark.parametrize("command", [Command(0x11, b"\x03"), Command(0x52, b"\x04\xff"), Command(0x21, b"\x01")])
+@pytest.mark.parametrize(
+    "command", [HubCommand(0x11, b"\x03"), HubCommand(0x52, b"\x04\xff"), HubCommand(0x21, b"\x01")]
+)
 def test_what_it_does_not_do_it_refuses(talk, command):
     assert talk.send(command) == [Acknowledgement(command.code, ok=False)]
     assert set(talk.wait(1.0)) == {Distances(MILLIMETRES)}

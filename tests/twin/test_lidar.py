@@ -14,7 +14,7 @@ from mercator_design.robot.protocols.ydlidar import (
     decoder,
     encode_command,
 )
-from mercator_design.twin.devices.lidar import FINE, RATE, SPINS_UP, Lidar
+from mercator_design.twin.devices.lidar import FINE, RATE, SPINS_UP, TwinLidar
 from tests.twin.recordings import ydlidar_sessions
 
 SAMPLES = 719
@@ -27,7 +27,7 @@ class Talk:
 
     def __init__(self, ranges=2.0, *, is_open=True):
         self.ranges = np.full(BEAMS, ranges) if np.isscalar(ranges) else ranges
-        self.lidar = Lidar(lambda: self.ranges, samples=SAMPLES, number=5)
+        self.lidar = TwinLidar(lambda: self.ranges, samples=SAMPLES, number=5)
         self.decoder, self.now = decoder(), 10.0
         if is_open:
             self.lidar.set_motor(on=True, now=0.0)

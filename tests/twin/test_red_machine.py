@@ -11,7 +11,7 @@ from mercator_design.fsm import parse
 from mercator_design.fsm.conditions import COLOUR_LABELS, colour_label
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.simulate import Simulator
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 from tests.sim.test_labels import SEEK_RED
 
 FLOOR = {COLOURS["black"], COLOURS["gray"]}
@@ -25,7 +25,7 @@ def case(duration, pfsm=SEEK_RED):
 
 def on_twin(what, seed):
     mission, model = what.simulator.mission, what.simulator.robot_model
-    return stepped_run(Arena(mission, model, seed), what.pfsm, what.header, cycles=mission.cycles, seed=seed)
+    return stepped_run(TwinArena(mission, model, seed), what.pfsm, what.header, cycles=mission.cycles, seed=seed)
 
 
 def in_simulation(what, seed):

@@ -10,7 +10,7 @@ from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.protocols.rvr import Flags, Frame, Host, Notification, Response, Unknown
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor, lights
 from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
-from mercator_design.twin.devices.rvr import SLEEPS, WAKES, Rvr
+from mercator_design.twin.devices.rvr import SLEEPS, WAKES, TwinRvr
 from tests.twin.recordings import sdk
 
 TREAD_DISTANCE = 0.2
@@ -32,7 +32,7 @@ class Talk:
 
     def __init__(self):
         self.world = {name: list(values) for name, values in STILL.items()}
-        self.rvr = Rvr(self.world.__getitem__, tread_distance=TREAD_DISTANCE, number=3)
+        self.rvr = TwinRvr(self.world.__getitem__, tread_distance=TREAD_DISTANCE, number=3)
         self.host, self.now = Host(), 0.0
 
     def send(self, name, /, **values):

@@ -24,7 +24,7 @@ from benchmarks.twin_runs import Track, twin_was_late
 from benchmarks.twin_stepped import stepped_run
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_poses_of_another_seed_are_refused(short):
 
 def test_robots_at_the_twins_own_time(short):
     """They begin where those of the simulator do, stand in the first cycle, then drive; the same each time."""
-    arenas = [Arena(short.simulator.mission, short.simulator.robot_model, 2) for _ in range(2)]
+    arenas = [TwinArena(short.simulator.mission, short.simulator.robot_model, 2) for _ in range(2)]
     one, same = (stepped_run(arena, short.pfsm, short.header, cycles=20, seed=2).poses for arena in arenas)
     assert one.shape == (21, 3, 3)
     assert np.array_equal(one, same)

@@ -26,7 +26,7 @@ from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.rvr import Response
 from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 from mercator_design.robot.protocols.ydlidar import Packet
-from mercator_design.twin.arena import Arena
+from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.terminals import LOG, Terminals, _free_ports, open_log
 from mercator_design.twin.twin import Twin
@@ -458,7 +458,7 @@ class TestTheCommand:
             found.extend(map(signal.getsignal, (signal.SIGTERM, signal.SIGINT)))
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(Arena, "rehearse", rehearse)
+        monkeypatch.setattr(TwinArena, "rehearse", rehearse)
         usual = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
         assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
         assert found == usual
@@ -473,12 +473,12 @@ class TestTheCommand:
                     told.append(capsys.readouterr().err)
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(Arena, "__init__", place)
+        monkeypatch.setattr(TwinArena, "__init__", place)
         assert run_command("mercator-robot", main, "twin", "aggregation", "--folder", tmp_path)[0] == 130
         assert told == ["Compiling the twin; later runs find it in the cache ...\n", ""]
 
     def test_mistakes_are_told_before_it_compiles(self, run_command, tmp_path, monkeypatch):
-        monkeypatch.setattr(Arena, "rehearse", lambda _: pytest.fail("compiles"))
+        monkeypatch.setattr(TwinArena, "rehearse", lambda _: pytest.fail("compiles"))
         line = ["mercator-robot", main, "twin", "aggregation", "--folder", tmp_path]
         script = tmp_path / "faults.yaml"
         script.write_text("faults: [{kind: silence, at: 1, robot: 3, device: rvr}]")

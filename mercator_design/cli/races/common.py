@@ -15,11 +15,11 @@ from mercator_design.command import put, tell
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from mercator_design.race.running.events import Finished, Iteration
+    from mercator_design.race.running.events import ExperimentDone, IterationEnded
     from mercator_design.race.running.executors import Executor
     from mercator_design.race.running.optuna_mirror import OptunaMirror
     from mercator_design.race.running.runner import OnFailure
-    from mercator_design.race.running.task import Result
+    from mercator_design.race.running.task import RaceResult
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.runs.folder import RunFolder
 
@@ -131,7 +131,7 @@ def run(
         optuna: Storage to mirror the race into.
         interrupt: What may stop it.
     """
-    from mercator_design.race.running.executors import Stopped
+    from mercator_design.race.running.executors import ExecutorStopped
     from mercator_design.race.running.runner import ExperimentFailed
     from mercator_design.report.columns import with_notes_wrapped
     from mercator_design.report.progress import RaceDisplay
@@ -149,7 +149,7 @@ def run(
             _mirror(optuna, folder) as mirror,
         ):
             result = _run(folder, executor, on_failure, interrupt, display, mirror)
-    except Stopped:
+    except ExecutorStopped:
         n, tests = len(folder.journal.experiments), len(folder.journal.tests)
         what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
         interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
@@ -181,12 +181,12 @@ def _run(
     interrupt: Interrupt,
     display: "RaceDisplay",
     mirror: "OptunaMirror | None",
-) -> "Result":
+) -> "RaceResult":
     known = {number for number, one in folder.journal.experiments.items() if one.failure}
     done = failed = 0
     is_told = False
 
-    def watch(finished: "Sequence[Finished]") -> None:
+    def watch(finished: "Sequence[ExperimentDone]") -> None:
         nonlocal done, failed
         done += len(finished)
         display.update(done)
@@ -221,7 +221,7 @@ def _run(
     return result
 
 
-def _tell_note(ended: "Iteration") -> None:
+def _tell_note(ended: "IterationEnded") -> None:
     if ended.note:
         tell(f"Note: iteration {ended.iteration}: {ended.note}")
 

@@ -22,13 +22,13 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 @contextlib.contextmanager
 def _stoppable(task: "Task[Any]", jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
     """What runs experiments of a task, and what tells that they are to stop."""
-    from mercator_design.race.running.executors import Stopped, ThreadExecutor, available_jobs
+    from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor, available_jobs
 
     with Interrupt(then=task.stop) as interrupt:
         try:
             with ThreadExecutor(jobs or available_jobs()) as executor:
                 yield executor, interrupt.came
-        except Stopped:
+        except ExecutorStopped:
             interrupt.check("stopped before it was done")
             raise
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from mercator_design.race.irace.scenario_text import Assignment
     from mercator_design.race.irace.tuner import Tuner
-    from mercator_design.race.running.events import Measured
+    from mercator_design.race.running.events import Measurement
     from mercator_design.race.running.runner import OnFailure
     from mercator_design.runs.folder import RunFolder
 
@@ -157,7 +157,7 @@ def _check(tuner: "Tuner") -> None:
 
     failed = False
 
-    def show(command: str, run: "Callable[[], Measured]", *, is_cost: bool) -> bool:
+    def show(command: str, run: "Callable[[], Measurement]", *, is_cost: bool) -> bool:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
         put(command)
@@ -191,7 +191,7 @@ def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_fa
     import io
 
     from mercator_design.race.irace.configurations import read_configurations
-    from mercator_design.race.running.executors import Stopped, ThreadExecutor
+    from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
     from mercator_design.report.columns import aligned
     from mercator_design.system.files import write_text
 
@@ -207,7 +207,7 @@ def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_fa
     with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:
         try:
             costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
-        except Stopped:
+        except ExecutorStopped:
             interrupt.check("No test is kept")
             raise
     rows: list[list[object]] = [["test instance", "seed", *range(1, len(configurations) + 1)]]

@@ -21,7 +21,7 @@ from mercator_design.errors import RobotError, printable
 from mercator_design.fsm.text import FsmFile
 
 if TYPE_CHECKING:
-    from mercator_design.fleet.deploy import Fleet, Result
+    from mercator_design.fleet.deploy import Fleet, RobotOutcome
 
 
 @click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
@@ -147,7 +147,7 @@ def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> 
         tell(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
 
 
-def _shown(results: "list[Result]") -> "list[Result]":
+def _shown(results: "list[RobotOutcome]") -> "list[RobotOutcome]":
     for each in results:
         row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
         put(printable(row))

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, Parameter, numbered
+from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import (
+    MAX_TRANSITIONS,
     MOST_STATES,
-    MOST_TRANSITIONS,
     Pfsm,
     State,
     Transition,
@@ -37,8 +37,8 @@ def parameters_text(flavour: str) -> str:
         lines.append(f'S{i} "--s{i} " c ({_numbers(behaviours)}) | {exists}')
         lines += _module_lines(behaviours, f"{i}", f"S{i}")
         connected = "NumStates > 1" if i == 0 else exists
-        lines.append(f'NumConnections{i} "--n{i} " i (1, {MOST_TRANSITIONS}) | {connected}')
-        for j in range(MOST_TRANSITIONS):
+        lines.append(f'NumConnections{i} "--n{i} " i (1, {MAX_TRANSITIONS}) | {connected}')
+        for j in range(MAX_TRANSITIONS):
             transition = f"{i}x{j}"
             exists = f"as.numeric(NumConnections{i}) > {j}"
             lines.append(f'N{transition} "--n{transition} " i (0, "NumStates-2") | {exists}')
@@ -98,7 +98,7 @@ def _numbers(table: Iterable[int]) -> str:
 def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list[str]:
     """A line for each parameter of the modules; modules may share one, active where any of them is chosen."""
     users: dict[str, list[int]] = {}
-    found: dict[str, Parameter] = {}
+    found: dict[str, ModuleParameter] = {}
     for number, module in table.items():
         for parameter in module.parameters:
             users.setdefault(parameter.grammar, []).append(number)

@@ -10,8 +10,8 @@ from typing import Protocol, TypeVar
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, Parameter, numbered
-from mercator_design.fsm.pfsm import MOST_STATES, MOST_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.modules import Module, ModuleParameter, numbered
+from mercator_design.fsm.pfsm import MAX_TRANSITIONS, MOST_STATES, Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import DIGITS, Value, from_pfsm, to_pfsm
 
 T = TypeVar("T")
@@ -222,7 +222,7 @@ class _States:
 
     def _free(self) -> list[int]:
         """States that may have one more transition."""
-        return [i for i, state in enumerate(self.states) if len(state.transitions) < MOST_TRANSITIONS]
+        return [i for i, state in enumerate(self.states) if len(state.transitions) < MAX_TRANSITIONS]
 
     def _edges(self) -> list[tuple[int, int]]:
         """State and place of each transition."""
@@ -246,14 +246,14 @@ class _States:
     def _values(self, module: Module) -> tuple[float, ...]:
         return tuple(self._value(parameter, self._draws.random()) for parameter in module.parameters)
 
-    def _near(self, parameter: Parameter, value: float) -> float:
+    def _near(self, parameter: ModuleParameter, value: float) -> float:
         low, high = parameter.sampled
         place = (value - low) / (high - low) + _STEP * self._draws.normal()
         anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
         return self._value(parameter, self._draws.random() if anywhere else place)
 
     @staticmethod
-    def _value(parameter: Parameter, place: float) -> float:
+    def _value(parameter: ModuleParameter, place: float) -> float:
         low, high = parameter.sampled
         value = low + place * (high - low)
         return float(round(value)) if parameter.integer else round(value, DIGITS)

@@ -29,10 +29,10 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
     Raises:
         RaceError: with source, line and column, what was expected and what was found.
     """
-    sections: dict[str, list[_Line]] = {"": [], "[forbidden]": [], "[global]": []}
+    sections: dict[str, list[_ParameterLine]] = {"": [], "[forbidden]": [], "[global]": []}
     section = ""
     for number, whole in enumerate(text.splitlines(), start=1):
-        line = _Line(whole.partition("#")[0].rstrip(), source, number)
+        line = _ParameterLine(whole.partition("#")[0].rstrip(), source, number)
         if line.text.lstrip().startswith("["):
             section = line.text.strip()
             if section not in sections or section == "":
@@ -55,7 +55,7 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
         raise RaceError(f"{source}: {error}") from None
 
 
-def _check_uses(lines: "list[_Line]", parameters: list[Parameter]) -> None:
+def _check_uses(lines: "list[_ParameterLine]", parameters: list[Parameter]) -> None:
     """Refuse here what needs the line for a good message: names given twice."""
     seen: dict[str, int] = {}
     for line, parameter in zip(lines, parameters, strict=True):
@@ -72,7 +72,7 @@ def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> lis
     return notes + [told for expression in expressions for name, told in expression.odd_numbers if name in of_text]
 
 
-class _Line:
+class _ParameterLine:
     """One line, how far it has been read, and what irace would refuse of it."""
 
     def __init__(self, text: str, source: str, number: int) -> None:

@@ -81,10 +81,10 @@ def read_scenario(
     Raises:
         RaceError: with file and line, what was expected and what was found.
     """
-    return _Reader(path, given).scenario(base or RaceOptions.irace(), name)
+    return _ScenarioReader(path, given).scenario(base or RaceOptions.irace(), name)
 
 
-class _Reader:
+class _ScenarioReader:
     def __init__(self, path: Path, given: Sequence[Assignment]) -> None:
         self.path = path
         assigned = [*read_assignments(_text(path), str(path)), *given]

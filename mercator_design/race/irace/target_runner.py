@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mercator_design.errors import RaceError
-from mercator_design.race.running.events import Measured
+from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Rejected
 from mercator_design.race.space.r_operators import number
 
@@ -112,7 +112,7 @@ class Target:
         words = [str(call.configuration), call.instance_id, str(call.seed), *_split(call.instance)]
         return [str(self.evaluator), *words, str(len(alive)), *map(str, alive)]
 
-    def evaluate(self, call: Call, alive: Sequence[int]) -> Measured:
+    def evaluate(self, call: Call, alive: Sequence[int]) -> Measurement:
         """The cost of an experiment that has run, by the evaluator, which may compare it with others.
 
         Raises:
@@ -122,7 +122,7 @@ class Target:
         command = self.evaluation(call, alive)
         return _accepted(call, _cost(*self._numbers(command), command), "target evaluator")
 
-    def __call__(self, call: Call) -> Measured:
+    def __call__(self, call: Call) -> Measurement:
         """The cost of an experiment; if there is an evaluator, the experiment only runs, and the cost is 0.
 
         Raises:
@@ -215,10 +215,10 @@ def _cost(numbers: list[float], printed: str, command: list[str]) -> float:
     return numbers[0]
 
 
-def _accepted(call: Call, cost: float, who: str) -> Measured:
+def _accepted(call: Call, cost: float, who: str) -> Measurement:
     if math.isinf(cost):
         raise Rejected(f"configuration {call.configuration}: the {who} rejects it by a cost of {cost}")
-    return Measured(cost, "")
+    return Measurement(cost, "")
 
 
 def _decoded(printed: bytes | None) -> str:

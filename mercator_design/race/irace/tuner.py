@@ -17,14 +17,14 @@ from mercator_design.race.irace.scenario import Scenario, read_scenario
 from mercator_design.race.irace.scenario_options import in_names_of_irace, of_races
 from mercator_design.race.irace.target_runner import Call
 from mercator_design.race.methods.iterated import IteratedRace
-from mercator_design.race.methods.optimizer import Asking
+from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.table import METHODS, RACES, Method
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.evaluation import measured
-from mercator_design.race.running.events import Finished, Tested
-from mercator_design.race.running.executors import Executor, Stopped
+from mercator_design.race.running.events import ExperimentDone, TestDone
+from mercator_design.race.running.executors import Executor, ExecutorStopped
 from mercator_design.race.running.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
-from mercator_design.race.running.task import Result, Start, Task
+from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.seeds import generator, instance_seed
 
@@ -61,7 +61,7 @@ class Tuner(Task[Call]):
             raise RaceError(f"{scenario.path}: {in_names_of_irace(error)}") from None
         self.race.notes += scenario.notes
 
-    def _race(self) -> Asking:
+    def _race(self) -> Optimizer:
         scenario = self.scenario
         is_race = self.method in RACES
         make: Method = partial(IteratedRace, options=scenario.options) if is_race else METHODS[self.method]
@@ -181,7 +181,7 @@ class Tuner(Task[Call]):
         for test, result in results:
             score, _, failure = read_result(result)
             if is_fatal(result, on_failure):
-                one = Tested(
+                one = TestDone(
                     configuration=test.configuration,
                     instance=test.instance,
                     seed=self.test_seed(test.instance),
@@ -192,12 +192,12 @@ class Tuner(Task[Call]):
             elif score is not None:
                 costs[test.configuration - 1][test.instance] = score
         if stopped():
-            raise Stopped
+            raise ExecutorStopped
         if failed:
             raise failed[0]
         return costs
 
-    def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
+    def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """As `Task.winner_text`: irace's file of configurations, with all elites, the winner first."""
         numbers = dict.fromkeys([result.configuration, *(elite.configuration for elite in self.race.elites)])
         best = [self.race.configurations[number] for number in numbers]
@@ -208,11 +208,11 @@ class Tuner(Task[Call]):
         """As `Task.is_winner`."""
         return configurations.read_configurations(file, self.scenario.space)[0][:1] == [configuration]
 
-    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:  # noqa: ARG002
+    def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:  # noqa: ARG002
         """As `Task.command_of_failed`: the target runner, in its folder, and then the evaluator if there is one."""
         experiment = Experiment(one.configuration, one.instance)
         configuration = self.race.configurations[one.configuration]
-        call = self.item(experiment, configuration, test=isinstance(one, Tested))
+        call = self.item(experiment, configuration, test=isinstance(one, TestDone))
         command = self.command_line(call)
         return command if self.evaluate is None else f"{command} && {self.evaluation_line(call, [one.configuration])}"
 

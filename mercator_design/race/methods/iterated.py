@@ -14,7 +14,7 @@ import numpy as np
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.additive_model import Floats, expected, table
 from mercator_design.race.methods.model import SamplingModel
-from mercator_design.race.methods.optimizer import Asking, Batches
+from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.sampling import similar, sobol_sample
 from mercator_design.race.racing import budget as arithmetic
@@ -34,7 +34,7 @@ _MOST_FINALISTS = 8
 """Of the confirmation."""
 
 
-class IteratedRace(Asking):
+class IteratedRace(Optimizer):
     """An iterated race over a space.
 
     Args:

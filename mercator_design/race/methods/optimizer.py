@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Batches = Generator[list[Experiment], Sequence[float], None]
 
 
-class Asking(ABC):
+class Optimizer(ABC):
     """A method at work on a space.
 
     Args:

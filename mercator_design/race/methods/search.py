@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.optimizer import Asking, Batches
+from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.statistics import concordance, signed_rank_p_value
 from mercator_design.race.racing.summary import IterationSummary, Progress
@@ -68,7 +68,7 @@ class SearchOptions:
     pruning: float | None = None
 
 
-class Search(Asking):
+class Search(Optimizer):
     """A search with a sampler.
 
     The winner, and the order of the elites: more instances before fewer, and among equals the least mean. A pruned

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.moves import Moves
-from mercator_design.race.methods.optimizer import Asking
+from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.search import MakeSampler, Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.racing.options import RaceOptions
@@ -20,7 +20,7 @@ class Method(Protocol):
 
     def __call__(
         self, space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()
-    ) -> Asking: ...
+    ) -> Optimizer: ...
 
 
 def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - as samplers are made

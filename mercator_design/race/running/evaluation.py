@@ -11,10 +11,10 @@ from typing import Annotated, TypeVar
 
 from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.optimizer import Asking
+from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running.events import Measured, Tested
-from mercator_design.race.running.executors import Executor, Failed, Stopped, attempt_here
+from mercator_design.race.running.events import Measurement, TestDone
+from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt_here
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
 
@@ -34,12 +34,12 @@ class Testing:
     elites: Annotated[int, Range(1)] = 1
     iterations: bool = False
 
-    def configurations(self, race: Asking) -> list[int]:
+    def configurations(self, race: Optimizer) -> list[int]:
         """Those that are tested: the winner first, then the other elites, then former ones."""
         elites = [race.elites, *(i.elites for i in reversed(race.iterations) if self.iterations)]
         return list(dict.fromkeys(elite.configuration for few in elites for elite in few[: self.elites]))
 
-    def experiments(self, race: Asking) -> list[Experiment]:
+    def experiments(self, race: Optimizer) -> list[Experiment]:
         """All tests, in their order; test instances are counted from 0."""
         return [Experiment(c, instance) for c in self.configurations(race) for instance in range(self.runs)]
 
@@ -49,10 +49,10 @@ def run_tests(
     *,
     record: Record,
     executor: Executor,
-    function: Callable[[T], Measured],
+    function: Callable[[T], Measurement],
     item: Callable[[Experiment], T],
     seed: Callable[[int], int],
-    evaluate: Callable[[T, Sequence[int]], Measured] | None = None,
+    evaluate: Callable[[T, Sequence[int]], Measurement] | None = None,
     on_failure: OnFailure = "stop",
     watch: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005 - names for the reader
     stopped: Callable[[], bool] = lambda: False,
@@ -90,7 +90,7 @@ def run_tests(
     results = measured(missing, executor, function, item, evaluate, known, lambda: bool(failures) or stopped())
     for where, result in results:
         score, outcome, failure = read_result(result)
-        test = Tested(
+        test = TestDone(
             configuration=where.configuration,
             instance=where.instance,
             seed=seed(where.instance),
@@ -109,18 +109,18 @@ def run_tests(
     if failures:
         raise failures[min(failures)]
     if done < len(experiments):
-        raise Stopped
+        raise ExecutorStopped
 
 
 def measured(
     tests: Sequence[Experiment],
     executor: Executor,
-    function: Callable[[T], Measured],
+    function: Callable[[T], Measurement],
     item: Callable[[Experiment], T],
-    evaluate: Callable[[T, Sequence[int]], Measured] | None,
+    evaluate: Callable[[T, Sequence[int]], Measurement] | None,
     known: Collection[Experiment],
     stopped: Callable[[], bool],
-) -> Iterator[tuple[Experiment, Measured | Failed]]:
+) -> Iterator[tuple[Experiment, Measurement | Failed]]:
     """What came of tests, in the order in which that is known.
 
     Args:

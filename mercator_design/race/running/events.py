@@ -16,7 +16,7 @@ Number = Annotated[int, Range(0)]
 """Of an experiment, a configuration or an instance, from 0; or a seed."""
 
 
-class Measured(NamedTuple):
+class Measurement(NamedTuple):
     """What came of an experiment."""
 
     score: float
@@ -24,7 +24,7 @@ class Measured(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Session:
+class SessionStarted:
     """A process that begins to work on a race."""
 
     process: Number
@@ -35,7 +35,7 @@ class Session:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
+class SessionStopped:
     """A process that ends before the race does."""
 
     why: str
@@ -43,7 +43,7 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NewConfiguration:
+class ConfigurationAdded:
     """A configuration that is raced from now on."""
 
     configuration: Number
@@ -52,7 +52,7 @@ class NewConfiguration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
+class ExperimentDone:
     """An experiment that has run."""
 
     experiment: Number  # in the order in which the race asked for them
@@ -66,7 +66,7 @@ class Finished:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ahead:
+class SpeculativeDone:
     """An experiment that has run before the race asked for it."""
 
     configuration: Number
@@ -76,7 +76,7 @@ class Ahead:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Revised:
+class ScoreRevised:
     """A score that has replaced another one, as an evaluator has compared configurations anew."""
 
     experiment: Number  # the first of those that the race had asked for then
@@ -87,7 +87,7 @@ class Revised:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tested:
+class TestDone:
     """A test that has run."""
 
     configuration: Number
@@ -99,7 +99,7 @@ class Tested:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Iteration:
+class IterationEnded:
     """An iteration that has ended; see `summary.IterationSummary`."""
 
     iteration: Number
@@ -115,14 +115,14 @@ class Iteration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Extension:
+class BudgetExtended:
     """A larger budget, which counts from where the one before has ended."""
 
     budget: Number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class End:
+class RaceEnded:
     """Where a race ended under one of its budgets."""
 
     budget: Number
@@ -131,19 +131,30 @@ class End:
     digest: str = ""
 
 
-Event: TypeAlias = Session | Stop | NewConfiguration | Finished | Ahead | Revised | Tested | Iteration | Extension | End
+Event: TypeAlias = (
+    SessionStarted
+    | SessionStopped
+    | ConfigurationAdded
+    | ExperimentDone
+    | SpeculativeDone
+    | ScoreRevised
+    | TestDone
+    | IterationEnded
+    | BudgetExtended
+    | RaceEnded
+)
 
 _KINDS: Mapping[str, Kind] = {
-    "session": Session,
-    "stop": Stop,
-    "configuration": NewConfiguration,
-    "experiment": Finished,
-    "ahead": Ahead,
-    "revised": Revised,
-    "test": Tested,
-    "iteration": Iteration,
-    "extend": Extension,
-    "end": End,
+    "session": SessionStarted,
+    "stop": SessionStopped,
+    "configuration": ConfigurationAdded,
+    "experiment": ExperimentDone,
+    "ahead": SpeculativeDone,
+    "revised": ScoreRevised,
+    "test": TestDone,
+    "iteration": IterationEnded,
+    "extend": BudgetExtended,
+    "end": RaceEnded,
 }
 _WORDS: Mapping[Kind, str] = {kind: word for word, kind in _KINDS.items()}
 

@@ -61,7 +61,7 @@ class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
     """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
 
 
-class Stopped(Exception):  # noqa: N818 - nothing is wrong
+class ExecutorStopped(Exception):  # noqa: N818 - nothing is wrong
     """What ran experiments was stopped, as it was asked to; of a race, what had finished is noted."""
 
 
@@ -152,7 +152,7 @@ def in_order(
             found[place] = result
             watch(len(found))
     if stopped():
-        raise Stopped
+        raise ExecutorStopped
     if failed:
         raise failed[0].error or RaceError(f"an experiment failed: {failed[0].reason}")
     return [found[place] for place in range(len(found))]

@@ -36,7 +36,7 @@ from typing import Any, Self
 
 from mercator_design.config.checked_lines import checksum, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.running.events import Event, Session, Stop, event_of, to_json
+from mercator_design.race.running.events import Event, SessionStarted, SessionStopped, event_of, to_json
 from mercator_design.race.running.record import Record
 from mercator_design.system.files import sync_folder
 
@@ -158,7 +158,7 @@ class Journal(Record):
     ) -> None:
         with contextlib.suppress(OSError, RaceError):  # what went wrong before matters more
             if kind is not None:
-                self.note(Stop(why=kind.__name__, time=now()))
+                self.note(SessionStopped(why=kind.__name__, time=now()))
             self.sync()
         os.close(self._file)
 
@@ -170,7 +170,7 @@ class Journal(Record):
             jobs: How many at once.
         """
         host = socket.gethostname()
-        self.note(Session(process=os.getpid(), host=host, time=now(), executor=executor, jobs=jobs))
+        self.note(SessionStarted(process=os.getpid(), host=host, time=now(), executor=executor, jobs=jobs))
 
     def begin(self, start: Mapping[str, Any]) -> None:
         """As `Record.begin`; the start is appended to the file.
@@ -272,6 +272,6 @@ def _holder(path: Path) -> str:
     """Who has a journal, as far as it says so."""
     with contextlib.suppress(RaceError):
         sessions = read(path).record.sessions
-        if sessions and isinstance(last := sessions[-1], Session):
+        if sessions and isinstance(last := sessions[-1], SessionStarted):
             return f"process {last.process} on {last.host}"
     return "another process"

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from mercator_design.race.methods.optimizer import Asking
-from mercator_design.race.running.events import Finished
+from mercator_design.race.methods.optimizer import Optimizer
+from mercator_design.race.running.events import ExperimentDone
 from mercator_design.race.space.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class OptunaMirror:
     """
 
     def __init__(
-        self, storage: str, name: str, race: Asking, *, maximise: bool, complain: Callable[[str], None]
+        self, storage: str, name: str, race: Optimizer, *, maximise: bool, complain: Callable[[str], None]
     ) -> None:
         self._race = race
         self._complain = complain
@@ -62,7 +62,7 @@ class OptunaMirror:
         if self._thread.is_alive():
             self._complain("the Optuna storage is slow: not all of the race is in it")
 
-    def note(self, finished: Sequence[Finished]) -> None:
+    def note(self, finished: Sequence[ExperimentDone]) -> None:
         """Take in experiments that have finished, in any order, some of them perhaps for the second time."""
         self._note_iterations()
         for one in finished:
@@ -97,7 +97,7 @@ class OptunaMirror:
 class _Study:
     """The study, as the thread sees it that writes it."""
 
-    def __init__(self, storage: str, name: str, race: Asking, *, maximise: bool) -> None:
+    def __init__(self, storage: str, name: str, race: Optimizer, *, maximise: bool) -> None:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -126,7 +126,7 @@ class _Study:
             if not trial.state.is_finished():
                 self._open[configuration] = trial._trial_id  # noqa: SLF001 - as above
 
-    def report(self, one: Finished) -> None:
+    def report(self, one: ExperimentDone) -> None:
         if one.configuration not in self._scores:
             for number in range(one.configuration + 1):
                 if number not in self._scores:

@@ -17,18 +17,18 @@ from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.events import (
-    Ahead,
-    End,
+    BudgetExtended,
+    ConfigurationAdded,
     Event,
-    Extension,
-    Finished,
-    Iteration,
-    Measured,
-    NewConfiguration,
-    Revised,
-    Session,
-    Stop,
-    Tested,
+    ExperimentDone,
+    IterationEnded,
+    Measurement,
+    RaceEnded,
+    ScoreRevised,
+    SessionStarted,
+    SessionStopped,
+    SpeculativeDone,
+    TestDone,
 )
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.scores import EXPECTED, is_score
@@ -48,14 +48,14 @@ class Record:
     start: dict[str, Any] = field(default_factory=dict)
     configurations: dict[int, Configuration] = field(default_factory=dict)
     parents: dict[int, int | None] = field(default_factory=dict)
-    experiments: dict[int, Finished] = field(default_factory=dict)
-    ahead: dict[Experiment, Measured] = field(default_factory=dict)
-    revised: dict[int, dict[Experiment, Revised]] = field(default_factory=dict)  # by number of an experiment
-    tests: dict[Experiment, Tested] = field(default_factory=dict)
-    iterations: dict[int, Iteration] = field(default_factory=dict)
+    experiments: dict[int, ExperimentDone] = field(default_factory=dict)
+    ahead: dict[Experiment, Measurement] = field(default_factory=dict)
+    revised: dict[int, dict[Experiment, ScoreRevised]] = field(default_factory=dict)  # by number of an experiment
+    tests: dict[Experiment, TestDone] = field(default_factory=dict)
+    iterations: dict[int, IterationEnded] = field(default_factory=dict)
     budgets: list[int] = field(default_factory=list)  # growing
-    ends: list[End] = field(default_factory=list)
-    sessions: list[Session | Stop] = field(default_factory=list)
+    ends: list[RaceEnded] = field(default_factory=list)
+    sessions: list[SessionStarted | SessionStopped] = field(default_factory=list)
     scored: set[int] = field(default_factory=set)
     """The configurations that have a score."""
 
@@ -69,7 +69,7 @@ class Record:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
 
-    def results(self) -> list[Finished]:
+    def results(self) -> list[ExperimentDone]:
         """The experiments in order of their numbers, with the scores that they have by now."""
         latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
         finished = [self.experiments[number] for number in sorted(self.experiments)]
@@ -138,7 +138,7 @@ class Record:
         for event in events:
             self._take(event)
 
-    def note_end(self, end: End) -> None:
+    def note_end(self, end: RaceEnded) -> None:
         """Take in that the race has ended, with the digest of all up to there."""
         self.ends.append(end)
         digest = self.digest()
@@ -147,34 +147,34 @@ class Record:
 
     def _take(self, event: Event) -> None:
         match event:
-            case Finished():
+            case ExperimentDone():
                 self._take_experiment(event)
-            case NewConfiguration():
+            case ConfigurationAdded():
                 self._take_configuration(event)
-            case Ahead():
+            case SpeculativeDone():
                 self._check_known(event.configuration, "ahead")
                 where = Experiment(event.configuration, event.instance)
-                self._enter(self.ahead, where, Measured(event.score, event.outcome), f"ahead: {_named(where)}")
-            case Revised():
+                self._enter(self.ahead, where, Measurement(event.score, event.outcome), f"ahead: {_named(where)}")
+            case ScoreRevised():
                 self._check_result(event)
                 where = Experiment(event.configuration, event.instance)
                 revised = self.revised.setdefault(event.experiment, {})
                 self._enter(revised, where, event, f"revised before experiment {event.experiment}: {_named(where)}")
-            case Tested():
+            case TestDone():
                 self._check_result(event)
                 if not self.ends:
                     raise RaceError("expected no test before the race has ended, found one")
                 where = Experiment(event.configuration, event.instance)
                 self._enter(self.tests, where, event, f"test: {_named(where)}")
-            case Iteration():
+            case IterationEnded():
                 self._take_iteration(event)
-            case Extension():
+            case BudgetExtended():
                 if event.budget <= self.budget:
                     raise RaceError(f"expected a budget larger than {self.budget}, found {event.budget}")
                 self.budgets.append(event.budget)
-            case End():
+            case RaceEnded():
                 self._take_end(event)
-            case Session() | Stop():
+            case SessionStarted() | SessionStopped():
                 self.sessions.append(event)
 
     @property
@@ -192,7 +192,7 @@ class Record:
             raise RaceError(f"{what} is there twice")
         known.setdefault(key, value)
 
-    def _take_experiment(self, event: Finished) -> None:
+    def _take_experiment(self, event: ExperimentDone) -> None:
         self._check_result(event)
         iteration = len(self.iterations) + 1
         if self._is_strict and event.iteration != iteration:
@@ -204,7 +204,7 @@ class Record:
         if event.score is not None:
             self.scored.add(event.configuration)
 
-    def _take_configuration(self, event: NewConfiguration) -> None:
+    def _take_configuration(self, event: ConfigurationAdded) -> None:
         number = event.configuration
         if event.parent is not None:
             self._check_known(event.parent, f"configuration {number}: its parent")
@@ -217,7 +217,7 @@ class Record:
         self._enter(self.configurations, number, values, f"configuration {number}")
         self._enter(self.parents, number, event.parent, f"configuration {number}")
 
-    def _take_iteration(self, event: Iteration) -> None:
+    def _take_iteration(self, event: IterationEnded) -> None:
         self._check_scored("an elite", *event.elites)
         number = len(self.iterations) + 1
         if self._is_strict and event.iteration != number:
@@ -246,7 +246,7 @@ class Record:
             )
         return n
 
-    def _take_end(self, event: End) -> None:
+    def _take_end(self, event: RaceEnded) -> None:
         if self.is_complete:
             raise RaceError("expected no further end of the race, as there is no further budget, found one")
         if event.budget != self.budgets[len(self.ends)]:
@@ -260,7 +260,7 @@ class Record:
         self._check_scored("the winner", event.winner)
         self.ends.append(event)
 
-    def _check_result(self, event: Finished | Revised | Tested) -> None:
+    def _check_result(self, event: ExperimentDone | ScoreRevised | TestDone) -> None:
         self._check_known(event.configuration, "experiment")
         if (event.score is None) != bool(event.failure):
             raise RaceError("experiment: expected either a score or why it failed, found both or neither")

@@ -20,19 +20,19 @@ from itertools import count
 from typing import Generic, Literal, TypeVar
 
 from mercator_design.errors import MercatorError, RaceError, lack_of_memory
-from mercator_design.race.methods.optimizer import Asking
+from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.events import (
-    Ahead,
-    End,
-    Finished,
-    Iteration,
-    Measured,
-    NewConfiguration,
-    Revised,
-    Tested,
+    ConfigurationAdded,
+    ExperimentDone,
+    IterationEnded,
+    Measurement,
+    RaceEnded,
+    ScoreRevised,
+    SpeculativeDone,
+    TestDone,
 )
-from mercator_design.race.running.executors import Executor, Failed, Rejected, Stopped, attempt_here
+from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, Rejected, attempt_here
 from mercator_design.race.running.record import Record
 from mercator_design.scores import EXPECTED, is_score
 
@@ -43,8 +43,8 @@ OnFailure = Literal["stop", "reject"]
 class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
     """An experiment failed, and no failure is accepted."""
 
-    def __init__(self, finished: Finished | Tested, error: Exception | None) -> None:
-        what = f"experiment {finished.experiment}" if isinstance(finished, Finished) else "a test"
+    def __init__(self, finished: ExperimentDone | TestDone, error: Exception | None) -> None:
+        what = f"experiment {finished.experiment}" if isinstance(finished, ExperimentDone) else "a test"
         super().__init__(
             f"{what} (configuration {finished.configuration}, instance of seed {finished.seed}) failed: "
             f"{finished.failure}"
@@ -71,18 +71,18 @@ class Runner(Generic[T]):
     speculate: whether an idle worker runs what the race has not asked for.
     """
 
-    race: Asking
+    race: Optimizer
     record: Record
     executor: Executor
-    function: Callable[[T], Measured]
+    function: Callable[[T], Measurement]
     item: Callable[[Experiment], T]
     seed: Callable[[int], int]
     cost: Callable[[float], float]
     on_failure: OnFailure = "stop"
-    watch: Callable[[Sequence[Finished]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
-    watch_iterations: Callable[[Iteration], None] = lambda iteration: None  # noqa: ARG005
+    watch: Callable[[Sequence[ExperimentDone]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
+    watch_iterations: Callable[[IterationEnded], None] = lambda iteration: None  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False
-    evaluate: Callable[[Experiment, Sequence[int]], Measured] | None = None
+    evaluate: Callable[[Experiment, Sequence[int]], Measurement] | None = None
     speculate: bool = True
 
     def __post_init__(self) -> None:
@@ -118,7 +118,7 @@ class Runner(Generic[T]):
         if self._failures:
             raise self._failures[min(self._failures)]
         if not self._ended:
-            raise Stopped
+            raise ExecutorStopped
         if self._told != len(self.record.experiments):
             raise _another(f"{self._told} experiments in all", f"{len(self.record.experiments)}")
         if self._n_iterations != len(self.record.iterations):
@@ -171,7 +171,7 @@ class Runner(Generic[T]):
     def _note_iterations(self) -> None:
         for ended in self.race.iterations[self._n_iterations :]:
             self._n_iterations += 1
-            iteration = Iteration(
+            iteration = IterationEnded(
                 iteration=ended.iteration,
                 postselection=ended.postselection,
                 budget=ended.budget,
@@ -232,14 +232,14 @@ class Runner(Generic[T]):
                 elif experiment in before and experiment not in known:
                     self._note_revised(experiment, attempt_here(partial(self.evaluate, experiment), alive))
 
-    def _note_revised(self, experiment: Experiment, result: Measured | Failed) -> None:
+    def _note_revised(self, experiment: Experiment, result: Measurement | Failed) -> None:
         score, _, failure = read_result(result)
         if is_fatal(result, self.on_failure):
             one = self._finished(self._told, experiment, result)
             self._failures[self._told] = ExperimentFailed(one, error_of(result))
         elif not (failure and self.stopped()):
             self.record.note(
-                Revised(
+                ScoreRevised(
                     experiment=self._told,
                     configuration=experiment.configuration,
                     instance=experiment.instance,
@@ -263,7 +263,7 @@ class Runner(Generic[T]):
             if self.evaluate is None or instance not in instances or number not in self.race.beside(instance):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
 
-    def _finish(self, experiment: Experiment, result: Measured | Failed) -> None:
+    def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Note an experiment that the race has asked for."""
         one = self._finished(self._missing.pop(experiment), experiment, result)
         if one.failure and self.stopped():  # perhaps because of that; when the race is resumed it is tried again
@@ -274,9 +274,9 @@ class Runner(Generic[T]):
         self.record.note(one)
         self.watch([one])
 
-    def _finished(self, number: int, experiment: Experiment, result: Measured | Failed) -> Finished:
+    def _finished(self, number: int, experiment: Experiment, result: Measurement | Failed) -> ExperimentDone:
         score, outcome, failure = read_result(result)
-        return Finished(
+        return ExperimentDone(
             experiment=number,
             iteration=self.race.iteration,
             configuration=experiment.configuration,
@@ -287,16 +287,16 @@ class Runner(Generic[T]):
             failure=failure,
         )
 
-    def _keep(self, experiment: Experiment, result: Measured | Failed) -> None:
+    def _keep(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
-        if not read_result(result)[2] and isinstance(result, Measured):
-            self.record.note(Ahead(**experiment._asdict(), **result._asdict()))
+        if not read_result(result)[2] and isinstance(result, Measurement):
+            self.record.note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
 
     def _note_configurations(self) -> None:
         for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
             values, parent = self.race.configurations[number], self.race.parents[number]
             if number not in self.record.configurations:
-                self.record.note(NewConfiguration(configuration=number, parent=parent, values=values))
+                self.record.note(ConfigurationAdded(configuration=number, parent=parent, values=values))
             elif (self.record.configurations[number], self.record.parents[number]) != (values, parent):
                 found = f"{self.record.configurations[number]} from {self.record.parents[number]}"
                 raise _another(f"configuration {number}: {values} from {parent}", found)
@@ -304,7 +304,7 @@ class Runner(Generic[T]):
 
     def _note_end(self) -> None:
         budget = self.record.budgets[self._n_ends]
-        end = End(budget=budget, experiments=self._told, winner=self.race.best.configuration)
+        end = RaceEnded(budget=budget, experiments=self._told, winner=self.race.best.configuration)
         if self._n_ends == len(self.record.ends):
             self.record.note_end(end)
         noted = self.record.ends[self._n_ends]
@@ -314,7 +314,7 @@ class Runner(Generic[T]):
         self._ended = self._n_ends == len(self.record.budgets)
 
 
-def is_fatal(result: Measured | Failed, on_failure: OnFailure) -> bool:
+def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
     """Whether a race stops at what came of an experiment.
 
     That there was no memory says nothing of a configuration: it stops every race, which can then be resumed.
@@ -325,12 +325,12 @@ def is_fatal(result: Measured | Failed, on_failure: OnFailure) -> bool:
     return (on_failure == "stop" and not isinstance(error, Rejected)) or lack_of_memory(error) is not None
 
 
-def error_of(result: Measured | Failed) -> Exception | None:
+def error_of(result: Measurement | Failed) -> Exception | None:
     """What it raised, if it did."""
     return result.error if isinstance(result, Failed) else None
 
 
-def read_result(result: Measured | Failed) -> tuple[float | None, str, str]:
+def read_result(result: Measurement | Failed) -> tuple[float | None, str, str]:
     """Score, digest and failure; what is no score is a failure."""
     if isinstance(result, Failed):
         return None, "", result.reason

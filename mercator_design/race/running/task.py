@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.config.schema import Kind
-from mercator_design.race.methods.optimizer import Asking
+from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing, run_tests
-from mercator_design.race.running.events import Finished, Iteration, Measured, Tested
+from mercator_design.race.running.events import ExperimentDone, IterationEnded, Measurement, TestDone
 from mercator_design.race.running.executors import Executor
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import OnFailure, Runner
@@ -29,13 +29,13 @@ Start = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
+class RaceResult:
     """What a race came to."""
 
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
     tests: dict[int, Scores]  # of the configurations that were tested, the winner first
-    finished: tuple[Finished, ...]  # all experiments, in order of their numbers
+    finished: tuple[ExperimentDone, ...]  # all experiments, in order of their numbers
 
 
 class Task(ABC, Generic[T]):
@@ -59,10 +59,10 @@ class Task(ABC, Generic[T]):
 
     name: str
     method: str
-    race: Asking
+    race: Optimizer
     maximise: bool = False
-    function: Callable[[T], Measured]
-    evaluate: Callable[[T, Sequence[int]], Measured] | None = None
+    function: Callable[[T], Measurement]
+    evaluate: Callable[[T, Sequence[int]], Measurement] | None = None
     speculates: bool = True
 
     @classmethod
@@ -91,7 +91,7 @@ class Task(ABC, Generic[T]):
         """Of a test instance."""
 
     @abstractmethod
-    def winner_text(self, result: Result, header: Mapping[str, str]) -> str:
+    def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """The file of the winner."""
 
     @abstractmethod
@@ -103,7 +103,7 @@ class Task(ABC, Generic[T]):
         """
 
     @abstractmethod
-    def command_of_failed(self, one: Finished | Tested, folder: Path, header: Mapping[str, str]) -> str:
+    def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:
         """The command that runs an experiment that failed by itself; what it needs is written to a folder.
 
         Raises:
@@ -152,7 +152,7 @@ class Task(ABC, Generic[T]):
         return _seed(self.race.seed, instance)
 
     @property
-    def _evaluation(self) -> Callable[[Experiment, Sequence[int]], Measured] | None:
+    def _evaluation(self) -> Callable[[Experiment, Sequence[int]], Measurement] | None:
         evaluate = self.evaluate
         if evaluate is None:
             return None
@@ -164,12 +164,12 @@ class Task(ABC, Generic[T]):
         record: Record | None = None,
         *,
         on_failure: OnFailure = "stop",
-        watch: Callable[[Sequence[Finished]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
-        watch_iterations: Callable[[Iteration], None] = lambda iteration: None,  # noqa: ARG005
+        watch: Callable[[Sequence[ExperimentDone]], None] = lambda finished: None,  # noqa: ARG005 - a name for the reader
+        watch_iterations: Callable[[IterationEnded], None] = lambda iteration: None,  # noqa: ARG005
         testing: Testing | None = None,
         watch_tests: Callable[[int, int], None] = lambda done, of: None,  # noqa: ARG005
         stopped: Callable[[], bool] = lambda: False,
-    ) -> Result:
+    ) -> RaceResult:
         """Run the race to its end, and then the tests.
 
         Args:
@@ -225,7 +225,7 @@ class Task(ABC, Generic[T]):
         best = race.best.configuration
         finished = tuple(record.results())
         scores = tuple(f.score for f in finished if f.configuration == best and f.score is not None)
-        return Result(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
+        return RaceResult(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
 
 
 @lru_cache(maxsize=1 << 16)

@@ -7,7 +7,7 @@ import click
 from mercator_design.command import NumberRange, tell
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.robot.ros.node import Node, serve
+from mercator_design.robot.ros.node import RosNode, serve
 
 
 @click.command(short_help="Be a node of ROS 1.")
@@ -38,5 +38,5 @@ def ros(names: tuple[str, ...], settings: Settings, rate: float, silence: float)
     """
     if wrong := [name for name in names if ":=" not in name]:
         raise click.UsageError(f"expected a remapping, NAME:=NAME, found '{wrong[0]}'")
-    with contextlib.closing(Node()) as node:
+    with contextlib.closing(RosNode()) as node:
         serve(settings, node, rate, silence, tell)

@@ -11,7 +11,7 @@ from mercator_design.config.loading import FieldError, text_of
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
-from mercator_design.robot.devices.settings import Settings, Swarm, check_key
+from mercator_design.robot.devices.settings import Settings, SwarmSettings, check_key
 from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safe_stop import rest
 from mercator_design.robot.run.safety import Signals
@@ -22,7 +22,7 @@ _BEATS = 0.1
 _PORT = click.option(
     "--port",
     type=click.IntRange(1, 65535),
-    help=f"Of UDP.  [default: swarm.port of ROBOT.yaml, as usual {Swarm().port}]",
+    help=f"Of UDP.  [default: swarm.port of ROBOT.yaml, as usual {SwarmSettings().port}]",
 )
 
 

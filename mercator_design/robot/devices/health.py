@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from mercator_design.errors import Stopped
+from mercator_design.errors import RobotStopped
 from mercator_design.robot.devices.settings import Limits
 
 WINDOW = 2.0
@@ -178,9 +178,9 @@ class RvrHealth:
                 for k, side in enumerate(SIDES):
                     yield from self._motor(k, values[f"{side}_motor_temperature"], values[f"{side}_motor_status"])
             case "motor_fault" if values["is_fault"]:
-                raise Stopped("rvr: a motor has a fault")
+                raise RobotStopped("rvr: a motor has a fault")
             case "did_sleep":
-                raise Stopped("rvr: it fell asleep")
+                raise RobotStopped("rvr: it fell asleep")
 
     def look(self, now: float) -> None:
         """Look at a time [s] whether a tread has been stuck for too long.
@@ -197,11 +197,11 @@ class RvrHealth:
             self._stuck_for[k] = max(0.0, self._stuck_for[k] + (since if self._is_stuck[k] else -since))
             if self._stuck_for[k] > self._limits.stall:
                 found = f"for {self._stuck_for[k]:.1f} s; the limit is {self._limits.stall:g} s"
-                raise Stopped(f"rvr: the {side} tread is stuck {found}; free it")
+                raise RobotStopped(f"rvr: the {side} tread is stuck {found}; free it")
 
     def _battery(self, told: str) -> Iterator[str]:
         if self._state == CRITICAL or self._percentage < self._limits.battery_critical:
-            raise Stopped(f"rvr: the battery is critical{told}; charge it")
+            raise RobotStopped(f"rvr: the battery is critical{told}; charge it")
         was_low = self._is_low
         enough = self._limits.battery_low + (_RECOVERED if was_low else 0)
         self._is_low = self._state == LOW or self._percentage < enough
@@ -212,6 +212,8 @@ class RvrHealth:
         before, self._heat[k] = self._heat[k], status
         found = f"rvr: the {SIDES[k]} motor is"
         if status >= _TOO_HOT:
-            raise Stopped(f"{found} too hot ({temperature:.0f} degrees); let it cool, and leave the RVR switched on")
+            raise RobotStopped(
+                f"{found} too hot ({temperature:.0f} degrees); let it cool, and leave the RVR switched on"
+            )
         if status != before:
             yield f"{found} {'hot' if status == _HOT else 'no longer hot'} ({temperature:.0f} degrees)"

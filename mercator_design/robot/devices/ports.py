@@ -21,7 +21,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.config.loading import FieldError, Pattern, checked
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, RobotStopped
 
 PortName = Annotated[
     str, Pattern(r"/[^\0\n]+|usb:[0-9a-f]{4}:[0-9a-f]{4}(:.+)?", "a path or usb:VENDOR:PRODUCT[:SERIAL]")
@@ -295,4 +295,4 @@ class Line:
         try:
             yield
         except OSError as error:
-            raise Stopped(f"{self.port} is lost: {error}", device=self.device) from None
+            raise RobotStopped(f"{self.port} is lost: {error}", device=self.device) from None

@@ -66,7 +66,7 @@ def check_key(key: str, place: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Swarm:
+class SwarmSettings:
     """What is told to all robots over the network."""
 
     port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, on which `mercator-robot stop` is heard; null: none
@@ -96,7 +96,7 @@ class Settings:
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
     proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
-    swarm: Swarm = Swarm()
+    swarm: SwarmSettings = SwarmSettings()
     reference_model: ReferenceModel = ReferenceModel()
     origin: Origin = field(default=Origin(), repr=False, compare=False)
 

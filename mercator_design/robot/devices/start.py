@@ -20,7 +20,7 @@ S = TypeVar("S", Health, DeviceInfo)
 _WAKING = 2.0  # [s] that the RVR may take to wake up
 
 
-class Rvr(NamedTuple):
+class RvrIdentity(NamedTuple):
     """What an RVR says of itself.
 
     firmware: Major and minor number and revision, of each processor.
@@ -64,7 +64,7 @@ def firmware_name(processor: Processor) -> str:
     return f"firmware_{processor.name.lower()}"
 
 
-def wake_rvr(talk: Talk) -> Rvr:
+def wake_rvr(talk: Talk) -> RvrIdentity:
     """End what a former program has begun, and wake the RVR: its firmware and battery.
 
     Raises:
@@ -79,7 +79,7 @@ def wake_rvr(talk: Talk) -> Rvr:
         version = talk.ask("get_main_application_version", processor)
         firmware[processor] = version["major"], version["minor"], version["revision"]
     state = talk.ask("get_battery_voltage_state")["state"]
-    return Rvr(firmware, talk.ask("get_battery_percentage")["percentage"], state)
+    return RvrIdentity(firmware, talk.ask("get_battery_percentage")["percentage"], state)
 
 
 def halt(talk: Talk) -> bytes:
@@ -155,5 +155,5 @@ def end_streaming(talk: Talk) -> None:
         talk.tell("clear_streaming_service", processor)
 
 
-def _acknowledges(command: multiflex.Command, said: Acknowledgement) -> bool:
+def _acknowledges(command: multiflex.HubCommand, said: Acknowledgement) -> bool:
     return said.code == command.code

@@ -78,7 +78,7 @@ def _metres(mm: int) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class HubCommand:
     """What the hub is told; it acknowledges each (data sheet, 4.1 and 4.3)."""
 
     code: int
@@ -90,12 +90,12 @@ class Command:
         return body + bytes([crc8(body)])
 
 
-TEXT_MODE, BINARY_MODE = Command(0x11, b"\x01"), Command(0x11, b"\x02")
+TEXT_MODE, BINARY_MODE = HubCommand(0x11, b"\x01"), HubCommand(0x11, b"\x02")
 
 
-def use_sensors(mask: int) -> Command:
+def use_sensors(mask: int) -> HubCommand:
     """The command to use the sensors whose bits are set (data sheet, 4.4)."""
-    return Command(0x52, bytes([3, mask]))
+    return HubCommand(0x52, bytes([3, mask]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def decoder() -> Decoder[Event]:
     return Decoder(re.compile(rb"M(?:F|\Z)|R(?:E|\Z)"), _size, _read)
 
 
-def command_decoder() -> Decoder[Command]:
+def command_decoder() -> Decoder[HubCommand]:
     """What the hub hears."""
     return Decoder(re.compile(rb"\0"), _command_size, _read_command)
 
@@ -149,5 +149,5 @@ def _command_size(data: bytes, start: int) -> int:
     return _SIZES.get(data[start + 1], 0) if start + 1 < len(data) else 2
 
 
-def _read_command(whole: bytes) -> Command | None:
-    return None if crc8(whole) else Command(whole[1], whole[2:-1])
+def _read_command(whole: bytes) -> HubCommand | None:
+    return None if crc8(whole) else HubCommand(whole[1], whole[2:-1])

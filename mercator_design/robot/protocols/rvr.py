@@ -5,7 +5,7 @@
 Between 8D and D8 both of them, and AB, are escaped, so a frame begins wherever 8D stands. The checksum is the inverted
 sum of what is between, before it is escaped ("Details on the Sphero API", packet structure, packet encoding).
 
-`Host` is the computer's end: it numbers commands, and knows which of them a response answers. `Device` is the robot's.
+`Host` is the computer's end: it numbers commands, and knows which of them a response answers. `RvrEnd` is the robot's.
 """
 
 import re
@@ -120,7 +120,7 @@ def _read(whole: bytes) -> Frame | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class RvrCommand:
     """The computer asks for something."""
 
     name: str
@@ -243,7 +243,7 @@ class Host:
         return Response(message.name, processor, values, error, frame.seq)
 
 
-class Device:
+class RvrEnd:
     """The robot's end of the line.
 
     slots: What it is asked to stream.
@@ -253,17 +253,17 @@ class Device:
         self._decoder = frame_decoder()
         self.slots = Slots()
 
-    def receive(self, data: bytes) -> list[Command | Unknown]:
+    def receive(self, data: bytes) -> list[RvrCommand | Unknown]:
         """What these bytes complete of what the computer says."""
         return [self._event(frame) for frame in self._decoder.receive(data) if frame.error is None]
 
-    def _event(self, frame: Frame) -> Command | Unknown:
+    def _event(self, frame: Frame) -> RvrCommand | Unknown:
         understood = _understand(_COMMANDS, frame, frame.target)
         if isinstance(understood, Error):
             return Unknown(frame, understood)
-        return Command(*understood, frame)
+        return RvrCommand(*understood, frame)
 
-    def follow(self, command: Command) -> bool:
+    def follow(self, command: RvrCommand) -> bool:
         """Take over what an accepted command says of streaming; whether it makes sense."""
         return self.slots.follow(command.name, command.processor, command.values)
 

@@ -49,7 +49,7 @@ DAMAGED = frozenset({Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE})
 """Why a command is refused that was damaged on its way although its checksum is right: none is sent with such data."""
 
 
-class Layout:
+class MessageLayout:
     """The values of a message in their order on the wire, big-endian, from a text like "u8 speed, u16 heading".
 
     Kinds: u8 u16 u32 u64 i8 i16 i32 f32 bool; the last may be `text` (ends in a zero byte), `bytes` (all that is
@@ -125,8 +125,8 @@ class Message:
     did: int
     cid: int
     processors: tuple[Processor, ...]
-    carries: Layout
-    returns: Layout | None = None
+    carries: MessageLayout
+    returns: MessageLayout | None = None
 
 
 _COMMANDS = """
@@ -231,8 +231,8 @@ def _messages(table: str) -> dict[str, Message]:
             int(did, 16),
             int(cid, 16),
             _PROCESSORS[who],
-            Layout(name, carries),
-            Layout(name, returns) if returns else None,
+            MessageLayout(name, carries),
+            MessageLayout(name, returns) if returns else None,
         )
         for did, cid, who, name, carries, returns in _ROW.findall(table)
     }

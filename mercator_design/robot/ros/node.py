@@ -49,7 +49,7 @@ _REGISTER = 5.0  # [s] that ROS's client may take to tell the master of us, ...
 _LEAVE = 2.0  # ... and that we are gone; it would try for ever
 
 
-class Node:
+class RosNode:
     """This program as a node of ROS."""
 
     def __init__(self) -> None:
@@ -264,7 +264,7 @@ class Reports:
             yield "ranges", messages.range_array(later + self._measured, distances, self._namespace)
 
 
-def serve(settings: Settings, node: Node, rate: float, silence: float, tell: Callable[[str], None]) -> None:
+def serve(settings: Settings, node: RosNode, rate: float, silence: float, tell: Callable[[str], None]) -> None:
     """Be the robot's node, until something stops the wheels.
 
     Args:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from mercator_design.config.colours import RGB, ColourName
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.ports import DeviceName, open_ports
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.log import Log
@@ -85,7 +85,7 @@ class Control:
         now = time.monotonic()
         self._late = max(self._late, begin - self._heard, now - max(begin, until))
         if self.robot.brake.why:
-            raise Stopped(self.robot.brake.why)
+            raise RobotStopped(self.robot.brake.why)
         if self._log is not None and self._log.failure:
             raise RobotError(self._log.failure)
         self._heard = now

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from mercator_design.errors import Stopped
+from mercator_design.errors import RobotStopped
 from mercator_design.robot.protocols.joint_start import Follower
 from mercator_design.robot.run.channel import Channel
 from mercator_design.robot.run.control import Control
@@ -110,7 +110,7 @@ class Joint(AtOnce):
     def due(self) -> float:
         """When the first control cycle is to begin [s], once `taking_part` has begun."""
         if self._follower.at is None:
-            raise Stopped("nobody has said when to begin")
+            raise RobotStopped("nobody has said when to begin")
         return self._follower.at
 
     def begin(self, now: float, cycle: float) -> None:
@@ -123,7 +123,7 @@ class Joint(AtOnce):
             self._say(self._follower.begin(now, cycle))
             why = self._follower.why
         if why:
-            raise Stopped(why)
+            raise RobotStopped(why)
 
     def _attend(self, control: Control, until: float) -> None:
         """Hear the devices until a time [s], and see that the robot could begin."""
@@ -132,7 +132,7 @@ class Joint(AtOnce):
         control.robot.check_ages()
         control.robot.poll()
         if self._follower.why:
-            raise Stopped(self._follower.why)
+            raise RobotStopped(self._follower.why)
 
     def _hear(self, lines: Iterable[bytes] | None, now: float) -> None:
         with self._lock:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from mercator_design.config.colours import RGB, ColourName, Levels
-from mercator_design.errors import RobotError, Stopped
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, FEWEST_ANSWERS, LineHealth, RvrHealth, charge, percent
 from mercator_design.robot.devices.link import Event, Talk, words
@@ -140,7 +140,7 @@ class Mercator:
         is_worse = line.look(now, answers.lost, answers.all)
         found, least = f"{percent(line.share)} of the commands to it are answered", percent(line.least)
         if line.is_broken:
-            raise Stopped(f"rvr: only {found}; the limit is {least}; {self._talk.remedy_of_damage('rvr')}")
+            raise RobotStopped(f"rvr: only {found}; the limit is {least}; {self._talk.remedy_of_damage('rvr')}")
         if is_worse is not None:
             worse = f"only {found}; below {least} the robot stops; {self._talk.remedy_of_damage('rvr')}"
             self.note(f"rvr: {worse if is_worse else f'{found} again'}", matters=True)
@@ -179,7 +179,7 @@ class Mercator:
             Stopped: if a sense that is needed is stale.
         """
         for why in self.stale(time.monotonic()).values():
-            raise Stopped(why)
+            raise RobotStopped(why)
 
     def stale(self, now: float) -> dict[str, str]:
         """The samples that are needed and too old at a time [s], by name: what people should know of each."""
@@ -311,7 +311,7 @@ class Mercator:
         """Which of the RVR's drives; None if it does not tell."""
         try:
             return int(self._talk.ask("get_active_control_system_id")["controller_id"])
-        except Stopped:
+        except RobotStopped:
             raise
         except RobotError:
             return None
@@ -334,7 +334,9 @@ class Mercator:
                     self._talk.answers.repeated += self.brake.repeat()
                 elif event.name == _DRIVE and event.error:
                     port = self._talk.port("rvr")
-                    raise Stopped(f"rvr: it does not drive: {words(event.error)}; switch it off and on (rvr on {port})")
+                    raise RobotStopped(
+                        f"rvr: it does not drive: {words(event.error)}; switch it off and on (rvr on {port})"
+                    )
             case Notification():
                 told = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
                 self.note(f"rvr: {' '.join(told).replace('_', ' ')}")

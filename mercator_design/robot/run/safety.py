@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Self
 
-from mercator_design.errors import RobotError, Signalled, Stopped
-from mercator_design.robot.devices.settings import Swarm
+from mercator_design.errors import RobotError, RobotStopped, Signalled
+from mercator_design.robot.devices.settings import SwarmSettings
 from mercator_design.robot.run.network import STOP, STOPPED, Heartbeats, hear, listener
 
 STALL = 0.18
@@ -84,7 +84,7 @@ class Brake:
         with self._lock:
             self.look()  # who was suspended may get here before the watchdog does
             if self.why:
-                raise Stopped(self.why)
+                raise RobotStopped(self.why)
             self._send(left, right)
             self._latest = left, right
             if not self.why and self._due < math.inf:
@@ -141,7 +141,7 @@ class Watchdog(threading.Thread):
     refused_from: Address from which the latest came that was refused.
     """
 
-    def __init__(self, brake: Brake, swarm: Swarm, name: str) -> None:
+    def __init__(self, brake: Brake, swarm: SwarmSettings, name: str) -> None:
         """Make one.
 
         Args:

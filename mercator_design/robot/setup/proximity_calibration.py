@@ -24,7 +24,7 @@ _SIDES = ("in front", "front left", "left", "rear left", "behind", "rear right",
 T = TypeVar("T")
 
 
-class Found(NamedTuple):
+class ProximityFit(NamedTuple):
     """angles: [rad] of the sensors, in the hub's order; offsets: [m] that each reads too much, if that was measured."""
 
     angles: tuple[float, ...]
@@ -35,7 +35,7 @@ class _Unclear(Exception):  # noqa: N818 - is asked again
     """Why a measurement says nothing."""
 
 
-class Hub:
+class CalibrationHub:
     """The hub, with all its sensors on."""
 
     def __init__(self, talk: Talk, found: list[Distances]) -> None:
@@ -65,7 +65,7 @@ class Hub:
 
 
 @contextlib.contextmanager
-def hub(ports: PortNames) -> Iterator[Hub]:
+def hub(ports: PortNames) -> Iterator[CalibrationHub]:
     """The hub of a robot.
 
     Raises:
@@ -80,17 +80,17 @@ def hub(ports: PortNames) -> Iterator[Hub]:
     with open_port("proximity", ports.proximity) as port:
         talk = Talk([Line("proximity", port)], take)
         start_hub(talk)
-        yield Hub(talk, found)
+        yield CalibrationHub(talk, found)
 
 
 def calibrate(
-    hub: Hub,
+    hub: CalibrationHub,
     angles: Sequence[float],
     distance: float | None,
     seconds: float,
     ask: Callable[[str], None],
     tell: Callable[[str], None],
-) -> Found:
+) -> ProximityFit:
     """Find each sensor by an object that somebody holds before it.
 
     Args:
@@ -132,7 +132,7 @@ def calibrate(
         places[sensor], errors[sensor] = angle, error
         tell(f"sensor {sensor} looks {where}" + ("" if distance is None else f", and reads {error:+.3f} m too much"))
     order = range(len(angles))
-    return Found(
+    return ProximityFit(
         tuple(places[k] for k in order), None if distance is None else tuple(round(errors[k], 3) for k in order)
     )
 

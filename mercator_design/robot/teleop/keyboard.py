@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
-from mercator_design.errors import RobotError, Stopped, printable
+from mercator_design.errors import RobotError, RobotStopped, printable
 
 Key: TypeAlias = Literal["forward", "back", "left", "right", "quit", "stop"]
 
@@ -68,7 +68,7 @@ class Keyboard:
         except OSError:  # as Linux has it when the other end of a pseudo-terminal is closed
             data = b""
         if not data:
-            raise Stopped("the terminal is lost")
+            raise RobotStopped("the terminal is lost")
         self._came = time.monotonic()
         found, self._rest = keys(self._rest + data)
         return found

@@ -35,7 +35,7 @@ BODY, SHAPE, PIVOT, GEAR, GOAL = range(5)
 _SEARCHED = 144  # [bytes]
 
 
-class Layout(NamedTuple):
+class BodyLayout(NamedTuple):
     """Where in its memory [bytes] a Chipmunk body keeps its state, as doubles."""
 
     position: int  # x, then y
@@ -57,11 +57,11 @@ class Bridge(NamedTuple):
     remove_constraint: int
     space: int
     robots: NDArray[np.int64]  # (robots, 5): body, shape, pivot joint, gear joint, body with the aimed-at velocity
-    layout: Layout
+    layout: BodyLayout
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class ChipmunkRobot:
     """A robot as pymunk objects."""
 
     body: pymunk.Body
@@ -80,7 +80,7 @@ def new_robot(
     inertia: float,
     force: float,
     torque: float,
-) -> Robot:
+) -> ChipmunkRobot:
     """A robot, box or disc, with its drive, in no space yet; a box may have round corners."""
     body = pymunk.Body(mass, inertia)
     goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
@@ -96,10 +96,10 @@ def new_robot(
     else:
         within = 2.0 * (length - corner_radius), 2.0 * (width - corner_radius)
         shape = pymunk.Poly.create_box(body, within, corner_radius)
-    return Robot(body, shape, pivot, gear, goal)
+    return ChipmunkRobot(body, shape, pivot, gear, goal)
 
 
-def new_bridge(space: pymunk.Space, robots: list[Robot]) -> Bridge:
+def new_bridge(space: pymunk.Space, robots: list[ChipmunkRobot]) -> Bridge:
     """The bridge to a space; valid as long as the space and the robots live."""
 
     def function(name: str) -> int:
@@ -130,7 +130,7 @@ def _address(pointer: Any) -> int:  # noqa: ANN401 - cffi's pointers have no typ
 
 
 @cache
-def body_layout() -> Layout:
+def body_layout() -> BodyLayout:
     """Find out where bodies keep their state, by giving one a state that nothing else looks like.
 
     Raises:
@@ -153,7 +153,7 @@ def body_layout() -> Layout:
             )
         return places[0] * memory.itemsize
 
-    return Layout(offset(1.25, -2.5), offset(0.375, -5.5), offset(0.8125), offset(-7.75))
+    return BodyLayout(offset(1.25, -2.5), offset(0.375, -5.5), offset(0.8125), offset(-7.75))
 
 
 @jittable

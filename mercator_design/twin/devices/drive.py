@@ -43,7 +43,7 @@ _AT_ONCE = 1e6  # [m/s2]
 _REST: Treads = (0.0, 0.0)
 
 
-class Drive:
+class TwinDrive:
     """The drive. Its public methods with the names of commands obey these; `now` is to be set before.
 
     told: What the treads aim at.

@@ -10,8 +10,8 @@ from mercator_design.robot.protocols.multiflex import (
     SENSORS,
     TEXT_MODE,
     Acknowledgement,
-    Command,
     Distances,
+    HubCommand,
     command_decoder,
     use_sensors,
 )
@@ -22,7 +22,7 @@ RATE = 50.0
 _CHOOSE = use_sensors(0).code
 
 
-class Hub:
+class TwinHub:
     """The hub, which sends from when it has power.
 
     plugged_in: Bit i of sensor i: whether there is one.
@@ -58,7 +58,7 @@ class Hub:
         frame = Distances(tuple(distances), mask)
         return frame.encode_text() if self._text else frame.encode()
 
-    def _obey(self, command: Command) -> bytes:
+    def _obey(self, command: HubCommand) -> bytes:
         done = True
         if command in (TEXT_MODE, BINARY_MODE):
             self._text = command == TEXT_MODE

@@ -43,7 +43,7 @@ _BEHIND = 1e6  # farther than any range [m]
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
 
 
-class Lidar:
+class TwinLidar:
     """The lidar. Its motor has power while its port is open, as DTR is then on.
 
     health: What it says of it: 0 is good, 1 a warning, 2 an error.

@@ -9,10 +9,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from mercator_design.robot.protocols.rvr import Command, Device, Flags, Unknown
+from mercator_design.robot.protocols.rvr import Flags, RvrCommand, RvrEnd, Unknown
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
-from mercator_design.twin.devices.drive import Drive, Treads
-from mercator_design.twin.devices.senses import Measure, Senses
+from mercator_design.twin.devices.drive import Treads, TwinDrive
+from mercator_design.twin.devices.senses import Measure, TwinSenses
 
 WAKES = 2.0
 """[s] that waking takes."""
@@ -47,7 +47,7 @@ _WHITE = 30
 _LEDS = _WHITE + 1
 
 
-class Rvr:
+class TwinRvr:
     """The robot. It is awake when it is switched on.
 
     leds: Brightness of each LED, by its bit.
@@ -65,9 +65,9 @@ class Rvr:
         """
         self.leds = bytearray(_LEDS)
         self.level = 100.0
-        self._line = Device()
-        self._senses = Senses(measure, self._line)
-        self._drive = Drive(tread_distance, self._senses.place)
+        self._line = RvrEnd()
+        self._senses = TwinSenses(measure, self._line)
+        self._drive = TwinDrive(tread_distance, self._senses.place)
         self._number = number
         self._began = self._active = self._now = now
         self._awake = now  # from when on
@@ -139,7 +139,7 @@ class Rvr:
             self._notify("motor_thermal_protection_status", **status)
         self._drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
 
-    def _obey(self, event: Command | Unknown) -> bytes:
+    def _obey(self, event: RvrCommand | Unknown) -> bytes:
         frame = event.frame
         if Flags.ACTIVITY in frame.flags:
             self._active, self._warned = self._now, False
@@ -148,7 +148,7 @@ class Rvr:
             return self._line.answer(frame, answer)
         return self._line.answer(frame, **(answer or {})) + self._take_said()
 
-    def _result(self, command: Command) -> Mapping[str, Any] | Error | None:
+    def _result(self, command: RvrCommand) -> Mapping[str, Any] | Error | None:
         message = COMMANDS[command.name]
         if not self.is_awake and message.returns is None and command.name != "wake":
             return Error.RESTRICTED

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
-from mercator_design.robot.protocols.rvr import Device
+from mercator_design.robot.protocols.rvr import RvrEnd
 from mercator_design.robot.protocols.rvr_messages import Error, Processor
 from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData
 from mercator_design.twin.devices.drive import Place, wrapped
@@ -24,10 +24,10 @@ _FIELD = 0.3, 0.4  # [gauss] of the earth, along the floor to the arena's +y, an
 _CALIBRATING = 3.0  # [s] of the magnetometer
 
 
-class Senses:
+class TwinSenses:
     """The senses. Public methods with the names of commands obey these; `now` is to be set before."""
 
-    def __init__(self, measure: Measure, line: Device) -> None:
+    def __init__(self, measure: Measure, line: RvrEnd) -> None:
         """The senses of a robot that is switched on.
 
         Args:

@@ -18,6 +18,7 @@ from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import parse_space
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
+from mercator_design.race.running.runner import RaceRun
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 
@@ -52,7 +53,7 @@ def main() -> None:
         simulator = Simulator(mission)
         with ThreadExecutor(jobs) as executor:
             designer = Designer(simulator, budget=given.budget, seed=given.seed)
-            result = designer.run(executor)
+            result = RaceRun(designer, executor).finish()
 
         def scores(pfsm: Pfsm, simulator: Simulator = simulator) -> np.ndarray:
             return np.array(evaluate(simulator, pfsm, seeds=seeds, jobs=jobs).scores.values)

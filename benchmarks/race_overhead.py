@@ -25,14 +25,15 @@ from typing import TypeVar
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import parse_space
+from mercator_design.race import Configuration, Experiment, parse_space
 from mercator_design.race.methods.table import METHODS, RACES
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import Runner
+from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.task import Problem
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -46,22 +47,26 @@ def free(item: tuple[int, int]) -> Measurement:
     return Measurement((configuration * 7919 % 997) / 997 + 2 * noise, "0123456789abcdef")
 
 
-def run(record: Record, executor: Executor, budget: int, method: str = "irace") -> int:
+class Free(Problem[tuple[int, int]]):
+    """PFSMs that cost nothing to run."""
+
+    function = staticmethod(free)
+
+    def __init__(self, budget: int, method: str) -> None:
+        space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+        self.race = METHODS[method](space, budget=budget, seed=1)
+
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[int, int]:  # noqa: ARG002
+        return experiment.configuration, experiment.instance
+
+
+def run(record: Record | Journal, executor: Executor, budget: int, method: str = "irace") -> int:
     """A race with the free evaluator; gives how many experiments it had."""
-    space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
-    race = METHODS[method](space, budget=budget, seed=1)
-    if not record.start:
-        record.begin({"budget": budget})
-    Runner(
-        race=race,
-        record=record,
-        executor=executor,
-        function=free,
-        item=lambda experiment: (experiment.configuration, experiment.instance),
-        seed=lambda instance: instance,
-        cost=lambda score: score,
-    ).run()
-    return race.used
+    problem = Free(budget, method)
+    if not record.record.start:
+        record.begin(problem.start())
+    RaceRun(problem, executor, record).finish()
+    return problem.race.used
 
 
 def overhead(budget: int) -> None:
@@ -138,7 +143,7 @@ def utilisation(budget: int, jobs: int) -> None:
     with _Timed(jobs) as executor:
         executor.busy = []
         wall = time.perf_counter()
-        used = len(designer.run(executor).finished)
+        used = len(RaceRun(designer, executor).finish().finished)
         wall = time.perf_counter() - wall
     busy = sum(executor.busy)
     unasked = len(executor.busy) - used

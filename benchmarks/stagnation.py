@@ -17,6 +17,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.executors import Executor, ThreadExecutor, available_jobs, in_order
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import RaceRun
 from mercator_design.sim.simulate import Simulator
 
 TESTS = 100
@@ -60,7 +61,7 @@ def raced(mission: str, seed: int, arguments: argparse.Namespace, executor: Exec
     designer = Designer(simulator, budget=arguments.budget, seed=seed, method=arguments.method)
     record = Record()
     record.begin(designer.start())
-    designer.run(executor, record)
+    RaceRun(designer, executor, record).finish()
     iterations = [one for _, one in sorted(record.iterations.items())]
     told = next((one for one in iterations[1:] if one.note), None)
     used = np.cumsum([one.used for one in iterations])

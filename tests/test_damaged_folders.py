@@ -25,6 +25,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.running import journal
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.journal import Journal
+from mercator_design.race.running.runner import RaceRun
 from mercator_design.report.runs import run_summary, runs_json, runs_table
 from mercator_design.runs import folder as run_folder
 from mercator_design.runs import tables
@@ -53,9 +54,9 @@ def whole(tmp_path_factory):
 def resumed(path):
     """Run the race of a folder to its end; gives its digest and its tests."""
     with RunFolder.reopen(path) as folder, ThreadExecutor(1) as executor:
-        result = folder.task.run(executor, folder.journal, testing=folder.testing)
+        result = RaceRun(folder.task, executor, folder.journal, testing=folder.testing).finish()
         folder.finish(result, seconds=1.0)
-        return folder.journal.digest(), folder.journal.tests
+        return folder.journal.record.digest(), folder.journal.record.tests
 
 
 def looks_at(path):
@@ -408,7 +409,7 @@ class TestStarts:
                 assert f"begin it again with -o {path}" in err or "provenance.json: no such file" in err
                 folder = RunFolder.create(path, designer, request=Request(method="irace"))
             with folder:
-                assert folder.journal.start["seed"] == 1
+                assert folder.journal.record.start["seed"] == 1
             assert {file.name for file in path.iterdir()} == {
                 JOURNAL, "provenance.json", "mission.yaml", "robot_model.yaml",
             }  # fmt: skip
@@ -472,9 +473,9 @@ def test_a_clock_that_jumps(mdesign, whole, tmp_path, monkeypatch, times):
         folder.test(read_provenance(whole).testing)
     with ThreadExecutor(1) as executor, RunFolder.reopen(path) as folder:
         folder.journal.open_session("threads", 1)
-        result = folder.task.run(executor, folder.journal, testing=folder.testing)
+        result = RaceRun(folder.task, executor, folder.journal, testing=folder.testing).finish()
         folder.finish(result, seconds=1.0)
-        assert folder.journal.digest() == read_journal(whole).record.digest()
+        assert folder.journal.record.digest() == read_journal(whole).record.digest()
     os.utime(path / JOURNAL, (next(told), next(told)))
     for words in (["list", path.parent], ["show", path], ["verify", path, "-n", 2]):
         assert mdesign("runs", *words)[0] == 0

@@ -24,6 +24,7 @@ from mercator_design.race.running.events import (
 )
 from mercator_design.race.running.executors import Rejected, ThreadExecutor
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.runner import RaceRun
 from mercator_design.sim.simulate import Simulator
 from tests.test_tune import SPACE, written
 
@@ -54,7 +55,7 @@ def race(tmp_path_factory):
     record = Record()
     record.begin(tuner.start())
     with ThreadExecutor(1) as executor:
-        tuner.run(executor, record, testing=evaluation.Testing(runs=3, elites=2))
+        RaceRun(tuner, executor, record, testing=evaluation.Testing(runs=3, elites=2)).finish()
     return tuner, record
 
 

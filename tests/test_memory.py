@@ -12,8 +12,8 @@ from mercator_design.errors import lack_of_memory
 from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import ExperimentFailed
 from mercator_design.system import address_space, kernel_cache
 from tests.race.racing import measure, runner, undisturbed
 
@@ -134,11 +134,11 @@ class TestWorkers:
 
         record = Record()
         with executor, pytest.raises(ExperimentFailed, match="MemoryError"):
-            runner(record, executor, function=greedy, on_failure="reject").run()
+            runner(record, executor, function=greedy, on_failure="reject").finish()
         assert record.experiments
         assert all(one.score is not None for one in record.experiments.values())
         with ThreadExecutor(1) as again:
-            runner(record, again).run()
+            runner(record, again).finish()
         assert record.digest() == undisturbed().digest()
 
     @pytest.mark.parametrize(("number", "error"), [(11, MemoryError), (12, MemoryError), (2, TargetFailed)])

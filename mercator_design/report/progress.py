@@ -10,6 +10,8 @@ from rich.table import Column
 
 from mercator_design.errors import printable
 from mercator_design.missions.mission import Mission
+from mercator_design.race.running.evaluation import Testing
+from mercator_design.race.running.events import Event, ExperimentDone, TestDone
 from mercator_design.race.running.task import Task
 
 _REFRESH = 0.1
@@ -76,15 +78,27 @@ class _Display:
 class RaceDisplay(_Display):
     """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
 
-    def __init__(self, task: Task[Any], budget: int) -> None:
+    def __init__(self, task: Task[Any], budget: int, testing: Testing | None) -> None:
         self._raced = task
+        self._testing = testing
+        self._n_run = self._n_tested = 0
         self._planned = task.race.progress.iterations
         super().__init__(task.name, budget)
 
-    def update(self, done: int) -> None:
-        """Show where the race is, when a number of experiments is done."""
-        if self._is_silent():
-            return
+    def note(self, event: Event) -> None:
+        """Take in what has happened in the race, and show where that is."""
+        match event:
+            case ExperimentDone():
+                self._n_run += 1
+                if not self._is_silent():
+                    self._show_race()
+            case TestDone():
+                self._n_tested += 1
+                if self._testing is not None and not self._is_silent():
+                    n_tests = len(self._testing.experiments(self._raced.race))
+                    self.show(self._n_tested, f"{self._raced.name}: testing", n_tests)
+
+    def _show_race(self) -> None:
         now = self._raced.race.progress
         best = ""
         if now.best is not None:
@@ -95,12 +109,7 @@ class RaceDisplay(_Display):
         stage = f"iteration {now.iteration}" if now.iteration <= now.iterations else "final race"
         if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
             stage += f"/{now.iterations}"
-        self.show(done, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
-
-    def update_tests(self, done: int, total: int) -> None:
-        """Show that the race has ended and how many tests are done."""
-        if not self._is_silent():
-            self.show(done, f"{self._raced.name}: testing", total)
+        self.show(self._n_run, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
 
 
 class EvaluationDisplay(_Display):

@@ -111,10 +111,10 @@ class RunFolder:
             journal = Journal(path / JOURNAL, new=False)
         folder = cls(path, task, journal, provenance)
         try:
-            if not journal.start:
+            if not journal.record.start:
                 journal.begin(start)
             _check_same(path, journal, start)
-            if missing := wrong_end(path, journal):
+            if missing := wrong_end(path, journal.record):
                 journal.notes.append(missing)
             with _naming(path):
                 folder._remove_drafts()
@@ -137,11 +137,11 @@ class RunFolder:
         Raises:
             RaceError: if the budget is smaller than that.
         """
-        if budget < self.journal.budget:
+        if budget < self.journal.record.budget:
             raise RaceError(
-                f"{self.path}: expected a budget of {self.journal.budget}, as before, or more, found {budget}"
+                f"{self.path}: expected a budget of {self.journal.record.budget}, as before, or more, found {budget}"
             )
-        if budget > self.journal.budget:
+        if budget > self.journal.record.budget:
             self.journal.note(BudgetExtended(budget=budget))
 
     def test(self, testing: Testing | None) -> None:
@@ -182,11 +182,11 @@ class RunFolder:
                 {"test": f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"} if tested else {}
             ),
             "budget": str(race.budget),
-            "journal": self.journal.ends[-1].digest[:16],
+            "journal": self.journal.record.ends[-1].digest[:16],
         }
         with _naming(self.path):
             write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
-            results = configurations_of(self.journal)
+            results = configurations_of(self.journal.record)
             ranks = {elite.configuration: rank for rank, elite in enumerate(race.elites, start=1)}
             results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
             in_order = results.sort_values(["elite_rank", "configuration"], na_position="last")
@@ -197,7 +197,7 @@ class RunFolder:
                 budget=race.budget,
                 experiments=race.used,
                 winner=result.configuration,
-                journal=self.journal.ends[-1].digest,
+                journal=self.journal.record.ends[-1].digest,
                 seconds=seconds,
             )
             write(self.path, self._provenance)
@@ -229,7 +229,7 @@ def _claimed(path: Path) -> Journal:
     if any(path.iterdir()) if is_new else (path / PROVENANCE).exists() or file.stat().st_size:
         raise _taken(path)
     journal = Journal(file, new=is_new)
-    if journal.start:  # by now
+    if journal.record.start:  # by now
         journal.__exit__(None, None, None)
         raise _taken(path)
     return journal
@@ -247,7 +247,7 @@ def _taken(path: Path) -> RaceError:
 
 
 def _check_same(path: Path, journal: Journal, start: Mapping[str, object]) -> None:
-    if not is_same({**journal.start, "format": None}, {**start, "format": None}):
+    if not is_same({**journal.record.start, "format": None}, {**start, "format": None}):
         raise RaceError(f"{path}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
 
 

@@ -12,12 +12,13 @@ import sys
 from pathlib import Path
 
 from mercator_design.race import IteratedRace, parse_space
-from mercator_design.race.running.evaluation import Testing, run_tests
+from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import Runner
+from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.task import Problem
 
 SPACE = parse_space('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300
@@ -32,33 +33,35 @@ def measure(item):
     return Measurement(score, f"{score:.6f}")
 
 
+class Measuring(Problem):
+    """Runs a function on the values of configurations."""
+
+    def __init__(self, race, seed, function):
+        self.race = race
+        self.function = function
+        self._seed = seed
+
+    def item(self, experiment, configuration, *, test=False):
+        seed = self.test_seed(experiment.instance) if test else self.seed(experiment.instance)
+        return tuple(configuration.values()), seed
+
+    def seed(self, instance):
+        return 1000 * self._seed + instance
+
+    def test_seed(self, instance):
+        return 1_000_000 + instance
+
+
 def runner(record, executor, *, race=None, seed=1, function=measure, budget=BUDGET, **options):
     race = race or IteratedRace(SPACE, budget=budget, seed=seed)
-    if not record.start:
+    if not record.record.start:
         record.begin({"race": "a test's", "budget": race.budget, "seed": seed})
-    return Runner(
-        race=race,
-        record=record,
-        executor=executor,
-        function=function,
-        item=lambda e: (tuple(race.configurations[e.configuration].values()), 1000 * seed + e.instance),
-        seed=lambda instance: 1000 * seed + instance,
-        cost=lambda score: score,
-        **options,
-    )
+    return RaceRun(Measuring(race, seed, function), executor, record, **options)
 
 
-def run_all_tests(record, executor, race, *, testing=TESTING, seed=1, function=measure, **options):
+def run_all_tests(record, executor, **options):
     """Run the tests of a race that has ended."""
-    run_tests(
-        testing.experiments(race),
-        record=record,
-        executor=executor,
-        function=function,
-        item=lambda e: (tuple(race.configurations[e.configuration].values()), 1_000_000 + e.instance),
-        seed=lambda instance: 1_000_000 + instance,
-        **options,
-    )
+    runner(record, executor, testing=TESTING, **options).finish()
 
 
 def undisturbed(seed=1, budgets=(BUDGET,), **options):
@@ -66,7 +69,7 @@ def undisturbed(seed=1, budgets=(BUDGET,), **options):
     with ThreadExecutor(1) as executor:
         one = runner(record, executor, seed=seed, budget=budgets[0], **options)
         record.budgets += budgets[1:]
-        one.run()
+        one.finish()
     return record
 
 
@@ -79,11 +82,8 @@ def resumed(path, executor=None, seed=1, testing=None, **options):
         return measure(item)
 
     with Journal(path, new=not path.exists()) as journal, executor or ThreadExecutor(1) as running:
-        one = runner(journal, running, seed=seed, function=counted, **options)
-        one.run()
-        if testing is not None:
-            run_all_tests(journal, running, one.race, testing=testing, function=counted)
-        return journal.ends[-1].winner, journal.digest(), len(anew)
+        runner(journal, running, seed=seed, function=counted, testing=testing, **options).finish()
+        return journal.record.ends[-1].winner, journal.record.digest(), len(anew)
 
 
 def places(record):

@@ -18,6 +18,7 @@ import pytest
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.race.running import dask_executor, executors
 from mercator_design.race.running.dask_executor import BUNDLE, DaskExecutor
+from mercator_design.race.running.events import ExperimentDone
 from mercator_design.race.running.executors import (
     ExecutorStopped,
     Failed,
@@ -246,17 +247,17 @@ class TestConformance:
         expected = undisturbed()
         record = Record()
         with make() as executor:
-            runner(record, executor).run()
+            runner(record, executor).finish()
         assert record.digest() == expected.digest()
         assert record.ends == expected.ends
 
     def test_a_race_that_is_stopped_keeps_what_was_under_way(self, make):
         record = Record()
         with make() as executor, pytest.raises(ExecutorStopped):
-            runner(record, executor, stopped=lambda: len(record.experiments) > 50).run()
+            runner(record, executor, stopped=lambda: len(record.experiments) > 50).finish()
         assert 50 < len(record.experiments) < 70
         with make() as executor:
-            runner(record, executor).run()
+            runner(record, executor).finish()
         assert record.digest() == undisturbed().digest()
 
 
@@ -405,12 +406,9 @@ class TestDask:
     def test_a_worker_is_killed_in_the_middle_of_a_race(self, dask):
         record = Record()
         with dask() as executor:
-
-            def watch(_):
-                if len(record.experiments) == 50:
+            for event in runner(record, executor):
+                if isinstance(event, ExperimentDone) and len(record.experiments) == 50:
                     os.kill(min(executor.run(process_of, [0]))[1], signal.SIGKILL)
-
-            runner(record, executor, watch=watch).run()
         assert record.digest() == undisturbed().digest()
 
     def test_no_worker_is_there(self, monkeypatch):

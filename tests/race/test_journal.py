@@ -28,8 +28,8 @@ from mercator_design.race.running.events import (
 )
 from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.journal import Journal, is_locked, read
+from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import ExperimentFailed
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
@@ -277,7 +277,7 @@ class TestExtension:
         with Journal(path, new=True) as one, ThreadExecutor(1) as executor:
             running = runner(one, executor)
             one.note(BudgetExtended(budget=400), BudgetExtended(budget=600))
-            running.run()
+            running.finish()
         data = path.read_bytes()
         draws = random.Random(1)
         first = len(b"".join(data.splitlines(keepends=True)[:3]))  # with the budgets
@@ -410,7 +410,7 @@ class TestFullDisk:
             return measure(item)
 
         with Journal(tmp_path / "journal.jsonl", new=True) as one, ThreadExecutor(1) as executor:
-            runner(one, executor, function=slowly).run()
+            runner(one, executor, function=slowly).finish()
         assert len(synced) > 10
         assert min(b - a for a, b in itertools.pairwise(synced[1:-1])) >= 0.009
 
@@ -428,9 +428,9 @@ class TestFailures:
         for _ in range(2):
             with Journal(path, new=not path.exists()) as one, ThreadExecutor(2) as executor:
                 with pytest.raises(ExperimentFailed, match=r"configuration \d+, .* failed: ") as stop:
-                    runner(one, executor, function=self.failing).run()
-                assert stop.value.finished.experiment not in one.experiments
-                assert all(e.score is not None for e in one.experiments.values())
+                    runner(one, executor, function=self.failing).finish()
+                assert stop.value.finished.experiment not in one.record.experiments
+                assert all(e.score is not None for e in one.record.experiments.values())
         assert resumed(path)[:2] == EXPECTED  # when they fail no more
 
     @pytest.mark.parametrize("jobs", [1, 3])
@@ -438,28 +438,28 @@ class TestFailures:
         path = tmp_path / "journal.jsonl"
         with Journal(path, new=True) as one, ThreadExecutor(jobs) as executor:
             running = runner(one, executor, function=self.failing, on_failure="reject")
-            running.run()
-            failed = [e for e in one.experiments.values() if e.score is None]
+            running.finish()
+            failed = [e for e in one.record.experiments.values() if e.score is None]
             expected = "expected a score from -1e+100 to 1e+100"
             assert {e.failure for e in failed} == {
                 "ArithmeticError: too far", f"{expected}, found nan", f"{expected}, found inf",
             }  # fmt: skip
-            winner = one.configurations[one.ends[-1].winner]
+            winner = one.record.configurations[one.record.ends[-1].winner]
             assert winner["x"] <= 2
             assert winner["y"] < 0
             per_configuration = {e.configuration for e in failed}
             assert len(per_configuration) == len(failed)  # not run again
-            digest = one.digest()
+            digest = one.record.digest()
         with Journal(path, new=False) as again, ThreadExecutor(1) as executor:
-            runner(again, executor, function=None).run()  # nothing is left to run
-            assert again.digest() == digest
+            runner(again, executor, function=None).finish()  # nothing is left to run
+            assert again.record.digest() == digest
 
     def test_all_fail(self, tmp_path):
         def never(item):
             raise OSError("no")
 
         with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="all were rejected"):
-            runner(Record(), executor, function=never, on_failure="reject").run()
+            runner(Record(), executor, function=never, on_failure="reject").finish()
 
 
 def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
@@ -474,8 +474,8 @@ def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
 
     with Journal(path, new=True) as one, ThreadExecutor(3) as executor:
         with pytest.raises(ExecutorStopped):
-            runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).run()
-        known = {*places(one)} | one.ahead.keys()
+            runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).finish()
+        known = {*places(one.record)} | one.record.ahead.keys()
         assert len(known) == len(begun)
     assert resumed(path) == (*EXPECTED, len({*places(WHOLE)} - known))
 
@@ -494,7 +494,7 @@ class TestAhead:
             return measure(item)
 
         with ThreadExecutor(jobs) as executor:
-            runner(record, executor, function=slowly).run()
+            runner(record, executor, function=slowly).finish()
         return record, ran
 
     def test_one_worker_never_does(self):

@@ -27,9 +27,10 @@ def recorded(method, executor, *, budgets=(200,), record=None, seed=1, **options
     record = Record() if record is None else record
     with executor:
         one = runner(record, executor, race=race_of(method, SPACE, budgets[0], seed), seed=seed, **options)
-        record.budgets += budgets[1:][len(record.budgets) - 1 :]
-        one.run()
-    return record
+        known = record.record.budgets
+        known += budgets[1:][len(known) - 1 :]
+        one.finish()
+    return record.record
 
 
 def reject_all(race):
@@ -133,10 +134,10 @@ class TestConformance:
                 return measure(item)
 
             with Journal(cut, new=False) as journal:
-                known = run_in(journal)
+                known = run_in(journal.record)
                 assert len(known) > 5
                 assert recorded(method, ThreadExecutor(1), record=journal, function=counted).digest() == expected
-                assert len(anew) == len(run_in(journal) - known)
+                assert len(anew) == len(run_in(journal.record) - known)
 
     def test_its_budget_can_be_extended(self, method):
         at_once = recorded(method, ThreadExecutor(1), budgets=(150, 260))

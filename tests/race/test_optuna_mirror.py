@@ -27,7 +27,8 @@ def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", race=N
     race = race or METHODS[method](SPACE, budget=budget, seed=seed)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=complaints.append)
     with ThreadExecutor(2) as executor, mirroring as mirror:
-        runner(record, executor, race=race, seed=seed, watch=mirror.note, **options).run()
+        for event in runner(record, executor, race=race, seed=seed, **options):
+            mirror.note(event)
         mirror.finish(race.best.configuration)
     return record, complaints
 
@@ -98,7 +99,7 @@ def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
     race = IteratedRace(SPACE, budget=150, seed=1)
     mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)
     with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped), mirroring as mirror:
-        runner(record, executor, race=race, watch=mirror.note, stopped=lambda: len(record.experiments) > 60).run()
+        list(map(mirror.note, runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 60)))
     before = len(trials_of(url))
     assert before > 5
     record, complaints = mirrored(url, record)

@@ -10,6 +10,7 @@ from mercator_design.race import IteratedRace, RaceOptions, parse_space
 from mercator_design.race.racing.stagnation import PATIENCE, agreement, is_better, judged
 from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
+from mercator_design.race.running.events import IterationEnded
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.journal import read
 from mercator_design.race.running.record import Record
@@ -144,13 +145,13 @@ class TestRecord:
     """Iterations are noted as they end."""
 
     def test_they_are_as_the_race_has_them(self):
-        record, told = Record(), []
+        record = Record()
         with ThreadExecutor(1) as executor:
-            one = runner(record, executor, watch_iterations=told.append)
-            one.run()
+            one = runner(record, executor)
+            told = [event for event in one if isinstance(event, IterationEnded)]
         assert told == list(record.iterations.values())
-        assert [ended.iteration for ended in told] == [ended.iteration for ended in one.race.iterations]
-        assert [ended.elites[0] for ended in told] == [ended.best for ended in one.race.iterations]
+        assert [ended.iteration for ended in told] == [ended.iteration for ended in one.problem.race.iterations]
+        assert [ended.elites[0] for ended in told] == [ended.best for ended in one.problem.race.iterations]
         assert sum(ended.used for ended in told) == len(record.experiments)
 
     def test_once_however_often_the_race_is_stopped(self, tmp_path):

@@ -10,8 +10,8 @@ from mercator_design.race.running import evaluation, events  # whose classes pyt
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.journal import Journal, read
+from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import ExperimentFailed
 from tests.race import racing
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed
@@ -26,8 +26,8 @@ def ended():
     record = Record()
     with ThreadExecutor(1) as executor:
         one = runner(record, executor)
-        one.run()
-    return record, one.race
+        one.finish()
+    return record, one.problem.race
 
 
 def test_which_are_tested(ended):
@@ -102,7 +102,7 @@ def test_what_is_under_way_when_they_are_stopped_is_kept(ended):
         return measure(item)
 
     with ThreadExecutor(3) as executor, pytest.raises(ExecutorStopped):
-        racing.run_all_tests(record, executor, race, function=counted, stopped=lambda: len(begun) > 10)
+        racing.run_all_tests(record, executor, function=counted, stopped=lambda: len(begun) > 10)
     assert 10 < len(record.tests) == len(begun) < len(TESTING.experiments(race))
 
 
@@ -120,26 +120,26 @@ class TestFailures:
                 ThreadExecutor(1) as executor,
                 pytest.raises(ExperimentFailed, match=r"a test \(configuration") as stop,
             ):
-                racing.run_all_tests(record, executor, race, function=self.failing)
+                racing.run_all_tests(record, executor, function=self.failing)
             assert stop.value.finished.configuration == race.best.configuration
             assert all(one.score is not None for one in record.tests.values())
 
     def test_they_are_noted_if_that_is_wanted(self, ended):
         record, race = ended
         with ThreadExecutor(2) as executor:
-            racing.run_all_tests(record, executor, race, function=self.failing, on_failure="reject")
+            racing.run_all_tests(record, executor, function=self.failing, on_failure="reject")
             assert len(record.tests) == len(TESTING.experiments(race))
             failures = {one.failure for one in record.tests.values() if one.score is None}
             assert failures == {"ArithmeticError: no", "expected a score from -1e+100 to 1e+100, found nan"}
             assert 0 < len(record.test_scores()[race.best.configuration]) < TESTING.runs
-            racing.run_all_tests(record, executor, race, function=None)  # nothing is left to run
+            racing.run_all_tests(record, executor, function=None)  # nothing is left to run
 
 
 def test_other_instances_are_refused(ended):
     record, race = ended
     record.note(events.TestDone(configuration=race.best.configuration, instance=0, seed=7, score=1.0))
     with ThreadExecutor(1) as executor, pytest.raises(RaceError, match="instance 0 to have seed 1000000, found 7"):
-        racing.run_all_tests(record, executor, race)
+        racing.run_all_tests(record, executor)
 
 
 def test_two_results_of_one_test(tmp_path):

@@ -15,10 +15,9 @@ from mercator_design.command import put, tell
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from mercator_design.race.running.events import ExperimentDone, IterationEnded
     from mercator_design.race.running.executors import Executor
     from mercator_design.race.running.optuna_mirror import OptunaMirror
-    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.race.running.outcome import OnFailure
     from mercator_design.race.running.task import RaceResult
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.runs.folder import RunFolder
@@ -127,12 +126,12 @@ def run(
         folder: Of the race.
         executor: Runs its experiments.
         how: They are run, for the journal.
-        on_failure: As `Task.run`.
+        on_failure: As `RaceRun`.
         optuna: Storage to mirror the race into.
         interrupt: What may stop it.
     """
     from mercator_design.race.running.executors import ExecutorStopped
-    from mercator_design.race.running.runner import ExperimentFailed
+    from mercator_design.race.running.outcome import ExperimentFailed
     from mercator_design.report.columns import with_notes_wrapped
     from mercator_design.report.progress import RaceDisplay
     from mercator_design.report.summary import race_summary
@@ -140,17 +139,17 @@ def run(
     for note in folder.journal.notes:
         tell(f"Note: {note}")
     folder.journal.open_session(**how)
-    before, tested = len(folder.journal.experiments), len(folder.journal.tests)
+    before, tested = len(folder.journal.record.experiments), len(folder.journal.record.tests)
     resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
     try:
         with (
             executor,
-            RaceDisplay(folder.task, folder.journal.budget) as display,
+            RaceDisplay(folder.task, folder.journal.record.budget, folder.testing) as display,
             _mirror(optuna, folder) as mirror,
         ):
             result = _run(folder, executor, on_failure, interrupt, display, mirror)
     except ExecutorStopped:
-        n, tests = len(folder.journal.experiments), len(folder.journal.tests)
+        n, tests = len(folder.journal.record.experiments), len(folder.journal.record.tests)
         what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
         interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
         raise
@@ -161,9 +160,9 @@ def run(
     summary = race_summary(
         result,
         folder.task,
-        folder.journal,
+        folder.journal.record,
         new=len(result.finished) - before,
-        tested=len(folder.journal.tests) - tested,
+        tested=len(folder.journal.record.tests) - tested,
         seconds=display.seconds,
         jobs=how["jobs"],
         folder=folder.path,
@@ -182,22 +181,14 @@ def _run(
     display: "RaceDisplay",
     mirror: "OptunaMirror | None",
 ) -> "RaceResult":
-    known = {number for number, one in folder.journal.experiments.items() if one.failure}
-    done = failed = 0
-    is_told = False
+    from mercator_design.race.running.events import ExperimentDone, IterationEnded
+    from mercator_design.race.running.runner import RaceRun
 
-    def watch(finished: "Sequence[ExperimentDone]") -> None:
-        nonlocal done, failed
-        done += len(finished)
-        display.update(done)
-        if mirror is not None:
-            mirror.note(finished)
-        for one in finished:
-            if one.failure and one.experiment not in known:
-                command = folder.keep_failed(one)
-                failed += 1
-                if failed <= _MOST_TOLD:
-                    tell(f"Warning: configuration {one.configuration} is rejected: {one.failure}; see {command}")
+    record = folder.journal.record
+    known_failures = {number for number, one in record.experiments.items() if one.failure}
+    known_iterations = set(record.iterations)
+    failed = 0
+    is_told = False
 
     def stopped() -> bool:
         nonlocal is_told
@@ -206,24 +197,24 @@ def _run(
             tell("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
         return interrupt.came()
 
-    result = folder.task.run(
-        executor,
-        folder.journal,
-        on_failure=on_failure,
-        watch=watch,
-        watch_iterations=_tell_note,
-        testing=folder.testing,
-        watch_tests=display.update_tests,
-        stopped=stopped,
+    race = RaceRun(
+        folder.task, executor, folder.journal, on_failure=on_failure, testing=folder.testing, stopped=stopped
     )
+    for event in race:
+        display.note(event)
+        if mirror is not None:
+            mirror.note(event)
+        match event:
+            case ExperimentDone() if event.failure and event.experiment not in known_failures:
+                command = folder.keep_failed(event)
+                failed += 1
+                if failed <= _MOST_TOLD:
+                    tell(f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}")
+            case IterationEnded() if event.note and event.iteration not in known_iterations:
+                tell(f"Note: iteration {event.iteration}: {event.note}")
     if mirror is not None:
-        mirror.finish(result.configuration)
-    return result
-
-
-def _tell_note(ended: "IterationEnded") -> None:
-    if ended.note:
-        tell(f"Note: iteration {ended.iteration}: {ended.note}")
+        mirror.finish(race.result.configuration)
+    return race.result
 
 
 def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager[OptunaMirror | None]":
@@ -235,7 +226,7 @@ def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager
     task = folder.task
     return OptunaMirror(
         storage,
-        f"{task.name}, seed {task.race.seed}, budget {folder.journal.budget}, {folder.path.resolve()}",
+        f"{task.name}, seed {task.race.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
         task.race,
         maximise=task.maximise,
         complain=lambda what: tell(f"Warning: {what}"),

@@ -26,7 +26,7 @@ from mercator_design.fsm.pfsm import FLAVOURS
 if TYPE_CHECKING:
     from mercator_design.race.running.evaluation import Testing
     from mercator_design.race.running.executors import Executor
-    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.race.running.outcome import OnFailure
     from mercator_design.runs.folder import RunFolder
 
 _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mercator_design.race.irace.scenario_text import Assignment
     from mercator_design.race.irace.tuner import Tuner
     from mercator_design.race.running.events import Measurement
-    from mercator_design.race.running.runner import OnFailure
+    from mercator_design.race.running.outcome import OnFailure
     from mercator_design.runs.folder import RunFolder
 
 _WHAT_IT_BEGAN_WITH = (

@@ -20,10 +20,10 @@ from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.table import METHODS, RACES, Method
 from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running.evaluation import measured
+from mercator_design.race.running.evaluation import results_of, test_of
 from mercator_design.race.running.events import ExperimentDone, TestDone
 from mercator_design.race.running.executors import Executor, ExecutorStopped
-from mercator_design.race.running.runner import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
+from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, error_of, is_fatal
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.seeds import generator, instance_seed
@@ -169,28 +169,14 @@ class Tuner(Task[Call]):
         failed: list[ExperimentFailed] = []
         costs = [[math.inf] * n for _ in configurations]
 
-        results = measured(
-            tests,
-            executor,
-            self.function,
-            lambda test: self.item(test, configurations[test.configuration - 1], test=True),
-            self.evaluate,
-            [],
-            lambda: bool(failed) or stopped(),
-        )
-        for test, result in results:
-            score, _, failure = read_result(result)
+        numbered = dict(enumerate(configurations, start=1))
+        results = results_of(self, executor, tests, numbered, [], lambda: bool(failed) or stopped())
+        for where, result in results:
+            test = test_of(self, where, result)
             if is_fatal(result, on_failure):
-                one = TestDone(
-                    configuration=test.configuration,
-                    instance=test.instance,
-                    seed=self.test_seed(test.instance),
-                    score=None,
-                    failure=failure,
-                )
-                failed.append(ExperimentFailed(one, error_of(result)))
-            elif score is not None:
-                costs[test.configuration - 1][test.instance] = score
+                failed.append(ExperimentFailed(test, error_of(result)))
+            elif test.score is not None:
+                costs[where.configuration - 1][where.instance] = test.score
         if stopped():
             raise ExecutorStopped
         if failed:

@@ -36,7 +36,7 @@ from typing import Any, Self
 
 from mercator_design.config.checked_lines import checksum, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.running.events import Event, SessionStarted, SessionStopped, event_of, to_json
+from mercator_design.race.running.events import Event, RaceEnded, SessionStarted, SessionStopped, event_of, to_json
 from mercator_design.race.running.record import Record
 from mercator_design.system.files import sync_folder
 
@@ -116,13 +116,16 @@ def _take(record: Record, data: dict[str, Any], before: str) -> None:
         record.note(event_of(data))
 
 
-class Journal(Record):
-    """A record that is also in a file; a context manager that closes it.
+class Journal:
+    """A record and the file that it is kept in; a context manager that closes the file.
 
     One process at a time has it: it is locked, and the lock goes with the process, however that ends.
-    """
 
-    __slots__ = ("_file", "_last", "_length", "_synced", "notes", "path")
+    Attributes:
+        path: Of the file.
+        record: What is in it.
+        notes: What a user should know.
+    """
 
     def __init__(self, path: Path, *, new: bool) -> None:
         """Open a new or an old one.
@@ -131,9 +134,9 @@ class Journal(Record):
             RaceError: Another process has it, or it is corrupt.
             OSError: It cannot be opened.
         """
-        super().__init__()
         self.path = path
-        self.notes: list[str] = []  # what a user should know
+        self.record = Record()
+        self.notes: list[str] = []
         self._file = os.open(
             path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if new else 0), 0o666
         )
@@ -178,8 +181,8 @@ class Journal(Record):
         Raises:
             RaceError: As there, or it cannot be written.
         """
-        super().begin(start)
-        self._append({"event": "start", **self.start})
+        self.record.begin(start)
+        self._append({"event": "start", **self.record.start})
 
     def note(self, *events: Event) -> None:
         """Take in events and append them to the file, whole or not at all.
@@ -187,8 +190,16 @@ class Journal(Record):
         Raises:
             RaceError: One does not fit to those before, or they cannot be written.
         """
-        super().note(*events)
+        self.record.note(*events)
         self._append(*map(to_json, events))
+
+    def note_end(self, end: RaceEnded) -> None:
+        """As `Record.note_end`, appended to the file.
+
+        Raises:
+            RaceError: As `note`.
+        """
+        self.note(self.record.with_digest(end))
 
     def sync(self) -> None:
         """Force what was written to the disk."""
@@ -196,7 +207,7 @@ class Journal(Record):
         self._synced = time.monotonic()
 
     def _append(self, *lines: dict[str, Any]) -> None:
-        is_chained, last, texts = self.start["format"] != 1, self._last, []
+        is_chained, last, texts = self.record.start["format"] != 1, self._last, []
         for line in lines:
             if is_chained:
                 line["after"] = last
@@ -236,9 +247,7 @@ class Journal(Record):
 
     def _resume(self) -> None:
         reading = read(self.path)
-        for name in Record.__slots__:
-            setattr(self, name, getattr(reading.record, name))
-        self._length, self._last = reading.length, reading.last
+        self.record, self._length, self._last = reading.record, reading.length, reading.last
         if reading.torn:
             self.notes.append(f"{self.path}, {reading.torn}: cut off there; what it was about is run again")
             os.ftruncate(self._file, reading.length)

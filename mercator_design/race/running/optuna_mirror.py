@@ -11,12 +11,12 @@ slow, and gives up when something goes wrong.
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.methods.optimizer import Optimizer
-from mercator_design.race.running.events import ExperimentDone
+from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
 from mercator_design.race.space.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ class OptunaMirror:
     ) -> None:
         self._race = race
         self._complain = complain
-        self._ended = len(race.iterations)
         self._raced: set[int] = set()  # so far: a storage may have more, from before the race was resumed
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
@@ -62,22 +61,19 @@ class OptunaMirror:
         if self._thread.is_alive():
             self._complain("the Optuna storage is slow: not all of the race is in it")
 
-    def note(self, finished: Sequence[ExperimentDone]) -> None:
-        """Take in experiments that have finished, in any order, some of them perhaps for the second time."""
-        self._note_iterations()
-        for one in finished:
-            self._raced.add(one.configuration)
-            self._events.put(lambda study, one=one: study.report(one))  # type: ignore[misc]
+    def note(self, event: Event) -> None:
+        """Take in what has happened in the race; experiments come in any order, and some for the second time."""
+        match event:
+            case ExperimentDone():
+                self._raced.add(event.configuration)
+                self._events.put(lambda study: study.report(event))
+            case IterationEnded():
+                survivors, done = self._survivors(), self._raced - self._race.returning
+                self._events.put(lambda study: study.close(done, survivors))
 
     def finish(self, winner: int) -> None:
         """Take in that the race has ended, and who won."""
         self._events.put(lambda study: study.finish(winner, self._survivors()))
-
-    def _note_iterations(self) -> None:
-        if len(self._race.iterations) > self._ended:
-            self._ended = len(self._race.iterations)
-            survivors, done = self._survivors(), self._raced - self._race.returning
-            self._events.put(lambda study: study.close(done, survivors))
 
     def _survivors(self) -> set[int]:
         """Of all iterations, with the elites."""

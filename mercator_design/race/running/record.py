@@ -60,6 +60,11 @@ class Record:
     """The configurations that have a score."""
 
     @property
+    def record(self) -> "Record":
+        """This: what is noted here is in memory alone, as what is noted in a journal is in its `record` and its file."""
+        return self
+
+    @property
     def budget(self) -> int:
         """The largest that was given."""
         return self.budgets[-1]
@@ -140,10 +145,14 @@ class Record:
 
     def note_end(self, end: RaceEnded) -> None:
         """Take in that the race has ended, with the digest of all up to there."""
+        self.note(self.with_digest(end))
+
+    def with_digest(self, end: RaceEnded) -> RaceEnded:
+        """An end of the race with the digest of all up to there."""
         self.ends.append(end)
         digest = self.digest()
         self.ends.pop()
-        self.note(replace(end, digest=digest))
+        return replace(end, digest=digest)
 
     def _take(self, event: Event) -> None:
         match event:

@@ -14,162 +14,241 @@ costs alone, and only what had not finished is run.
 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
-from mercator_design.errors import MercatorError, RaceError, lack_of_memory
-from mercator_design.race.methods.optimizer import Optimizer
+from mercator_design.errors import RaceError
 from mercator_design.race.racing.race import Experiment
+from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.evaluation import Testing, results_of, test_of
 from mercator_design.race.running.events import (
     ConfigurationAdded,
+    Event,
     ExperimentDone,
     IterationEnded,
     Measurement,
     RaceEnded,
     ScoreRevised,
     SpeculativeDone,
-    TestDone,
 )
-from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, Rejected, attempt_here
+from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt_here
+from mercator_design.race.running.journal import Journal
+from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
 from mercator_design.race.running.record import Record
-from mercator_design.scores import EXPECTED, is_score
+from mercator_design.race.running.task import Problem, RaceResult
 
 T = TypeVar("T")
-OnFailure = Literal["stop", "reject"]
 
 
-class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
-    """An experiment failed, and no failure is accepted."""
+class RaceRun(Generic[T]):
+    """A race on its way to its end, and then its tests: an iterator of the events, in the order in which they happen.
 
-    def __init__(self, finished: ExperimentDone | TestDone, error: Exception | None) -> None:
-        what = f"experiment {finished.experiment}" if isinstance(finished, ExperimentDone) else "a test"
-        super().__init__(
-            f"{what} (configuration {finished.configuration}, instance of seed {finished.seed}) failed: "
-            f"{finished.failure}"
-        )
-        self.finished = finished
-        if isinstance(error, MercatorError):
-            self.exit_code = error.exit_code
+    What the record has already comes again, as experiments are looked up there in the order in which the race asks for
+    them. While an event is looked at, the race stands where that event has brought it.
 
+    Args:
+        problem: What is raced.
+        executor: Runs experiments; what comes of them does not depend on it.
+        record: The race so far; what happens is noted there. By default in memory.
+        on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
+        testing: What to test when the race has ended.
+        stopped: Whether to stop; asked before each experiment.
 
-@dataclass(kw_only=True)
-class Runner(Generic[T]):
-    """How the experiments of a race are run.
-
-    function: gives what came of an item.
-    item: what to give the function for an experiment of a configuration on an instance.
-    seed: of an instance.
-    cost: of a score.
-    on_failure: whether an experiment that fails stops the race, or rejects its configuration.
-    watch: called with experiments that have just been run or looked up.
-    watch_iterations: called with an iteration that has ended, unless that was known.
-    stopped: whether to stop; asked before each experiment.
-    evaluate: if there is one, `function` only runs experiments, and this gives what came of one that has run among
-        configurations, in the order of a batch.
-    speculate: whether an idle worker runs what the race has not asked for.
+    Iterating raises:
+        RaceError: The record is of another race or cannot be written, or all configurations were rejected.
+        ExperimentFailed: see `on_failure`.
+        ExecutorStopped: see `stopped`; what was under way has been waited for and noted.
     """
 
-    race: Optimizer
-    record: Record
-    executor: Executor
-    function: Callable[[T], Measurement]
-    item: Callable[[Experiment], T]
-    seed: Callable[[int], int]
-    cost: Callable[[float], float]
-    on_failure: OnFailure = "stop"
-    watch: Callable[[Sequence[ExperimentDone]], None] = lambda finished: None  # noqa: ARG005 - a name for the reader
-    watch_iterations: Callable[[IterationEnded], None] = lambda iteration: None  # noqa: ARG005
-    stopped: Callable[[], bool] = lambda: False
-    evaluate: Callable[[Experiment, Sequence[int]], Measurement] | None = None
-    speculate: bool = True
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        problem: Problem[T],
+        executor: Executor,
+        record: Record | Journal | None = None,
+        *,
+        on_failure: OnFailure = "stop",
+        testing: Testing | None = None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        if record is None:
+            record = Record()
+            record.begin(problem.start())
+        self.problem = problem
+        self._race = problem.race
+        self._executor = executor
+        self._journal = record
+        self._record = record.record
+        self._on_failure = on_failure
+        self._testing = testing
+        self._stopped = stopped
+        self._events = self._run()
+        self._pending: deque[Event] = deque()  # events that nobody has seen yet
         self._batch: list[Experiment] = []  # that the race has asked for
         self._missing: dict[Experiment, int] = {}  # those of it that have not finished, with their numbers
         self._todo: deque[Experiment] = deque()  # those of these that have not begun
         self._under_way: dict[int, Experiment] = {}  # by the place of its item
         self._likely: Iterator[Experiment] | None = None  # what the race will ask for next; None if not yet found out
-        self._failures: dict[int, ExperimentFailed] = {}  # by the experiment's number
-        self._told = 0
+        self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
+        self._n_told = 0
         self._n_iterations = 0
         self._n_revised = 0
         self._n_ends = 0
         self._ended = False
+        self._result: RaceResult | None = None
 
-    def run(self) -> None:
-        """Run the race to its end under each of the record's budgets.
+    def __iter__(self) -> Iterator[Event]:
+        return self
+
+    def __next__(self) -> Event:
+        return next(self._events)
+
+    def finish(self) -> RaceResult:
+        """Run to the end, whatever happens on the way; raises what iterating raises."""
+        for _ in self:
+            pass
+        return self.result
+
+    @property
+    def result(self) -> RaceResult:
+        """What the race came to.
 
         Raises:
-            RaceError: The record is of another race or cannot be written, or all configurations were rejected.
-            ExperimentFailed: see `on_failure`.
-            Stopped: see `stopped`.
+            RaceError: It has not come to its end yet.
         """
-        self._advance()
-        for place, result in self.executor.run(self.function, self._items()):
+        if self._result is None:
+            raise RaceError("result: expected a race that has come to its end, found one that has not")
+        return self._result
+
+    def _run(self) -> Iterator[Event]:
+        yield from self._run_race()
+        tests: dict[int, Scores] = {}
+        if self._testing is not None:
+            yield from self._run_tests(self._testing)
+            known = self._record.test_scores()
+            numbers = self._testing.configurations(self._race)
+            tests = {number: Scores(known[number]) for number in numbers if number in known}
+        best = self._race.best.configuration
+        finished = tuple(self._record.results())
+        scores = tuple(one.score for one in finished if one.configuration == best and one.score is not None)
+        self._result = RaceResult(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
+
+    def _run_race(self) -> Iterator[Event]:
+        """Run the race to its end under each of the record's budgets."""
+        record = self._record
+        yield from self._advance()
+        for place, result in self._executor.run(self.problem.function, self._items()):
             experiment = self._under_way.pop(place)
-            is_run = self.evaluate is not None and not read_result(result)[2]
+            is_run = self.problem.evaluate is not None and not read_result(result)[2]
             if experiment in self._missing and not is_run:
                 self._finish(experiment, result)
             else:
                 self._keep(experiment, result)
-            self._advance()
+            yield from self._advance()
         if self._failures:
             raise self._failures[min(self._failures)]
         if not self._ended:
             raise ExecutorStopped
-        if self._told != len(self.record.experiments):
-            raise _another(f"{self._told} experiments in all", f"{len(self.record.experiments)}")
-        if self._n_iterations != len(self.record.iterations):
-            raise _another(f"{self._n_iterations} iterations in all", f"{len(self.record.iterations)}")
-        if self._n_revised != len(self.record.revised):
-            raise _another(f"{self._n_revised} batches with revised scores", f"{len(self.record.revised)}")
-        raced = {one.configuration for one in self.record.experiments.values()}
-        if unknown := self.record.configurations.keys() - raced:
+        if self._n_told != len(record.experiments):
+            raise _another(f"{self._n_told} experiments in all", f"{len(record.experiments)}")
+        if self._n_iterations != len(record.iterations):
+            raise _another(f"{self._n_iterations} iterations in all", f"{len(record.iterations)}")
+        if self._n_revised != len(record.revised):
+            raise _another(f"{self._n_revised} batches with revised scores", f"{len(record.revised)}")
+        raced = {one.configuration for one in record.experiments.values()}
+        if unknown := record.configurations.keys() - raced:
             raise _another("no configurations but those that were raced", f"{len(unknown)} others")
+
+    def _run_tests(self, testing: Testing) -> Iterator[Event]:
+        """Run the tests that the record does not have."""
+        problem, noted = self.problem, self._record.tests
+        tests = testing.experiments(self._race)
+        known = [one for one in tests if one in noted]
+        missing = [one for one in tests if one not in noted]
+        for one in known:
+            if noted[one].seed != (seed := problem.test_seed(one.instance)):
+                raise RaceError(
+                    f"journal: expected test instance {one.instance} to have seed {seed}, found {noted[one].seed}"
+                )
+            yield noted[one]
+        results = results_of(problem, self._executor, missing, self._race.configurations, known, self._is_over)
+        for where, result in results:
+            test = test_of(problem, where, result)
+            if test.failure and self._stopped():  # perhaps because of that; when the race is resumed it is tried again
+                continue
+            if is_fatal(result, self._on_failure):  # not noted, as above
+                self._failures[missing.index(where)] = ExperimentFailed(test, error_of(result))
+                continue
+            self._note(test)
+            yield from self._unseen()
+        if self._failures:
+            raise self._failures[min(self._failures)]
+        if any(one not in noted for one in tests):
+            raise ExecutorStopped
+
+    def _is_over(self) -> bool:
+        return bool(self._failures) or self._stopped()
+
+    def _note(self, event: Event) -> None:
+        self._journal.note(event)
+        self._pending.append(event)
+
+    def _unseen(self) -> Iterator[Event]:
+        while self._pending:
+            yield self._pending.popleft()
+
+    def _item(self, experiment: Experiment) -> T:
+        return self.problem.item(experiment, self._race.configurations[experiment.configuration])
+
+    def _cost(self, score: float | None) -> float:
+        return float("inf") if score is None else self.problem.cost(score)
 
     def _items(self) -> Iterator[T | None]:
         """What to run next: what the race asks for, and before a worker is idle what it will probably ask for."""
         for place in count():
-            if self._ended or self._failures or self.stopped():
+            if self._ended or self._is_over():
                 return
             experiment = self._todo.popleft() if self._todo else self._foreseen()
             if experiment is None:
                 yield None
             else:
                 self._under_way[place] = experiment
-                yield self.item(experiment)
+                yield self._item(experiment)
 
     def _foreseen(self) -> Experiment | None:
         if self._likely is None:
-            self._likely = iter(self.race.foresee(2 * self.executor.jobs) if self.speculate else [])
+            self._likely = iter(self._race.foresee(2 * self._executor.jobs) if self.problem.speculates else [])
         under_way = set(self._under_way.values())
-        return next((e for e in self._likely if e not in under_way and e not in self.record.ahead), None)
+        return next((e for e in self._likely if e not in under_way and e not in self._record.ahead), None)
 
-    def _advance(self) -> None:
+    def _advance(self) -> Iterator[Event]:
         """Tell what has finished and ask on, until something has to be run or the race has ended."""
-        while not (self._failures or self._ended or self.stopped()):
+        while not (self._ended or self._is_over()):
             self._evaluate()
+            yield from self._unseen()
             if self._missing or self._failures:
                 return
             if self._batch:
-                finished = [self.record.experiments[self._told + k] for k in range(len(self._batch))]
+                finished = [self._record.experiments[self._n_told + k] for k in range(len(self._batch))]
                 self._revise()
-                self._told += len(self._batch)
-                self.race.tell([float("inf") if one.score is None else self.cost(one.score) for one in finished])
+                self._n_told += len(self._batch)
+                self._race.tell([self._cost(one.score) for one in finished])
                 self._note_iterations()
-            self._batch = self.race.ask()
+                yield from self._unseen()
+            self._batch = self._race.ask()
             self._likely = None
             if self._batch:
                 self._look_up()
                 continue
             self._note_end()
+            yield from self._unseen()
             if not self._ended:
-                self.race.extend(self.record.budgets[self._n_ends])
+                self._race.extend(self._record.budgets[self._n_ends])
+        yield from self._unseen()
 
     def _note_iterations(self) -> None:
-        for ended in self.race.iterations[self._n_iterations :]:
+        for ended in self._race.iterations[self._n_iterations :]:
             self._n_iterations += 1
             iteration = IterationEnded(
                 iteration=ended.iteration,
@@ -183,64 +262,67 @@ class Runner(Generic[T]):
                 stagnant=ended.stagnant,
                 note=ended.note,
             )
-            known = self.record.iterations.get(ended.iteration)
+            known = self._record.iterations.get(ended.iteration)
             if known is None:
-                self.record.note(iteration)
-                self.watch_iterations(iteration)
-            elif replace(known, note="") != replace(iteration, note=""):  # another version may say other words
+                self._note(iteration)
+                continue
+            if replace(known, note="") != replace(iteration, note=""):  # another version may say other words
                 raise _another(f"{iteration}", f"{known}")
+            self._pending.append(known)
 
     def _look_up(self) -> None:
         """Find what is known of a batch; the others are missing."""
         self._note_configurations()
-        known, replayed = self.record.experiments, []
-        for number, experiment in enumerate(self._batch, start=self._told):
+        known = self._record.experiments
+        for number, experiment in enumerate(self._batch, start=self._n_told):
             one = known.get(number)
             if one is None:
                 self._missing[experiment] = number
                 continue
-            expected = (*experiment, self.seed(experiment.instance), self.race.iteration)
+            expected = (*experiment, self.problem.seed(experiment.instance), self._race.iteration)
             found = (one.configuration, one.instance, one.seed, one.iteration)
             if expected != found:
                 what = "configuration {} on instance {} with seed {} in iteration {}"
                 raise _another(f"experiment {number}: {what.format(*expected)}", what.format(*found))
-            replayed.append(one)
-        if replayed:
-            self.watch(replayed)
+            self._pending.append(one)
         under_way = set(self._under_way.values())
         for experiment in list(self._missing):
-            if experiment in self.record.ahead:
-                if self.evaluate is None:
-                    self._finish(experiment, self.record.ahead[experiment])
+            if experiment in self._record.ahead:
+                if self.problem.evaluate is None:
+                    self._finish(experiment, self._record.ahead[experiment])
             elif experiment not in under_way:
                 self._todo.append(experiment)
 
     def _evaluate(self) -> None:
         """Evaluate a batch when all of it has run: what is alive on an instance, those that ran there before first."""
-        if self.evaluate is None or not self._missing or not self.record.ahead.keys() >= self._missing.keys():
+        if self.problem.evaluate is None or not self._missing or not self._record.ahead.keys() >= self._missing.keys():
             return
         for instance in dict.fromkeys(experiment.instance for experiment in self._batch):
-            asked = [e for e in self._batch if e.instance == instance and e in self.record.ahead]
-            before = [Experiment(configuration, instance) for configuration in self.race.beside(instance)]
+            asked = [e for e in self._batch if e.instance == instance and e in self._record.ahead]
+            before = [Experiment(configuration, instance) for configuration in self._race.beside(instance)]
             alive = [experiment.configuration for experiment in (*before, *asked)]
-            known = self.record.revised.get(self._told, {})
+            known = self._record.revised.get(self._n_told, {})
             for experiment in (*before, *asked):
-                if self._failures or self.stopped():
+                if self._is_over():
                     return
                 if experiment in self._missing:
-                    self._finish(experiment, attempt_here(partial(self.evaluate, experiment), alive))
+                    self._finish(experiment, self._evaluated(experiment, alive))
                 elif experiment in before and experiment not in known:
-                    self._note_revised(experiment, attempt_here(partial(self.evaluate, experiment), alive))
+                    self._note_revised(experiment, self._evaluated(experiment, alive))
+
+    def _evaluated(self, experiment: Experiment, alive: Sequence[int]) -> Measurement | Failed:
+        assert self.problem.evaluate is not None  # noqa: S101 - for mypy; whoever calls has looked
+        return attempt_here(partial(self.problem.evaluate, self._item(experiment)), alive)
 
     def _note_revised(self, experiment: Experiment, result: Measurement | Failed) -> None:
         score, _, failure = read_result(result)
-        if is_fatal(result, self.on_failure):
-            one = self._finished(self._told, experiment, result)
-            self._failures[self._told] = ExperimentFailed(one, error_of(result))
-        elif not (failure and self.stopped()):
-            self.record.note(
+        if is_fatal(result, self._on_failure):
+            one = self._finished(self._n_told, experiment, result)
+            self._failures[self._n_told] = ExperimentFailed(one, error_of(result))
+        elif not (failure and self._stopped()):
+            self._note(
                 ScoreRevised(
-                    experiment=self._told,
+                    experiment=self._n_told,
                     configuration=experiment.configuration,
                     instance=experiment.instance,
                     score=score,
@@ -250,38 +332,36 @@ class Runner(Generic[T]):
 
     def _revise(self) -> None:
         """Tell the race which costs the evaluation of a batch has replaced."""
-        revised = self.record.revised.get(self._told, {})
+        revised = self._record.revised.get(self._n_told, {})
         if revised:
             self._check_revised(revised)
             self._n_revised += 1
-            costs = {e: float("inf") if one.score is None else self.cost(one.score) for e, one in revised.items()}
-            self.race.revise(costs)
+            self._race.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
 
     def _check_revised(self, revised: Collection[Experiment]) -> None:
         instances = {experiment.instance for experiment in self._batch}
         for number, instance in revised:
-            if self.evaluate is None or instance not in instances or number not in self.race.beside(instance):
+            if self.problem.evaluate is None or instance not in instances or number not in self._race.beside(instance):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Note an experiment that the race has asked for."""
         one = self._finished(self._missing.pop(experiment), experiment, result)
-        if one.failure and self.stopped():  # perhaps because of that; when the race is resumed it is tried again
+        if one.failure and self._stopped():  # perhaps because of that; when the race is resumed it is tried again
             return
-        if is_fatal(result, self.on_failure):  # not noted, as above
+        if is_fatal(result, self._on_failure):  # not noted, as above
             self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
             return
-        self.record.note(one)
-        self.watch([one])
+        self._note(one)
 
     def _finished(self, number: int, experiment: Experiment, result: Measurement | Failed) -> ExperimentDone:
         score, outcome, failure = read_result(result)
         return ExperimentDone(
             experiment=number,
-            iteration=self.race.iteration,
+            iteration=self._race.iteration,
             configuration=experiment.configuration,
             instance=experiment.instance,
-            seed=self.seed(experiment.instance),
+            seed=self.problem.seed(experiment.instance),
             score=score,
             outcome=outcome,
             failure=failure,
@@ -290,53 +370,29 @@ class Runner(Generic[T]):
     def _keep(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
         if not read_result(result)[2] and isinstance(result, Measurement):
-            self.record.note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
+            self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
 
     def _note_configurations(self) -> None:
         for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
-            values, parent = self.race.configurations[number], self.race.parents[number]
-            if number not in self.record.configurations:
-                self.record.note(ConfigurationAdded(configuration=number, parent=parent, values=values))
-            elif (self.record.configurations[number], self.record.parents[number]) != (values, parent):
-                found = f"{self.record.configurations[number]} from {self.record.parents[number]}"
+            values, parent = self._race.configurations[number], self._race.parents[number]
+            if number not in self._record.configurations:
+                self._note(ConfigurationAdded(configuration=number, parent=parent, values=values))
+            elif (self._record.configurations[number], self._record.parents[number]) != (values, parent):
+                found = f"{self._record.configurations[number]} from {self._record.parents[number]}"
                 raise _another(f"configuration {number}: {values} from {parent}", found)
-            self.record.configurations[number] = values  # once in memory is enough
+            self._record.configurations[number] = values  # once in memory is enough
 
     def _note_end(self) -> None:
-        budget = self.record.budgets[self._n_ends]
-        end = RaceEnded(budget=budget, experiments=self._told, winner=self.race.best.configuration)
-        if self._n_ends == len(self.record.ends):
-            self.record.note_end(end)
-        noted = self.record.ends[self._n_ends]
+        budget = self._record.budgets[self._n_ends]
+        end = RaceEnded(budget=budget, experiments=self._n_told, winner=self._race.best.configuration)
+        if self._n_ends == len(self._record.ends):
+            self._journal.note_end(end)
+        noted = self._record.ends[self._n_ends]
+        self._pending.append(noted)
         if (noted.budget, noted.experiments, noted.winner) != (end.budget, end.experiments, end.winner):
             raise _another(f"the end {end}", f"{noted}")
         self._n_ends += 1
-        self._ended = self._n_ends == len(self.record.budgets)
-
-
-def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
-    """Whether a race stops at what came of an experiment.
-
-    That there was no memory says nothing of a configuration: it stops every race, which can then be resumed.
-    """
-    if not read_result(result)[2]:
-        return False
-    error = error_of(result)
-    return (on_failure == "stop" and not isinstance(error, Rejected)) or lack_of_memory(error) is not None
-
-
-def error_of(result: Measurement | Failed) -> Exception | None:
-    """What it raised, if it did."""
-    return result.error if isinstance(result, Failed) else None
-
-
-def read_result(result: Measurement | Failed) -> tuple[float | None, str, str]:
-    """Score, digest and failure; what is no score is a failure."""
-    if isinstance(result, Failed):
-        return None, "", result.reason
-    if not is_score(result.score):
-        return None, "", f"{EXPECTED}, found {result.score}"
-    return result.score, result.outcome, ""
+        self._ended = self._n_ends == len(self._record.budgets)
 
 
 def _another(expected: str, found: str) -> RaceError:

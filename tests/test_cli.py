@@ -10,12 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from mercator_design.cli import VERBS, cli
 from mercator_design.config import shipped
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission, parse_mission
@@ -606,6 +608,14 @@ def test_help_without_arguments_is_a_page(mdesign):
     assert lines[0].startswith("Usage: mdesign")
     assert {"race", "evaluate", "robots"} <= {line.split()[0] for line in lines if line.startswith("  ")}
     assert "\\n" not in out + err
+
+
+def test_each_verb_has_the_line_of_the_page_of_all_verbs():
+    context = click.Context(cli)
+    assert list(VERBS) == sorted(VERBS)
+    for name, (_, line) in VERBS.items():
+        verb = cli.get_command(context, name)
+        assert (verb.name, verb.get_short_help_str(100)) == (name, line)
 
 
 def test_help_needs_no_heavy_module():

@@ -1,6 +1,6 @@
 """What a race that has ended tells: which parameters or modules matter, and what its winner needs.
 
-The statistics know no robots (race/analysis/importance.py, race/analysis/ablation.py); here they meet run folders and PFSMs.
+The statistics (race/analysis/) know no robots; here they meet run folders and PFSMs.
 """
 
 from collections.abc import Callable, Sequence

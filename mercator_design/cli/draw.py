@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller
+from mercator_design.report.pictures.fsm_diagram import to_dot
 
 
 @click.command(short_help="Print the diagram of an fsm.txt as Graphviz text.")
@@ -13,6 +14,4 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller
 @LENIENT
 def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
     """Print the diagram of an fsm.txt as Graphviz text, e.g. for `| dot -Tsvg > fsm.svg`."""
-    from mercator_design.report.pictures.fsm_diagram import to_dot
-
     put(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)

@@ -1,20 +1,22 @@
 """mdesign evaluate: a controller's scores."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from mercator_design.cli.inputs import ignore, new_simulator, simulator_of
+from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell, warn
-from mercator_design.fsm.pfsm import FLAVOURS
-
-if TYPE_CHECKING:
-    from mercator_design.cli.inputs import Given
-    from mercator_design.fsm.pfsm import Pfsm
-    from mercator_design.sim.simulate import Simulator
+from mercator_design.design import evaluate as measure
+from mercator_design.design import fresh_instances
+from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
+from mercator_design.fsm.text import parse
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.running.executors import available_jobs
+from mercator_design.report.progress import EvaluationDisplay
+from mercator_design.report.summary import evaluation_json, evaluation_summary
+from mercator_design.sim.simulate import Simulator
 
 
 @click.command(short_help="Measure a controller on fresh instances of a mission.")
@@ -70,12 +72,6 @@ def evaluate(
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.
     """  # noqa: D301 - click reads the control character
-    from mercator_design.design import evaluate as measure
-    from mercator_design.design import fresh_instances
-    from mercator_design.race.running.executors import available_jobs
-    from mercator_design.report.progress import EvaluationDisplay
-    from mercator_design.report.summary import evaluation_json, evaluation_summary
-
     given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
     pfsm, simulator = _controller(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     loaded = simulator.mission
@@ -99,17 +95,14 @@ def evaluate(
 
 
 def _controller(
-    fsm: Path | None, fsm_config: str | None, flavour: str | None, given: "Given", *, lenient: bool, quiet: bool
-) -> "tuple[Pfsm, Simulator]":
+    fsm: Path | None, fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
+) -> tuple[Pfsm, Simulator]:
     """What is measured, from a file or as it is, and on what."""
     if (fsm is None) == (fsm_config is None):
         raise click.UsageError("expected either FSM or --fsm-config")
     if fsm is not None:
         file = read_controller(fsm, flavour, lenient=lenient)
         return file.pfsm, simulator_of(fsm, file, given, warn=ignore if quiet else warn)
-    from mercator_design.fsm.text import parse
-    from mercator_design.missions.mission import load_mission
-
     if given["mission"] is None:
         raise click.UsageError("--fsm-config needs --mission")
     tolerate = (lambda what: warn([what])) if lenient else None

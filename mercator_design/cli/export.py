@@ -4,18 +4,25 @@ import contextlib
 import io
 import shlex
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
 from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell, warn
+from mercator_design.design import Designer
+from mercator_design.exports.irace_log import write_irace_log
+from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
+from mercator_design.exports.robot_log_table import write_csv
+from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.running.executors import available_jobs
+from mercator_design.runs.files import read_journal, task_of
+from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 
 @click.group(short_help="Write a mission, a race or a robot's log for other programs.")
@@ -53,12 +60,6 @@ def irace(
 
     The command that runs it is printed.
     """
-    from mercator_design.design import Designer
-    from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
-    from mercator_design.missions.mission import load_mission
-    from mercator_design.race.running.executors import available_jobs
-    from mercator_design.sim.simulate import Simulator
-
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(tell)
@@ -76,9 +77,6 @@ def irace_log(directory: Path, output: Path | None) -> None:
 
     The race may be under way, of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
     """
-    from mercator_design.exports.irace_log import write_irace_log
-    from mercator_design.runs.files import read_journal, task_of
-
     file = output or directory / "irace.Rdata"
     record = read_journal(directory).record
     write_irace_log(file, task_of(directory), record)
@@ -95,7 +93,6 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     which was measured if `mdesign deploy --start` started them. A log that is still being written is exported as far as
     it goes.
     """
-    from mercator_design.exports.robot_log_table import write_csv
 
     def write(file: BinaryIO) -> list[str]:
         return write_csv(logs, file, lambda doubt: warn([doubt]))
@@ -119,17 +116,15 @@ def mcap(log: Path, output: Path) -> None:
     docs/reference/robot-logs.md tells what each channel is. A log that is still being written is exported as far as it
     goes.
     """
-    from mercator_design.exports.robot_logs import write_mcap
-
     if output == Path("-"):
         raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")
     _write([log], output, lambda file: [write_mcap(log, file)])
 
 
 def _write(
-    logs: "Sequence[Path]",
+    logs: Sequence[Path],
     output: Path,
-    write: "Callable[[BinaryIO], list[str]]",
+    write: Callable[[BinaryIO], list[str]],
     stdout: BinaryIO | None = None,
 ) -> None:
     if output.exists() and any(log.exists() and output.samefile(log) for log in logs):
@@ -141,6 +136,6 @@ def _write(
 
 
 @contextlib.contextmanager
-def _new(path: Path) -> "Iterator[BinaryIO]":
+def _new(path: Path) -> Iterator[BinaryIO]:
     with naming(path), replacing(path) as file:
         yield file

@@ -1,28 +1,27 @@
 """What verbs are given: a controller's file, the mission that it is for, a robot model."""
 
 import json
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import Any, TypedDict
 
 import click
 
 from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
+from mercator_design.config.loading import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
+from mercator_design.fsm.text import FsmFile, read_fsm
+from mercator_design.missions.mission import Mission, load_mission, parse_mission
+from mercator_design.missions.plugin_files import read_plugin
+from mercator_design.missions.plugins import run_plugin
+from mercator_design.runs.files import read_provenance
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
 
-    from mercator_design.fsm.text import FsmFile
-    from mercator_design.missions.mission import Mission
-    from mercator_design.sim.simulate import Simulator
-
-
-def new_simulator(mission: "Mission", robot_model: str | None) -> "Simulator":
+def new_simulator(mission: Mission, robot_model: str | None) -> "Simulator":
     """The simulator of a mission, with its own robot model if no other is given."""
-    from mercator_design.sim.robot_model import load_robot_model
-    from mercator_design.sim.simulate import Simulator
-
     return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
 
 
@@ -35,8 +34,8 @@ class Given(TypedDict):
 
 
 def simulator_of(
-    fsm: Path, file: "FsmFile", given: Given, *, warn: "Callable[[Iterable[str]], None]" = warn
-) -> "Simulator":
+    fsm: Path, file: FsmFile, given: Given, *, warn: "Callable[[Iterable[str]], None]" = warn
+) -> Simulator:
     """The simulator for a controller: of the mission and robot model that the user gives, or that its header names.
 
     The header has digests of what was raced. What the user does not give must have these digests. `warn` is told if
@@ -69,7 +68,7 @@ def simulator_of(
 
 
 def load_plugins(
-    files: "Iterable[Path]", *, controller: Path | None, folder: Path | None, flavour: str | None, refuse: bool
+    files: Iterable[Path], *, controller: Path | None, folder: Path | None, flavour: str | None, refuse: bool
 ) -> None:
     """Run plugins; what is known of them is compared before.
 
@@ -84,11 +83,6 @@ def load_plugins(
         MissionError: One is not what it must be, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
-    from mercator_design.fsm.text import read_fsm
-    from mercator_design.missions.plugin_files import read_plugin
-    from mercator_design.missions.plugins import run_plugin
-    from mercator_design.runs.files import read_provenance
-
     found = [(file, read_plugin(file)) for file in files]
     if found and controller is not None:
         origin = origin_of(controller, read_fsm(controller, flavour, tolerate=ignore).header)
@@ -115,14 +109,11 @@ def _key(assignment: str) -> str:
     return assignment.partition("=")[0].strip()
 
 
-def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> "Mission":
+def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> Mission:
     """The mission to measure a controller on: the one given, the one raced beside it, the one its header names.
 
     If the header has the digest of the mission that was raced, the last two must have it too.
     """
-    from mercator_design.config.loading import dump
-    from mercator_design.missions.mission import load_mission, parse_mission
-
     if given is not None:
         return load_mission(given, overrides)
     origin.check_loaded()
@@ -148,7 +139,7 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
     return parse_mission(dump(mission), name=named, overrides=overrides) if overrides else mission
 
 
-def _overrides_of(fsm: Path, header: "Mapping[str, str]") -> list[str]:
+def _overrides_of(fsm: Path, header: Mapping[str, str]) -> list[str]:
     """The overrides that the header says the mission was raced with."""
     text = header.get("set", "[]")
     try:

@@ -1,7 +1,6 @@
 """mdesign missions: list, show and draw them, and make random ones."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -9,10 +8,14 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
 from mercator_design.cli.terminal import terminal_width, warn_of_mission
 from mercator_design.command import naming, put
+from mercator_design.config import shipped
+from mercator_design.config.loading import dump, text_of
 from mercator_design.errors import MercatorError, MissionError
-
-if TYPE_CHECKING:
-    from mercator_design.mission_sampler import MissionClass
+from mercator_design.mission_sampler import MissionClass, sample_mission
+from mercator_design.missions.mission import load_mission
+from mercator_design.report.missions import missions_json, missions_table
+from mercator_design.report.pictures.preview import save_preview
+from mercator_design.system.files import write_text
 
 
 @click.group(invoke_without_command=True)
@@ -30,8 +33,6 @@ def missions(context: click.Context) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: all there is to know, and the file.")
 def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
-    from mercator_design.report.missions import missions_json, missions_table
-
     put(missions_json() if as_json else missions_table(terminal_width()))
 
 
@@ -44,10 +45,6 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
 
     With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
     """
-    from mercator_design.config import shipped
-    from mercator_design.config.loading import dump, text_of
-    from mercator_design.missions.mission import load_mission
-
     loaded = load_mission(mission, overrides)
     if overrides:
         put(dump(loaded), nl=False)
@@ -74,9 +71,6 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
     Prints the name of the picture.
     """
-    from mercator_design.missions.mission import load_mission
-    from mercator_design.report.pictures.preview import save_preview
-
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")
     simulator = new_simulator(loaded, robot_model)
@@ -103,16 +97,12 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     default=".",
     help="Folder of the missions.  [default: this one]",
 )
-def sample(class_: "MissionClass", seed: int, number: int, output: Path) -> None:
+def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
     """Write random missions of a class, for experiments on more missions than a method was made with.
 
     The same class and seed give the same missions, the first of many being the first of a few. Prints the names of the
     files, CLASS-SEED-1.yaml and on; none may be there yet.
     """
-    from mercator_design.config.loading import dump
-    from mercator_design.mission_sampler import sample_mission
-    from mercator_design.system.files import write_text
-
     with naming(output):
         output.mkdir(parents=True, exist_ok=True)
     paths = [output / f"{class_}-{seed}-{k}.yaml" for k in range(1, number + 1)]

@@ -4,13 +4,15 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mercator_design.command import warn
+from mercator_design.config.loading import digest_of
+from mercator_design.design import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
-
-if TYPE_CHECKING:
-    from mercator_design.sim.robot_model import RobotModel
+from mercator_design.missions.plugins import loaded_plugins
+from mercator_design.runs import provenance
+from mercator_design.sim.robot_model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +40,6 @@ class Origin:
         Raises:
             MissionError: One is not.
         """
-        from mercator_design.missions.plugins import loaded_plugins
-
         loaded = loaded_plugins()
         for name, digest in self.plugins():
             if name not in loaded:
@@ -72,10 +72,8 @@ class Origin:
     def _edited(name: str) -> str:
         return f"{excerpt(name)} is not what it was when this was designed"
 
-    def what_differs(self, model: "RobotModel") -> str | None:
+    def what_differs(self, model: RobotModel) -> str | None:
         """What says that a robot model is not what it was; empty if nothing does, None if not all could be compared."""
-        from mercator_design.config.loading import digest_of
-
         found = digest_of(model)
         digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
         known = [digest for digest in digests if digest is not None]
@@ -91,9 +89,6 @@ class Origin:
 
 def origin_of(file: Path, header: Mapping[str, str]) -> Origin:
     """Where the controller of a file with such a header comes from."""
-    from mercator_design.design import Designer
-    from mercator_design.runs import provenance
-
     failed = file.parent.name == "failed"
     place = file.parent.parent if failed else file.parent
     race: Mapping[str, Any] = {}

@@ -9,6 +9,9 @@ from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_
 from mercator_design.cli.terminal import warn_of_doubts, warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, put, read_controller, tell
 from mercator_design.errors import printable
+from mercator_design.report.recording import FORMATS, check_size, write_recording
+from mercator_design.sim.devices import DEVICES
+from mercator_design.system.files import replacing
 
 
 @click.command(short_help="Run one experiment and write what happened.")
@@ -51,10 +54,6 @@ def record(
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
     quaternion. docs/reference/recorded-devices.md says what each measures.
     """
-    from mercator_design.report.recording import FORMATS, check_size, write_recording
-    from mercator_design.sim.devices import DEVICES
-    from mercator_design.system.files import replacing
-
     if output.suffix not in FORMATS:
         raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
     names = list(dict.fromkeys(name.strip() for name in devices.split(",") if name.strip()))

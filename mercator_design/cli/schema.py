@@ -6,6 +6,9 @@ import click
 
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import put
+from mercator_design.config.json_schema import json_schema
+from mercator_design.missions.mission import Mission
+from mercator_design.sim.robot_model import RobotModel
 
 
 @click.command(short_help="Print a JSON Schema, for editors.")
@@ -19,10 +22,6 @@ def schema(kind: str) -> None:
     and, as the first line of a mission beside it:
     # yaml-language-server: $schema=mission.schema.json
     """  # noqa: D301 - click reads the control character
-    from mercator_design.config.json_schema import json_schema
-    from mercator_design.missions.mission import Mission
-    from mercator_design.sim.robot_model import RobotModel
-
     if kind == "mission":
         found = json_schema(Mission, title="A mission", given=("name",))
     else:

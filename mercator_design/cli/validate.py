@@ -2,7 +2,6 @@
 
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -10,12 +9,14 @@ from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.cli.terminal import warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell_all, warn
-from mercator_design.config import spelling
+from mercator_design.config import shipped, spelling
+from mercator_design.config.schema import fields_of
+from mercator_design.config.yaml_tree import Fault, Node, compose, read_text
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
-
-if TYPE_CHECKING:
-    from mercator_design.config.yaml_tree import Node
+from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.sim.robot_model import RobotModel
 
 
 @click.command(short_help="Check missions, robot models and FSM files.")
@@ -42,9 +43,6 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """What a valid file holds, in a few words."""
-    from mercator_design.config import shipped
-    from mercator_design.missions.mission import load_mission
-
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         from mercator_design.sim.checks.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
@@ -77,10 +75,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 
 
-def _content(file: Path) -> "dict[str, Node]":
+def _content(file: Path) -> dict[str, Node]:
     """Of a YAML file; empty if it has no keys, or is no such file."""
-    from mercator_design.config.yaml_tree import Fault, compose, read_text
-
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:
@@ -90,21 +86,12 @@ def _content(file: Path) -> "dict[str, Node]":
 
 def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
     """Whether one of them is of robot.yaml alone."""
-    from mercator_design.config.schema import fields_of
-    from mercator_design.missions.mission import Mission
-    from mercator_design.robot.devices.settings import Settings
-    from mercator_design.sim.robot_model import RobotModel
-
     one_robot, mission, model = (set(map(spelling.folded, fields_of(kind))) for kind in (Settings, Mission, RobotModel))
     return bool(keys & (one_robot - mission - model))
 
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
     """Whether more of them are of robot models only than of missions only, misspelt ones aside."""
-    from mercator_design.config.schema import fields_of
-    from mercator_design.missions.mission import Mission
-    from mercator_design.sim.robot_model import RobotModel
-
     model, mission = (
         set(map(spelling.folded, names)) for names in (["base", *fields_of(RobotModel)], fields_of(Mission))
     )

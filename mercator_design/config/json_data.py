@@ -58,7 +58,7 @@ def from_json(
 
 @functools.cache
 def reader(kind: Kind) -> Callable[[Any], Any]:
-    """What makes a value of a kind from JSON data, or gives `WRONG`; for the kinds of config/building.py, and `object`."""
+    """What makes a value of a kind from JSON data, or gives `WRONG`; for the kinds of building.py, and `object`."""
     base, rules = schema.unwrapped(kind)
     read = _reader(base)
     if not rules:

@@ -2,8 +2,8 @@
 
 The schema is the dataclass: its annotations say what is expected where. Understood are float (finite), int, bool, str,
 Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: told apart by a field that is a
-one-word Literal), and the rules of config/schema.py in Annotated. What a value may be is decided in config/building.py, which texts
-are refused before anything is built in config/yaml_tree.py.
+one-word Literal), and the rules of schema.py in Annotated. What a value may be is decided in building.py, which texts
+are refused before anything is built in yaml_tree.py.
 """
 
 import dataclasses

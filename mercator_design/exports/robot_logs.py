@@ -1,4 +1,4 @@
-"""Logs of robots for other programs, of runs and recordings: rows of tables (exports/robot_log_table.py), and MCAP for Foxglove.
+"""Logs of runs and recordings for other programs: rows of tables (robot_log_table.py), and MCAP for Foxglove.
 
 Event by event, so that a log may be longer than memory. What each column and channel is: docs/reference/robot-logs.md.
 """

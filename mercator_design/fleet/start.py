@@ -1,4 +1,4 @@
-"""All robots begin together, or none does: the leader's end of a joint start (robot/protocols/joint_start.py), over ssh."""
+"""All robots begin together, or none does: the leader's end of a joint start, over ssh."""
 
 import socket
 import time

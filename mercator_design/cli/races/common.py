@@ -2,25 +2,26 @@
 
 import shlex
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import put, tell
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from mercator_design.race.running.executors import Executor
-    from mercator_design.race.running.optuna_mirror import OptunaMirror
-    from mercator_design.race.running.outcome import OnFailure
-    from mercator_design.race.running.task import RaceResult
-    from mercator_design.report.progress import RaceDisplay
-    from mercator_design.runs.folder import RunFolder
+from mercator_design.race.running.events import ExperimentDone, IterationEnded
+from mercator_design.race.running.executors import Executor, ExecutorStopped
+from mercator_design.race.running.optuna_mirror import OptunaMirror
+from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
+from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.task import RaceResult
+from mercator_design.report.columns import with_notes_wrapped
+from mercator_design.report.progress import RaceDisplay
+from mercator_design.report.summary import race_summary
+from mercator_design.runs.files import read_provenance
+from mercator_design.runs.folder import RunFolder
 
 _MOST_TOLD = 10
 """Failures that are told one by one."""
@@ -86,11 +87,8 @@ def _hint(parameter: click.Parameter) -> str:
     return parameter.human_readable_name if isinstance(parameter, click.Argument) else parameter.opts[-1]
 
 
-def reopen(path: Path, task: str) -> "RunFolder":
+def reopen(path: Path, task: str) -> RunFolder:
     """The folder of a race to go on with, which is of such a task."""
-    from mercator_design.runs.files import read_provenance
-    from mercator_design.runs.folder import RunFolder
-
     found = str(read_provenance(path).race["task"])
     if found != task:
         verb = {"mission": "race", "scenario": "tune"}[found]
@@ -112,11 +110,11 @@ def free_folder(name: str) -> Path:
 
 
 def run(
-    folder: "RunFolder",
-    executor: "Executor",
+    folder: RunFolder,
+    executor: Executor,
     how: dict[str, Any],
     *,
-    on_failure: "OnFailure",
+    on_failure: OnFailure,
     optuna: str | None,
     interrupt: Interrupt,
 ) -> None:
@@ -130,12 +128,6 @@ def run(
         optuna: Storage to mirror the race into.
         interrupt: What may stop it.
     """
-    from mercator_design.race.running.executors import ExecutorStopped
-    from mercator_design.race.running.outcome import ExperimentFailed
-    from mercator_design.report.columns import with_notes_wrapped
-    from mercator_design.report.progress import RaceDisplay
-    from mercator_design.report.summary import race_summary
-
     for note in folder.journal.notes:
         tell(f"Note: {note}")
     folder.journal.open_session(**how)
@@ -174,16 +166,13 @@ def run(
 
 
 def _run(
-    folder: "RunFolder",
-    executor: "Executor",
-    on_failure: "OnFailure",
+    folder: RunFolder,
+    executor: Executor,
+    on_failure: OnFailure,
     interrupt: Interrupt,
-    display: "RaceDisplay",
-    mirror: "OptunaMirror | None",
-) -> "RaceResult":
-    from mercator_design.race.running.events import ExperimentDone, IterationEnded
-    from mercator_design.race.running.runner import RaceRun
-
+    display: RaceDisplay,
+    mirror: OptunaMirror | None,
+) -> RaceResult:
     record = folder.journal.record
     known_failures = {number for number, one in record.experiments.items() if one.failure}
     known_iterations = set(record.iterations)
@@ -217,12 +206,10 @@ def _run(
     return race.result
 
 
-def _mirror(storage: str | None, folder: "RunFolder") -> "AbstractContextManager[OptunaMirror | None]":
+def _mirror(storage: str | None, folder: RunFolder) -> "AbstractContextManager[OptunaMirror | None]":
     """What copies the race into an Optuna storage, if there is to be one."""
     if storage is None:
         return nullcontext()
-    from mercator_design.race.running.optuna_mirror import OptunaMirror
-
     task = folder.task
     return OptunaMirror(
         storage,

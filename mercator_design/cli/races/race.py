@@ -3,7 +3,7 @@
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -21,13 +21,15 @@ from mercator_design.cli.races.common import (
 )
 from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
 from mercator_design.command import NumberRange, tell
+from mercator_design.design import Designer
 from mercator_design.fsm.pfsm import FLAVOURS
-
-if TYPE_CHECKING:
-    from mercator_design.race.running.evaluation import Testing
-    from mercator_design.race.running.executors import Executor
-    from mercator_design.race.running.outcome import OnFailure
-    from mercator_design.runs.folder import RunFolder
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.running.evaluation import Testing
+from mercator_design.race.running.executors import Executor, ProcessExecutor, ThreadExecutor, available_jobs
+from mercator_design.race.running.outcome import OnFailure
+from mercator_design.runs.folder import RunFolder
+from mercator_design.runs.provenance import Request
+from mercator_design.sim.simulate import Simulator
 
 _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
 
@@ -98,7 +100,7 @@ def race(
     executor_name: str,
     scheduler: str | None,
     timeout: float | None,
-    on_failure: "OnFailure",
+    on_failure: OnFailure,
     test_runs: int | None,
     test_elites: int | None,
     test_iterations: bool,
@@ -140,10 +142,8 @@ def race(
         run(folder, executor, how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
 
 
-def _testing(before: "Testing | None", given: dict[str, Any]) -> "Testing | None":
+def _testing(before: Testing | None, given: dict[str, Any]) -> "Testing | None":
     """What is tested, as it was before unless something else is asked for."""
-    from mercator_design.race.running.evaluation import Testing
-
     asked = {name: value for name, value in given.items() if value is not None}
     if before is None and "runs" not in asked and asked:
         raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
@@ -153,9 +153,7 @@ def _testing(before: "Testing | None", given: dict[str, Any]) -> "Testing | None
     return testing if testing.runs else None
 
 
-def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> "Executor":
-    from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, available_jobs
-
+def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> Executor:
     if (scheduler is not None) != (name == "dask"):
         raise click.UsageError(
             "--executor dask and --scheduler go together; for a scheduler of your own: "
@@ -178,19 +176,13 @@ def _new_folder(
     overrides: tuple[str, ...],
     output: Path | None,
     how: dict[str, Any],
-    testing: "Testing | None",
+    testing: Testing | None,
     *,
     budget: int,
     seed: int,
     flavour: str,
     method: str,
-) -> "RunFolder":
-    from mercator_design.design import Designer
-    from mercator_design.missions.mission import load_mission
-    from mercator_design.runs.folder import RunFolder
-    from mercator_design.runs.provenance import Request
-    from mercator_design.sim.simulate import Simulator
-
+) -> RunFolder:
     simulator = Simulator(load_mission(mission, overrides))
     warn_of_mission(simulator, refuse=True)
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)

@@ -6,24 +6,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mercator_design.analysis import analysis
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import naming, put, tell, warn
+from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
+from mercator_design.race.running.task import Task
+from mercator_design.report.analysis import ablation_csv, ablation_page, importance_csv, importance_page, save_ablation
+from mercator_design.report.columns import with_notes_wrapped
+from mercator_design.report.progress import AblationDisplay
+from mercator_design.report.runs import run_summary, runs_json, runs_table
+from mercator_design.runs.files import restored
+from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
+from mercator_design.runs.verification import verify as verify_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from mercator_design.race.running.executors import Executor
-    from mercator_design.race.running.task import Task
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @contextlib.contextmanager
-def _stoppable(task: "Task[Any]", jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
+def _stoppable(task: Task[Any], jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
     """What runs experiments of a task, and what tells that they are to stop."""
-    from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor, available_jobs
-
     with Interrupt(then=task.stop) as interrupt:
         try:
             with ThreadExecutor(jobs or available_jobs()) as executor:
@@ -49,8 +54,6 @@ def runs(context: click.Context) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def list_runs(folder: Path, *, as_json: bool = False) -> None:
     """List the races in the folders within FOLDER, by default runs."""
-    from mercator_design.report.runs import runs_json, runs_table
-
     if as_json:
         put(runs_json(folder))
         return
@@ -66,10 +69,6 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 )
 def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
-    from mercator_design.report.columns import with_notes_wrapped
-    from mercator_design.report.runs import run_summary
-    from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
-
     if what is None:
         put(with_notes_wrapped(run_summary(directory), terminal_width()))
     elif what == "experiments":
@@ -97,9 +96,6 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 
     Exit code 1 if something is not as it was.
     """
-    from mercator_design.runs.files import restored
-    from mercator_design.runs.verification import verify as verify_run
-
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped):
         for line in verify_run(directory, task, number, executor, announce=tell, stopped=stopped):
@@ -119,10 +115,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 @PLUGIN
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Tell which modules or parameters explain the scores in the race of DIRECTORY."""
-    from mercator_design.analysis.analysis import importance as found
-    from mercator_design.report.analysis import importance_csv, importance_page
-
-    task, explanation = found(directory, modules=None if what is None else what == "modules", seed=seed)
+    task, explanation = analysis.importance(directory, modules=None if what is None else what == "modules", seed=seed)
     put((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
 
 
@@ -158,16 +151,11 @@ def ablation(
     States and transitions are taken out until the initial state is alone. With --from or --from-first, other
     configurations become the winner instead, by the parameter that gains most, again and again.
     """
-    from mercator_design.analysis.analysis import ablation as found
-    from mercator_design.report.analysis import ablation_csv, ablation_page, save_ablation
-    from mercator_design.report.progress import AblationDisplay
-    from mercator_design.runs.files import restored
-
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped), AblationDisplay() as display:
-        result = found(
+        result = analysis.ablation(
             directory,
             task,
             executor,

@@ -1,8 +1,11 @@
 """mdesign tune: the parameters of any program, as irace finds them."""
 
+import csv
+import io
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -20,15 +23,19 @@ from mercator_design.cli.races.common import (
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, naming, put, tell
 from mercator_design.errors import MercatorError, printable
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from mercator_design.race.irace.scenario_text import Assignment
-    from mercator_design.race.irace.tuner import Tuner
-    from mercator_design.race.running.events import Measurement
-    from mercator_design.race.running.outcome import OnFailure
-    from mercator_design.runs.folder import RunFolder
+from mercator_design.race.irace.configurations import read_configurations
+from mercator_design.race.irace.scenario import read_scenario
+from mercator_design.race.irace.scenario_text import Assignment
+from mercator_design.race.irace.tuner import Tuner
+from mercator_design.race.methods.table import RACES
+from mercator_design.race.running.evaluation import Testing
+from mercator_design.race.running.events import Measurement
+from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected, ThreadExecutor
+from mercator_design.race.running.outcome import OnFailure
+from mercator_design.report.columns import aligned
+from mercator_design.runs.folder import RunFolder
+from mercator_design.runs.provenance import Request
+from mercator_design.system.files import write_text
 
 _WHAT_IT_BEGAN_WITH = (
     "scenario",
@@ -85,7 +92,7 @@ def tune(
     only_test: Path | None,
     output: Path | None,
     resume: Path | None,
-    on_failure: "OnFailure",
+    on_failure: OnFailure,
     optuna: str | None,
 ) -> None:
     """Find parameters of the program of SCENARIO, irace's scenario.txt.
@@ -105,11 +112,6 @@ def tune(
         raise click.UsageError("--optuna and --speculate are of a race: --check and --only-test run none")
     if check and (only_test is not None or output is not None):
         raise click.UsageError("--check takes neither --only-test nor --output")
-    from mercator_design.race.irace.scenario import read_scenario
-    from mercator_design.race.irace.tuner import Tuner
-    from mercator_design.race.methods.table import RACES
-    from mercator_design.race.running.executors import ThreadExecutor
-
     if resume is not None:
         folder = reopen(resume, "scenario")
     else:
@@ -137,10 +139,8 @@ def tune(
         run(folder, ThreadExecutor(jobs), how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
 
 
-def _given(**options: "Path | int | None") -> "list[Assignment]":
+def _given(**options: Path | int | None) -> "list[Assignment]":
     """What the command line sets, by irace's names; its paths are relative to the present folder."""
-    from mercator_design.race.irace.scenario_text import Assignment
-
     return [
         Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")
         for name, value in options.items()
@@ -148,16 +148,14 @@ def _given(**options: "Path | int | None") -> "list[Assignment]":
     ]
 
 
-def _check(tuner: "Tuner") -> None:
+def _check(tuner: Tuner) -> None:
     """Run the first experiments of a race: configurations to begin with, and two more.
 
     In a thread, as all runs of programs: a signal in the main thread then finds each program that has started.
     """
-    from mercator_design.race.running.executors import Failed, Rejected, ThreadExecutor
-
     failed = False
 
-    def show(command: str, run: "Callable[[], Measurement]", *, is_cost: bool) -> bool:
+    def show(command: str, run: Callable[[], Measurement], *, is_cost: bool) -> bool:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
         put(command)
@@ -185,16 +183,8 @@ def _check(tuner: "Tuner") -> None:
         raise MercatorError("expected all of these to give a cost, found that some failed")
 
 
-def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
+def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
     """Test configurations, and show their costs as a table; with an output, write it there as tests.csv."""
-    import csv
-    import io
-
-    from mercator_design.race.irace.configurations import read_configurations
-    from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
-    from mercator_design.report.columns import aligned
-    from mercator_design.system.files import write_text
-
     instances = tuner.scenario.test_instances
     if not instances:
         expected = "testInstances, testInstancesDir or testInstancesFile"
@@ -223,11 +213,7 @@ def _only_test(tuner: "Tuner", file: Path, output: Path | None, jobs: int, on_fa
             write_text(output / "tests.csv", table.getvalue())
 
 
-def _new_folder(scenario: Path, tuner: "Tuner", output: Path | None, method: str) -> "RunFolder":
-    from mercator_design.race.running.evaluation import Testing
-    from mercator_design.runs.folder import RunFolder
-    from mercator_design.runs.provenance import Request
-
+def _new_folder(scenario: Path, tuner: Tuner, output: Path | None, method: str) -> "RunFolder":
     of = tuner.scenario
     testing = None
     if of.test_instances and of.test_elites:

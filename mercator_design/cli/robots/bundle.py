@@ -5,6 +5,10 @@ from pathlib import Path
 import click
 
 from mercator_design.command import OUTPUT_FILE, naming, tell
+from mercator_design.errors import RobotError
+from mercator_design.fleet.bundle import bundle as make
+from mercator_design.fleet.bundle import is_bundle
+from mercator_design.system.files import write_bytes
 
 
 @click.command(short_help="Write mercator-robot as one file.")
@@ -22,11 +26,6 @@ def bundle(output: Path) -> None:
 
     What it needs, click, PyYAML and pyserial, is in it as it is installed here. One that is there already is replaced.
     """
-    from mercator_design.errors import RobotError
-    from mercator_design.fleet.bundle import bundle as make
-    from mercator_design.fleet.bundle import is_bundle
-    from mercator_design.system.files import write_bytes
-
     with naming(output):
         if output.is_file() and not is_bundle(output):
             raise RobotError(f"{output} is there already, and is no zip application; give another name, or remove it")

@@ -5,9 +5,14 @@ from pathlib import Path
 
 import click
 
+from mercator_design.calibration.sensors import calibrate as fit
 from mercator_design.cli.options import picture, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell
+from mercator_design.config.loading import is_name
 from mercator_design.errors import MercatorError
+from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.system.files import write_text
 
 
 @click.command(short_help="Fit the noise of a robot's sensors to recordings.")
@@ -50,12 +55,6 @@ def calibrate(
     for the other distribution (below 2: nobody can tell); the chance p of
     a fit as bad if the noise is this (below 0.05: it is something else).
     """  # noqa: D301 - click reads the control character
-    from mercator_design.calibration.sensors import calibrate as fit
-    from mercator_design.config.loading import is_name
-    from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
-    from mercator_design.sim.robot_model import load_robot_model
-    from mercator_design.system.files import write_text
-
     if output.exists():
         raise MercatorError(f"{output} is there already; give another name, or remove it")
     result = fit(recordings, load_robot_model(base), seed=seed)

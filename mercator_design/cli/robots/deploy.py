@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -18,10 +17,14 @@ from mercator_design.command import (
     tell,
 )
 from mercator_design.errors import RobotError, printable
+from mercator_design.fleet import deploy as do
+from mercator_design.fleet.check import check, table, wrong
+from mercator_design.fleet.deploy import Fleet, RobotOutcome
+from mercator_design.fleet.start import start
+from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.text import FsmFile
-
-if TYPE_CHECKING:
-    from mercator_design.fleet.deploy import Fleet, RobotOutcome
+from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of, reference_model_of
+from mercator_design.robot.run.senses import why_device_is_needed
 
 
 @click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
@@ -80,9 +83,6 @@ def deploy(
     if without and not (start or check):
         raise click.UsageError("--without is of --start and --check")
 
-    from mercator_design.fleet import deploy as do
-    from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of
-
     fleet = do.read_fleet(robots)
     results = []
     cycle = CONTROL_PERIOD
@@ -112,19 +112,13 @@ def deploy(
 
 def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
     """Refuse to go without devices that the PFSM needs; a robot whose own settings need one refuses that itself."""
-    from mercator_design.fsm import ReferenceModel
-    from mercator_design.robot.devices.settings import reference_model_of
-    from mercator_design.robot.run.senses import why_device_is_needed
-
     model = reference_model_of(file.header, ReferenceModel())
     for device in without:
         if why := why_device_is_needed(device, file.pfsm.reads, model):
             raise click.UsageError(f"--without {device}: {why}")
 
 
-def _check(fleet: "Fleet", timeout: float, options: list[str]) -> None:
-    from mercator_design.fleet.check import check, table, wrong
-
+def _check(fleet: Fleet, timeout: float, options: list[str]) -> None:
     checked = check(fleet, timeout, options)
     for row in table(checked):
         put(printable(row))
@@ -135,9 +129,7 @@ def _check(fleet: "Fleet", timeout: float, options: list[str]) -> None:
         raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
 
 
-def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> None:
-    from mercator_design.fleet.start import start
-
+def _start(fleet: Fleet, options: list[str], timeout: float, cycle: float) -> None:
     started = start(fleet, options, timeout, cycle)
     _shown(started.results)
     if started.why:
@@ -147,7 +139,7 @@ def _start(fleet: "Fleet", options: list[str], timeout: float, cycle: float) -> 
         tell(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
 
 
-def _shown(results: "list[RobotOutcome]") -> "list[RobotOutcome]":
+def _shown(results: list[RobotOutcome]) -> "list[RobotOutcome]":
     for each in results:
         row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
         put(printable(row))

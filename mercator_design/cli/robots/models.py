@@ -4,7 +4,11 @@ import click
 
 from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import put
+from mercator_design.config import shipped
+from mercator_design.config.loading import text_of
 from mercator_design.errors import MissionError
+from mercator_design.report.missions import robot_models_table
+from mercator_design.sim.robot_model import load_robot_model
 
 
 @click.group(invoke_without_command=True)
@@ -21,8 +25,6 @@ def robots(context: click.Context) -> None:
 @robots.command("list")
 def list_robots() -> None:
     """List the shipped robot models."""
-    from mercator_design.report.missions import robot_models_table
-
     put(robot_models_table(terminal_width()))
 
 
@@ -30,9 +32,5 @@ def list_robots() -> None:
 @click.argument("name")
 def show_robot(name: str) -> None:
     """Print the YAML of a robot model as it stands, with its comments."""
-    from mercator_design.config import shipped
-    from mercator_design.config.loading import text_of
-    from mercator_design.sim.robot_model import load_robot_model
-
     load_robot_model(name)
     put(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True)

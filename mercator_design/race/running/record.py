@@ -61,7 +61,7 @@ class Record:
 
     @property
     def record(self) -> "Record":
-        """This: what is noted here is in memory alone, as what is noted in a journal is in its `record` and its file."""
+        """This, as `Journal.record`: what is noted here is in memory alone."""
         return self
 
     @property

@@ -1,7 +1,7 @@
 """What can be raced, whatever it is: a race over its configurations, and what one of its experiments is.
 
-Of a mission it is a `design.Designer`, of any program a `Tuner`. All else is the same for all of them: how a race is run
-(race/running/runner.py), and the folder that it leaves behind (runs/folder.py).
+Of a mission it is a `design.Designer`, of any program a `Tuner`. All else is the same for all of them: how a race is
+run (runner.py), and the folder that it leaves behind (runs/folder.py).
 """
 
 from abc import ABC, abstractmethod

@@ -1,7 +1,7 @@
 """What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
 
-An event a line (config/checked_lines.py), only ever appended, with the number of the line: lines that are missing are noticed.
-Of a recording: recording.py. Of a run:
+An event a line (config/checked_lines.py), only ever appended, with the number of the line: lines that are missing are
+noticed. Of a recording: recording.py. Of a run:
 
     start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves; of a
             run that began together with others, `clock`: how far this computer's clock of the day was `ahead` of the

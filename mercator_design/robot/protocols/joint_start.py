@@ -1,6 +1,6 @@
 """A joint start: robots begin to run within one control cycle of each other, or none goes on.
 
-One computer, the leader, has a connection of lines (robot/protocols/clocks.py) to each robot, a follower. Both ends are here, without
+One computer, the leader, has a connection of lines (clocks.py) to each robot, a follower. Both ends are here, without
 input or output: lines in, lines out, and the time is an argument [s].
 
     follower                          leader

@@ -329,13 +329,13 @@ def test_optuna_s_own_pruner_does_the_same():
         other = best + draws.integers(-1, 3, 8)
         for costs in (best, other):
             trial = study.ask()
-            (number,) = race._add([({}, None)])
+            (number,) = race.history.add([({}, None)])
             for instance, cost in enumerate(costs.tolist()):
                 trial.report(cost, instance)
-                race._costs[number][instance] = cost
+                race.history.costs[number][instance] = cost
                 decisions.append((race._is_worse(number), trial.should_prune()))
             study.tell(trial, costs.mean())
-            race.elites = [race.statistics(0)]
+            race.history.elites = [race.statistics(0)]
     assert all(ours == theirs for ours, theirs in decisions)
     assert 20 < sum(ours for ours, _ in decisions) < 300
 

@@ -4,7 +4,6 @@ What is asked depends on the space, the budget, the seed and the costs alone. Co
 rejects its configuration for good. The budget is never exceeded, not even by an experiment.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -13,8 +12,8 @@ import numpy as np
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError
+from mercator_design.race.racing.history import History
 from mercator_design.race.racing.race import Experiment, check_costs
-from mercator_design.race.racing.stagnation import judged
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
@@ -35,10 +34,7 @@ class Optimizer(ABC):
 
     Attributes:
         options: What else makes the method what it is.
-        configurations: All that were ever proposed; an experiment names one by its place in this list.
-        parents: What configuration each of these comes from, if from one.
-        elites: The best after the last iteration that has ended, best first.
-        iterations: Summaries of the iterations that have ended.
+        history: What was tried, what it cost, and what came of it.
         notes: What differs from what a user may expect.
         stop_reason: Why there are no more iterations, None as long as there may be.
 
@@ -54,18 +50,11 @@ class Optimizer(ABC):
         self.seed = _whole("seed", seed, 0)
         if space.n_variable == 0:
             raise RaceError("space: expected at least one parameter with more than one value, found none")
-        self.configurations: list[Configuration] = []
-        self.parents: list[int | None] = []
-        self.elites: list[Elite] = []
-        self.iterations: list[IterationSummary] = []
+        self.history = History(space)
         self.notes: list[str] = []
         self.stop_reason: str | None = None
 
         self._iteration = 0
-        self._used = 0
-        self._costs: list[dict[int, float]] = []  # of each configuration, by instance
-        self._rejected: set[tuple[Value | None, ...]] = set()
-        self._numbers: dict[tuple[Value | None, ...], int] = {}  # of all configurations; the first of equal ones
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
         self._error: RaceError | None = None
@@ -82,11 +71,11 @@ class Optimizer(ABC):
     @property
     def returning(self) -> set[int]:
         """The configurations of iterations that have ended that may run again."""
-        return {elite.configuration for elite in self.elites}
+        return set(self.history.elite_configurations)
 
     def beside(self, instance: int) -> list[int]:
         """The configurations that compete with those that are asked for, and that have been on an instance before."""
-        return [elite.configuration for elite in self.elites if instance in self._costs[elite.configuration]]
+        return [number for number in self.history.elite_configurations if instance in self.history.costs[number]]
 
     def revise(self, costs: Mapping[Experiment, float]) -> None:
         """Replace costs that were told; one that is infinite rejects its configuration.
@@ -94,21 +83,36 @@ class Optimizer(ABC):
         Raises:
             RaceError: All configurations of the race have been rejected.
         """
-        for experiment, cost in costs.items():
-            self._costs[experiment.configuration][experiment.instance] = float(cost)
-            if math.isinf(cost):
-                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
-        accepted = [elite.configuration for elite in self.elites if not self._is_rejected(elite.configuration)]
-        self.elites = [self.statistics(number) for number in accepted] or self.elites
+        self.history.revise(costs)
 
     @abstractmethod
     def _run(self) -> Batches:
         """The whole algorithm, up to the end of the budget; each batch it yields is sent its costs."""
 
     @property
+    def configurations(self) -> list[Configuration]:
+        """All that were ever proposed; an experiment names one by its place in this list."""
+        return self.history.configurations
+
+    @property
+    def parents(self) -> list[int | None]:
+        """The configuration that each of these comes from, None if from no other."""
+        return self.history.parents
+
+    @property
+    def elites(self) -> list[Elite]:
+        """The best of the last iteration that has ended, best first."""
+        return self.history.elites
+
+    @property
+    def iterations(self) -> list[IterationSummary]:
+        """Summaries of the iterations that have ended."""
+        return self.history.iterations
+
+    @property
     def used(self) -> int:
         """Experiments told."""
-        return self._used
+        return self.history.n_told
 
     @property
     def iteration(self) -> int:
@@ -128,13 +132,11 @@ class Optimizer(ABC):
 
     def costs(self, configuration: int) -> dict[int, float]:
         """The costs of a configuration so far, by instance."""
-        return dict(self._costs[configuration])
+        return dict(self.history.costs[configuration])
 
     def statistics(self, configuration: int) -> Elite:
         """The costs of a configuration in short; it must have some."""
-        costs = np.array(list(self._costs[configuration].values()))
-        sd = float(costs.std(ddof=1)) if len(costs) > 1 else math.nan
-        return Elite(configuration=configuration, mean=float(costs.mean()), sd=sd, n_results=len(costs))
+        return self.history.statistics(configuration)
 
     def ask(self) -> list[Experiment]:
         """The next experiments, the same until their costs are told; none at the end.
@@ -156,11 +158,7 @@ class Optimizer(ABC):
         if not self._batch:
             raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
         check_costs(self._batch, costs)
-        self._used += len(costs)
-        for experiment, cost in zip(self._batch, costs, strict=True):
-            self._costs[experiment.configuration][experiment.instance] = cost
-            if math.isinf(cost):
-                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
+        self.history.record(self._batch, costs)
         told = [float(cost) for cost in costs]
         self._advance(lambda: self._batches.send(told))
 
@@ -189,23 +187,6 @@ class Optimizer(ABC):
             self._batch, self._error = None, error
             raise
 
-    def _conclude(self, summary: IterationSummary, newcomers: Sequence[int]) -> None:
-        """Take in an iteration that has ended, and what it means beside those before it."""
-        if not summary.postselection:
-            earlier = [iteration for iteration in self.iterations if not iteration.postselection]
-            summary = judged(summary, earlier, self.costs, newcomers, self.budget)
-        self.iterations.append(summary)
-
-    def _add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
-        """Number new configurations, each with its parent."""
-        first = len(self.configurations)
-        for number, (configuration, parent) in enumerate(children, start=first):
-            self.configurations.append(configuration)
-            self._numbers.setdefault(self.space.key(configuration), number)
-            self.parents.append(parent)
-            self._costs.append({})
-        return list(range(first, len(self.configurations)))
-
     def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
         """Configurations to begin with.
 
@@ -223,14 +204,6 @@ class Optimizer(ABC):
                 raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
             found[self.space.key(configuration)] = configuration
         return list(found.values())
-
-    def _is_rejected(self, number: int) -> bool:
-        return self.space.key(self.configurations[number]) in self._rejected
-
-    def _is_excluded(self, configuration: Configuration) -> bool:
-        return self.space.is_forbidden(configuration) or (
-            bool(self._rejected) and self.space.key(configuration) in self._rejected
-        )
 
     def _generator(self, purpose: str) -> np.random.Generator:
         return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")

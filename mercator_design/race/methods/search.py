@@ -121,7 +121,7 @@ class Search(Optimizer):
             iteration=self._iteration,
             iterations=self._n_iterations,
             alive=len(self._alive) or len(self.elites),
-            used=self._used,
+            used=self.used,
             budget=self.budget,
             best=self.elites[0] if self.elites else None,
         )
@@ -136,20 +136,20 @@ class Search(Optimizer):
         return max(self.options.instances, self.elites[0].n_results if self.elites else 0)
 
     def _run(self) -> Batches:
-        while (n := min(self.options.generation, (self.budget - self._used) // self._n_instances)) > 0:
+        while (n := min(self.options.generation, (self.budget - self.used) // self._n_instances)) > 0:
             proposals = self._proposals(n)
             if not proposals:
                 self.stop_reason = "no configuration was found that has not run"
                 break
             self._iteration += 1
             # More, if some are pruned.
-            left = (self.budget - self._used) / (self._n_instances * self.options.generation)
+            left = (self.budget - self.used) / (self._n_instances * self.options.generation)
             self._n_iterations = self._iteration - 1 + math.ceil(left)
             yield from self._generation(proposals)
         else:
             self.stop_reason = "the budget left is too small for another configuration"
         self._n_iterations = self._iteration
-        if self._used < self.budget:
+        if self.used < self.budget:
             yield from self._confirm()
 
     def _proposals(self, n: int) -> dict[int, list[Proposal]]:
@@ -158,12 +158,12 @@ class Search(Optimizer):
         tries = 0
         while len(found) < n and tries < _MOST_TRIES:
             proposal = self._sampler(self._initial.pop(0) if self._initial else None)
-            number = self._numbers.get(self.space.key(proposal.configuration))
+            number = self.history.number(proposal.configuration)
             tries += 1
-            if self._is_excluded(proposal.configuration):
+            if self.history.is_excluded(proposal.configuration):
                 proposal.finish(None)
             elif number is None:
-                (number,) = self._add([(proposal.configuration, None)])
+                (number,) = self.history.add([(proposal.configuration, None)])
                 found[number] = [proposal]
                 tries = 0
             elif number in found:
@@ -179,22 +179,24 @@ class Search(Optimizer):
 
     def _generation(self, proposals: dict[int, list[Proposal]]) -> Batches:
         """Run new configurations, and let the sampler know."""
-        before, n_instances, waiting = self._used, self._n_instances, list(proposals)
+        before, n_instances, waiting = self.used, self._n_instances, list(proposals)
         while self.options.pruning is not None and waiting and not self.elites:  # the first that others compare with
             yield from self._run_through(waiting[:1], n_instances)
             self._rank(waiting[:1])
             del waiting[0]
         yield from self._run_through(waiting, n_instances)
         for number, same in proposals.items():
-            if not self._is_rejected(number):
+            if not self.history.is_rejected(number):
                 self._means[number] = self.statistics(number).mean
             for proposal in same:
                 proposal.finish(self._means.get(number))
         self._rank(proposals)
         if not self.elites:
             raise RaceError(ALL_REJECTED)
-        alive = [number for number in proposals if number in self._means and len(self._costs[number]) == n_instances]
-        self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self._used - before)
+        alive = [
+            number for number in proposals if number in self._means and len(self.history.costs[number]) == n_instances
+        ]
+        self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self.used - before)
 
     def _run_through(self, numbers: Sequence[int], n_instances: int) -> Batches:
         """Run configurations on all instances, but for those that are pruned or rejected."""
@@ -214,7 +216,7 @@ class Search(Optimizer):
         """Whether to prune a configuration, from its results on instances that the best has seen, too."""
         if self.options.pruning is None or not self.elites:
             return False
-        own, others = self._costs[number], self._costs[self.best.configuration]
+        own, others = self.history.costs[number], self.history.costs[self.best.configuration]
         if sum(own.values()) / len(own) <= self.best.mean:
             return False
         differences = np.array([cost - others[instance] for instance, cost in own.items() if instance in others])
@@ -223,9 +225,9 @@ class Search(Optimizer):
     def _confirm(self) -> Batches:
         """Spend what is left on the best, an instance that they have not seen at a time."""
         self._iteration += 1
-        before, first = self._used, self.elites[0].n_results
+        before, first = self.used, self.elites[0].n_results
         raced = [elite.configuration for elite in self.elites if elite.n_results == first]
-        while (left := self.budget - self._used) > 0:
+        while (left := self.budget - self.used) > 0:
             most = self.elites[0].n_results
             self._alive = [elite.configuration for elite in self.elites if elite.n_results == most][:left]
             self._instances = range(most + 1, most + left // len(self._alive))
@@ -233,25 +235,25 @@ class Search(Optimizer):
             self._rank([])
             if not self.elites:
                 raise RaceError(ALL_REJECTED)
-        alive = [number for number in raced if not self._is_rejected(number)]
-        self._end_iteration(raced, alive, budget=self.budget - before, used=self._used - before, postselection=True)
+        alive = [number for number in raced if not self.history.is_rejected(number)]
+        self._end_iteration(raced, alive, budget=self.budget - before, used=self.used - before, postselection=True)
 
     def _rank(self, newcomers: Iterable[int]) -> None:
         """Choose the elites from those there were and newcomers; from all, if these have been rejected."""
         former = [elite.configuration for elite in self.elites]
-        accepted = [number for number in dict.fromkeys([*former, *newcomers]) if not self._is_rejected(number)]
+        accepted = [number for number in dict.fromkeys([*former, *newcomers]) if not self.history.is_rejected(number)]
         if not accepted:
-            accepted = [number for number in self._means if not self._is_rejected(number)]
+            accepted = [number for number in self._means if not self.history.is_rejected(number)]
         ranked = sorted(map(self.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
-        self.elites = ranked[:_MOST_ELITES]
+        self.history.elites = ranked[:_MOST_ELITES]
 
     def _end_iteration(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False
     ) -> None:
         """Note what an iteration was."""
         self._alive, self._instances = [], range(0)
-        n_instances = min((len(self._costs[number]) for number in alive), default=0)
-        costs = np.array([list(self._costs[number].values())[:n_instances] for number in alive])
+        n_instances = min((len(self.history.costs[number]) for number in alive), default=0)
+        costs = np.array([list(self.history.costs[number].values())[:n_instances] for number in alive])
         newcomers = [] if postselection else raced
         summary = IterationSummary(
             iteration=self._iteration,
@@ -268,4 +270,4 @@ class Search(Optimizer):
             survivors=tuple(alive),
             concordance=concordance(costs.T.reshape(n_instances, len(alive))),
         )
-        self._conclude(summary, newcomers)
+        self.history.conclude(summary, newcomers, self.budget)

@@ -124,6 +124,11 @@ class RaceOptions:
         )
 
     @property
+    def confirms(self) -> bool:
+        """Whether the winner is confirmed, for which there must be instances that nobody has seen."""
+        return self.confirmation > 0 and self.instances is None
+
+    @property
     def planned_mu(self) -> int:
         """Mu, but no fewer instances than there are before the first test."""
         return max(self.mu, self._instances_of_first_test)

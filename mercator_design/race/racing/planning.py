@@ -1,0 +1,158 @@
+"""How an iterated race spends its budget: how many iterations, and how many configurations each of them races."""
+
+from dataclasses import dataclass
+
+from mercator_design.errors import RaceError
+from mercator_design.race.racing import budget as arithmetic
+from mercator_design.race.racing.options import RaceOptions
+
+
+@dataclass(frozen=True, slots=True)
+class IterationPlan:
+    """The next iteration.
+
+    number: From 1.
+    budget: How many experiments it may make.
+    n_configurations: How many race, elites included.
+    """
+
+    number: int
+    budget: int
+    n_configurations: int
+
+
+class Planner:
+    """Plans one iteration after the other, from what is left of the budget.
+
+    n_iterations: How many there will probably be.
+    survivors: How many configurations end a race.
+    reserved: Experiments that are kept for the confirmation of the winner.
+    note: In what the plan is not irace's, if it is not.
+    """
+
+    def __init__(self, options: RaceOptions, n_variable: int, budget: int) -> None:
+        """Plan a race.
+
+        Args:
+            options: Of the race.
+            n_variable: Parameters to choose.
+            budget: Experiments in all.
+
+        Raises:
+            RaceError: The budget is not enough for one iteration, or n_configurations for a race.
+        """
+        self._options, self._n_variable = options, n_variable
+        plan = self._plan(budget)
+        self.n_iterations, self.survivors, self.note = plan.iterations, plan.survivors, plan.note
+        self._max_configurations = plan.configurations
+        self._n_new_instances = options.new_instances
+        self._before = 0  # iterations that came before the budget was extended and are not counted
+        wanted = options.n_configurations
+        if wanted is not None and wanted <= plan.survivors:
+            raise RaceError(
+                f"race option n_configurations: expected more than the {plan.survivors} survivors that end a race, "
+                f"found {wanted}"
+            )
+
+    def extend(self, left: int, iteration: int) -> None:
+        """Plan what was added to the budget after an iteration as a race of its own.
+
+        Its first iteration takes the place of a second one, as it begins with elites.
+        """
+        self._before = iteration - 1
+        try:
+            plan = self._plan(left)
+        except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
+            self.n_iterations = iteration + 1
+        else:
+            self.n_iterations = iteration + plan.iterations
+            self._max_configurations = plan.configurations
+        self._n_new_instances = self._options.new_instances
+
+    def age(self, iteration: int) -> int:
+        """An iteration's number since the budget was last extended."""
+        return iteration - self._before
+
+    def n_new(self, n_seen: int) -> int:
+        """New instances that a later elitist race begins with, when some were seen."""
+        total = self._options.instances
+        return self._n_new_instances if total is None else min(self._n_new_instances, total - n_seen)
+
+    def next(self, number: int, *, left: int, n_elites: int, n_seen: int) -> IterationPlan | str:
+        """Plan an iteration, or say why there is none.
+
+        Args:
+            number: Of the iteration.
+            left: Of the budget, all in all.
+            n_elites: Elites that there are.
+            n_seen: Instances that were seen.
+        """
+        options, remaining = self._options, left - self.reserved
+        if remaining <= 0:
+            return "the whole budget is used"
+        if number > self.n_iterations and options.iterations is not None:
+            return f"all {self.n_iterations} iterations are done"
+        share = arithmetic.iteration_budget(remaining, number, max(number, self.n_iterations))
+        budget = min(options.experiments_per_iteration or share, remaining)
+        n = self._n_configurations(budget, self.age(number), n_elites, n_seen)
+        wanted = options.n_configurations
+        if wanted is not None and n < wanted:
+            if budget == share < remaining:
+                return self.next(number + 1, left=left, n_elites=n_elites, n_seen=n_seen)
+            return f"the budget left is too small to race {wanted} configurations"
+        n = n if wanted is None else wanted
+        if n <= self.survivors:
+            return f"the budget left is too small to race more than {self.survivors} configurations"
+        if n <= n_elites:
+            return "the budget left is too small to sample configurations"
+        mu = options.planned_mu
+        needed = n * mu
+        if options.elitist:
+            needed = (n - n_elites) * mu + n_elites * min(self.n_new(n_seen), mu)
+        if needed > budget:
+            return "the budget left is too small to test configurations"
+        return IterationPlan(number, budget, n)
+
+    def _plan(self, left: int) -> arithmetic.Plan:
+        """Plan what is left of the budget, some of which is kept for the confirmation if an iteration fits beside."""
+        options = self._options
+        self.reserved = 0
+        plan = arithmetic.plan(
+            left,
+            n_variable=self._n_variable,
+            mu=options.planned_mu,
+            each_test=options.instances_each_test,
+            n_new=options.new_instances,
+            elitist=options.elitist,
+            iterations=options.iterations,
+            survivors=options.survivors,
+        )
+        if options.confirms:
+            self.reserved = min(int(options.confirmation * left), left - plan.least)
+        return plan
+
+    def _n_configurations(self, budget: int, age: int, n_elites: int, n_seen: int) -> int:
+        """As many as the budget allows, if need be without new instances, and then with few instances at all."""
+        options = self._options
+        is_keeping = options.elitist and n_elites > 0
+
+        def fitting(growth: int, mu: int) -> int:
+            return arithmetic.n_configurations(
+                budget,
+                growth,
+                mu=mu,
+                each_test=options.instances_each_test,
+                n_elites=n_elites if is_keeping else 0,
+                n_old=n_seen if is_keeping else 0,
+                n_new=self.n_new(n_seen) if is_keeping else 0,
+            )
+
+        n = fitting(age, options.planned_mu)
+        if n <= self.survivors:
+            self._n_new_instances = 0  # from now on
+            n = fitting(age, options.planned_mu)
+        if n <= self.survivors:
+            n = fitting(1, 1)
+        if self._max_configurations is None or options.n_configurations:
+            return n
+        return min(n, self._max_configurations)

@@ -16,12 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import SimulationError
-from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.fsm.reference import Readings, ReferenceModel
-from mercator_design.jit import compiled, jittable
-from mercator_design.missions.dynamics import change_floor
+from mercator_design.fsm.reference import Readings
+from mercator_design.jit import compiled
 from mercator_design.missions.trace import every_nth
-from mercator_design.sim.kernels.lidar import scan
+from mercator_design.sim.kernels.measuring import (
+    add_noise,
+    fill_clusters,
+    fill_directions,
+    fill_ground,
+    fill_lidar,
+    fill_light_sensors,
+    fill_lux,
+    fill_places,
+    fill_proximity,
+    fill_weights,
+)
 from mercator_design.sim.kernels.noise import (
     ACCELEROMETER_DRAWS,
     AMBIENT_LIGHT_DRAWS,
@@ -32,11 +41,8 @@ from mercator_design.sim.kernels.noise import (
     PROXIMITY_DRAWS,
     QUATERNION_DRAWS,
     VELOCITY_DRAWS,
-    noise,
 )
 from mercator_design.sim.kernels.scene import Scene
-from mercator_design.sim.kernels.sensing import ground_under, sense_light, sense_obstacles, sense_robots
-from mercator_design.sim.kernels.sight import cast, is_lit
 from mercator_design.sim.kernels.swarm import History, Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import (
@@ -159,7 +165,7 @@ def ground_sensors(recording: Recording, sensors: Ground, cycles: Cycles) -> Flo
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.positions), 3))
     scene = recording.scene._replace(floor=recording.scene.floor.copy())
     poses = _placed(recording, np.arange(cycles.max(initial=-1) + 1))  # all, for the floor may change in each
-    compiled(_fill_ground)(scene, _scratch(recording), poses, cycles, found)
+    compiled(fill_ground)(scene, _scratch(recording), poses, cycles, found)
     return found
 
 
@@ -178,12 +184,12 @@ def neighbour_places(recording: Recording, sensor: Neighbours | LidarNeighbours,
     if isinstance(sensor, LidarNeighbours):
         scans = lidar(recording, None, cycles)
         found = np.full((len(cycles), robots, int(scans.shape[2] / max(1.0, model.cluster_points)), 2), np.nan)
-        compiled(_fill_clusters)(scene, model, _scratch(recording), scans, found)
+        compiled(fill_clusters)(scene, model, _scratch(recording), scans, found)
         return found
     found = np.full((len(cycles), robots, robots, 2), np.nan)
     # A memory of one cycle, which says where each robot is.
     scratch = _scratch(recording)._replace(heard=np.zeros((robots, robots, 1, 3)))
-    compiled(_fill_places)(scene, model, scratch, _placed(recording, cycles), cycles, found)
+    compiled(fill_places)(scene, model, scratch, _placed(recording, cycles), cycles, found)
     return found
 
 
@@ -196,7 +202,7 @@ def light_sensors(recording: Recording, ring: LightRing, cycles: Cycles) -> Floa
     """What each sensor of the ring read (cycles, robots, sensors), 0 to 1."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(ring.angles)))
     model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
-    compiled(_fill_light_sensors)(recording.scene, model, _scratch(recording), poses, cycles, found)
+    compiled(fill_light_sensors)(recording.scene, model, _scratch(recording), poses, cycles, found)
     return found
 
 
@@ -243,7 +249,7 @@ def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) ->
     """Brightness (cycles, robots, 1) [lux]: of each light that nothing hides, by its distance and intensity."""
     found = np.zeros((len(cycles), len(recording.noise_keys), 1))
     law = (sensor.height, sensor.base, sensor.decay, sensor.reach)
-    compiled(_fill_lux)(recording.scene, _placed(recording, cycles), *sensor.position, law, found)
+    compiled(fill_lux)(recording.scene, _placed(recording, cycles), *sensor.position, law, found)
     return _finished(recording, sensor, AMBIENT_LIGHT_DRAWS, cycles, found)
 
 
@@ -252,7 +258,7 @@ def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Float
     nearest, furthest = sensors.range
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
     scratch = np.zeros(len(sensors.angles))
-    compiled(_fill_proximity)(recording.scene, _placed(recording, cycles), furthest, scratch, found)
+    compiled(fill_proximity)(recording.scene, _placed(recording, cycles), furthest, scratch, found)
     hit = (found >= nearest) & (found <= furthest)
     disturbed = _disturbed(recording, noise_row(sensors.noise), PROXIMITY_DRAWS, cycles, found)
     return np.where(hit, np.clip(disturbed, 0.0, None), np.where(found < nearest, -np.inf, np.inf))
@@ -262,7 +268,7 @@ def proximity_weights(recording: Recording, sensors: Proximity, cycles: Cycles) 
     """How much what each sensor saw counted (cycles, robots, sensors): what an infra-red sensor reads."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
     model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
-    compiled(_fill_weights)(recording.scene, model, _scratch(recording), poses, cycles, found)
+    compiled(fill_weights)(recording.scene, model, _scratch(recording), poses, cycles, found)
     return found
 
 
@@ -271,7 +277,7 @@ def lidar(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     beams = len(recording.scene.lidar.beams_x)
     found = np.zeros((len(cycles), len(recording.noise_keys), beams))
     poses = _placed(recording, cycles)
-    compiled(_fill_lidar)(recording.scene, poses, recording.noise_keys, cycles, np.zeros(beams), found)
+    compiled(fill_lidar)(recording.scene, poses, recording.noise_keys, cycles, np.zeros(beams), found)
     return found
 
 
@@ -356,7 +362,7 @@ def _placed(recording: Recording, cycles: Cycles) -> Floats:
     """Poses (cycles, robots, 5) as the kernels want them: with cosine and sine of the heading."""
     poses = recording.history.poses[1:][cycles]
     placed = np.concatenate([poses, np.zeros((*poses.shape[:2], 2))], axis=2)
-    compiled(_fill_directions)(placed)
+    compiled(fill_directions)(placed)
     return placed
 
 
@@ -390,138 +396,5 @@ def _disturbed(recording: Recording, row: Floats, number: int, cycles: Cycles, v
     if row[0] == NO_NOISE:
         return values
     disturbed = values.copy()
-    compiled(_add_noise)(row, recording.noise_keys, number, cycles, disturbed)
+    compiled(add_noise)(row, recording.noise_keys, number, cycles, disturbed)
     return disturbed
-
-
-def _add_noise(row: Floats, keys: NDArray[np.uint64], number: int, cycles: Cycles, values: Floats) -> None:
-    per_cycle = values.shape[2]
-    for n in range(len(cycles)):
-        for i in range(values.shape[1]):
-            for k in range(per_cycle):
-                values[n, i, k] += noise(row, keys[i], number, cycles[n] * per_cycle + k)
-
-
-def _fill_directions(poses: Floats) -> None:
-    for n in range(len(poses)):
-        for i in range(poses.shape[1]):
-            poses[n, i, 3] = math.cos(poses[n, i, 2])  # numpy's differs in the last bit
-            poses[n, i, 4] = math.sin(poses[n, i, 2])
-
-
-@jittable
-def _put(swarm: Swarm, poses: Floats, n: int) -> None:
-    """Put the swarm where the robots were at the end of cycle n of the poses."""
-    for i in range(poses.shape[1]):
-        for k in range(poses.shape[2]):
-            swarm.poses[i, k] = poses[n, i, k]
-
-
-def _fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats) -> None:
-    n = 0
-    for cycle in range(len(poses)):
-        change_floor(scene.floor, poses[cycle], (cycle + 1) * scene.control_period)
-        if cycle != cycles[n]:
-            continue
-        _put(swarm, poses, cycle)
-        for i in range(poses.shape[1]):
-            for k in range(found.shape[2]):
-                red, green, blue = ground_under(scene, swarm, cycle, i, k)
-                found[n, i, k, 0] = red
-                found[n, i, k, 1] = green
-                found[n, i, k, 2] = blue
-        n += 1
-
-
-def _fill_places(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
-) -> None:
-    for n in range(len(cycles)):
-        _put(swarm, poses, n)
-        for i in range(poses.shape[1]):
-            sense_robots(scene, model, swarm, cycles[n], i)
-            for j in range(poses.shape[1]):
-                ahead, aside = swarm.heard[i, j, 0, 1], swarm.heard[i, j, 0, 2]
-                if swarm.heard[i, j, 0, 0] != 0.0:
-                    found[n, i, j, 0] = math.sqrt(ahead * ahead + aside * aside)
-                    found[n, i, j, 1] = math.atan2(aside, ahead)
-
-
-def _fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floats, found: Floats) -> None:
-    first, step = scene.lidar.first_angle, scene.lidar.angle_step
-    for n in range(len(scans)):
-        for i in range(scans.shape[1]):
-            for k in range(scans.shape[2]):
-                swarm.scan[k] = scans[n, i, k]
-            clusters = lidar_neighbours(
-                model, swarm.scan, first, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
-            )
-            for k in range(clusters):
-                found[n, i, k, 0] = swarm.distances[k]
-                found[n, i, k, 1] = math.atan2(swarm.bearings_y[k], swarm.bearings_x[k])
-
-
-def _fill_weights(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
-) -> None:
-    for n in range(len(cycles)):
-        _put(swarm, poses, n)
-        for i in range(poses.shape[1]):
-            sense_obstacles(scene, model, swarm, cycles[n], i)
-            for k in range(found.shape[2]):
-                found[n, i, k] = swarm.proximity[k]
-
-
-def _fill_light_sensors(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
-) -> None:
-    for n in range(len(cycles)):
-        _put(swarm, poses, n)
-        for i in range(poses.shape[1]):
-            sense_light(scene, model, swarm, cycles[n], i)
-            for k in range(found.shape[2]):
-                found[n, i, k] = swarm.light[k]
-
-
-def _fill_lux(
-    scene: Scene, poses: Floats, ahead: float, aside: float, law: tuple[float, float, float, float], found: Floats
-) -> None:
-    height, base, decay, reach = law
-    lights = scene.light.lights
-    for n in range(len(poses)):
-        for i in range(poses.shape[1]):
-            c, s = poses[n, i, 3], poses[n, i, 4]
-            x = poses[n, i, 0] + c * ahead - s * aside
-            y = poses[n, i, 1] + s * ahead + c * aside
-            for k in range(len(lights)):
-                to_x, to_y, rise = lights[k, 0] - x, lights[k, 1] - y, lights[k, 2] - height
-                away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
-                if (
-                    away <= reach
-                    and scene.light.lit[k, i]
-                    and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
-                ):
-                    found[n, i, 0] += base + math.exp(-decay * away)
-
-
-def _fill_proximity(scene: Scene, poses: Floats, furthest: float, scratch: Floats, found: Floats) -> None:
-    for n in range(len(poses)):
-        for i in range(poses.shape[1]):
-            cast(scene, poses[n], i, furthest, scratch)
-            for k in range(len(scratch)):
-                found[n, i, k] = scratch[k]
-
-
-def _fill_lidar(
-    scene: Scene,
-    poses: Floats,
-    keys: NDArray[np.uint64],
-    cycles: Cycles,
-    scratch: Floats,
-    found: Floats,
-) -> None:
-    for n in range(len(poses)):
-        for i in range(poses.shape[1]):
-            scan(scene, poses[n], i, keys[i], cycles[n], scratch)
-            for k in range(len(scratch)):
-                found[n, i, k] = scratch[k]

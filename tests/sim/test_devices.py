@@ -566,7 +566,7 @@ def test_what_would_be_too_large_is_refused_before_it_is_computed(monkeypatch):
     cycles, robots = recording.history.states.shape
     assert recording.values("lidar") == robots * beams
     monkeypatch.setattr(devices, "LARGEST", 0)
-    monkeypatch.setattr(devices, "_fill_lidar", lambda scene, poses, *_: None if len(poses) == 1 else 1 / 0)
+    monkeypatch.setattr(devices, "fill_lidar", lambda scene, poses, *_: None if len(poses) == 1 else 1 / 0)
     size = math.ceil(cycles * robots * beams * 8 / 2**20)
     with pytest.raises(SimulationError, match=f"lidar: a recording of {size} MiB, expected at most 0 MiB; record"):
         recording.measure("lidar")

@@ -10,7 +10,7 @@ import numpy as np
 
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.additive_model import expected, table
-from mercator_design.race.racing.history import History
+from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
@@ -18,7 +18,7 @@ from mercator_design.race.racing.summary import IterationSummary
 MAX_FINALISTS = 8
 
 
-def by_expectation(history: History, numbers: Sequence[int]) -> list[int]:
+def by_expectation(history: RaceHistory, numbers: Sequence[int]) -> list[int]:
     """Configurations by their expected mean cost, the best first, without those that were rejected or have not run."""
     accepted = [number for number in numbers if history.costs[number] and not history.is_rejected(number)]
     if not accepted:
@@ -29,7 +29,14 @@ def by_expectation(history: History, numbers: Sequence[int]) -> list[int]:
 
 
 def confirm(
-    history: History, order: list[int], n_finalists: int, *, iteration: int, budget: int, n_seen: int, block_size: int
+    history: RaceHistory,
+    order: list[int],
+    n_finalists: int,
+    *,
+    iteration: int,
+    budget: int,
+    n_seen: int,
+    block_size: int,
 ) -> Generator[list[Experiment], Sequence[float], tuple[IterationSummary, list[int]]]:
     """Spend the rest of a budget on the first of some configurations; a summary without elites, and their new order.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError
-from mercator_design.race.racing.history import History
+from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import Experiment, check_costs
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
@@ -50,7 +50,7 @@ class Optimizer(ABC):
         self.seed = _whole("seed", seed, 0)
         if space.n_variable == 0:
             raise RaceError("space: expected at least one parameter with more than one value, found none")
-        self.history = History(space)
+        self.history = RaceHistory(space)
         self.notes: list[str] = []
         self.stop_reason: str | None = None
 

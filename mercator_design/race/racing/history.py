@@ -19,7 +19,7 @@ Key: TypeAlias = tuple[Value | None, ...]
 
 
 @dataclass(slots=True, eq=False)
-class History:
+class RaceHistory:
     """The history of a race; a method reads it to decide what comes next.
 
     space: Of the configurations.

@@ -1,0 +1,167 @@
+"""Kernels that compute what devices measured, for all robots in many cycles, from where the robots were.
+
+Poses have the shape (cycles, robots, 5): x, y [m], heading [rad], its cosine and its sine. Each function fills
+the array that is its last argument, one row for each cycle that is asked for.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.jit import jittable
+from mercator_design.missions.dynamics import change_floor
+from mercator_design.sim.kernels.lidar import scan
+from mercator_design.sim.kernels.noise import noise
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.sensing import ground_under, sense_light, sense_obstacles, sense_robots
+from mercator_design.sim.kernels.sight import cast, is_lit
+from mercator_design.sim.kernels.swarm import Swarm
+
+Floats = NDArray[np.float64]
+Cycles = NDArray[np.int64]
+
+
+def add_noise(row: Floats, keys: NDArray[np.uint64], number: int, cycles: Cycles, values: Floats) -> None:
+    """Noise of one device, added to values (cycles, robots, n)."""
+    per_cycle = values.shape[2]
+    for n in range(len(cycles)):
+        for i in range(values.shape[1]):
+            for k in range(per_cycle):
+                values[n, i, k] += noise(row, keys[i], number, cycles[n] * per_cycle + k)
+
+
+def fill_directions(poses: Floats) -> None:
+    """Cosine and sine of the headings."""
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            poses[n, i, 3] = math.cos(poses[n, i, 2])  # numpy's differs in the last bit
+            poses[n, i, 4] = math.sin(poses[n, i, 2])
+
+
+@jittable
+def _put(swarm: Swarm, poses: Floats, n: int) -> None:
+    """Put the swarm where the robots were at the end of cycle n of the poses."""
+    for i in range(poses.shape[1]):
+        for k in range(poses.shape[2]):
+            swarm.poses[i, k] = poses[n, i, k]
+
+
+def fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats) -> None:
+    """Raw colours (cycles, robots, sensors, 3) under the ground sensors, from 0 to 255."""
+    n = 0
+    for cycle in range(len(poses)):
+        change_floor(scene.floor, poses[cycle], (cycle + 1) * scene.control_period)
+        if cycle != cycles[n]:
+            continue
+        _put(swarm, poses, cycle)
+        for i in range(poses.shape[1]):
+            for k in range(found.shape[2]):
+                red, green, blue = ground_under(scene, swarm, cycle, i, k)
+                found[n, i, k, 0] = red
+                found[n, i, k, 1] = green
+                found[n, i, k, 2] = blue
+        n += 1
+
+
+def fill_places(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    """Distance [m] and bearing [rad] of each robot's neighbours (cycles, robots, robots, 2)."""
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_robots(scene, model, swarm, cycles[n], i)
+            for j in range(poses.shape[1]):
+                ahead, aside = swarm.heard[i, j, 0, 1], swarm.heard[i, j, 0, 2]
+                if swarm.heard[i, j, 0, 0] != 0.0:
+                    found[n, i, j, 0] = math.sqrt(ahead * ahead + aside * aside)
+                    found[n, i, j, 1] = math.atan2(aside, ahead)
+
+
+def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floats, found: Floats) -> None:
+    """Distance [m] and bearing [rad] of what a lidar takes for neighbours (cycles, robots, clusters, 2)."""
+    first, step = scene.lidar.first_angle, scene.lidar.angle_step
+    for n in range(len(scans)):
+        for i in range(scans.shape[1]):
+            for k in range(scans.shape[2]):
+                swarm.scan[k] = scans[n, i, k]
+            clusters = lidar_neighbours(
+                model, swarm.scan, first, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+            )
+            for k in range(clusters):
+                found[n, i, k, 0] = swarm.distances[k]
+                found[n, i, k, 1] = math.atan2(swarm.bearings_y[k], swarm.bearings_x[k])
+
+
+def fill_weights(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    """What modules read of each proximity sensor (cycles, robots, sensors)."""
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_obstacles(scene, model, swarm, cycles[n], i)
+            for k in range(found.shape[2]):
+                found[n, i, k] = swarm.proximity[k]
+
+
+def fill_light_sensors(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+) -> None:
+    """What modules read of each light sensor (cycles, robots, sensors)."""
+    for n in range(len(cycles)):
+        _put(swarm, poses, n)
+        for i in range(poses.shape[1]):
+            sense_light(scene, model, swarm, cycles[n], i)
+            for k in range(found.shape[2]):
+                found[n, i, k] = swarm.light[k]
+
+
+def fill_lux(
+    scene: Scene, poses: Floats, ahead: float, aside: float, law: tuple[float, float, float, float], found: Floats
+) -> None:
+    """Light [lux] at a sensor that looks up (cycles, robots, 1); `law` is its height, base, decay and reach."""
+    height, base, decay, reach = law
+    lights = scene.light.lights
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            c, s = poses[n, i, 3], poses[n, i, 4]
+            x = poses[n, i, 0] + c * ahead - s * aside
+            y = poses[n, i, 1] + s * ahead + c * aside
+            for k in range(len(lights)):
+                to_x, to_y, rise = lights[k, 0] - x, lights[k, 1] - y, lights[k, 2] - height
+                away = math.sqrt(to_x * to_x + to_y * to_y + rise * rise) / lights[k, 3]
+                if (
+                    away <= reach
+                    and scene.light.lit[k, i]
+                    and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
+                ):
+                    found[n, i, 0] += base + math.exp(-decay * away)
+
+
+def fill_proximity(scene: Scene, poses: Floats, furthest: float, scratch: Floats, found: Floats) -> None:
+    """Distances [m] of the proximity sensors (cycles, robots, sensors)."""
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            cast(scene, poses[n], i, furthest, scratch)
+            for k in range(len(scratch)):
+                found[n, i, k] = scratch[k]
+
+
+def fill_lidar(
+    scene: Scene,
+    poses: Floats,
+    keys: NDArray[np.uint64],
+    cycles: Cycles,
+    scratch: Floats,
+    found: Floats,
+) -> None:
+    """Distances [m] of the lidar's beams (cycles, robots, beams)."""
+    for n in range(len(poses)):
+        for i in range(poses.shape[1]):
+            scan(scene, poses[n], i, keys[i], cycles[n], scratch)
+            for k in range(len(scratch)):
+                found[n, i, k] = scratch[k]

@@ -30,8 +30,8 @@ for source in sources:
 PATIENT = """#!{python}
 import runpy, sys
 sys.path.insert(0, sys.argv[1])
-from mercator_design import joint_start
-from mercator_design.robot import control, safety
+from mercator_design.robot.protocols import joint_start
+from mercator_design.robot.run import control, safety
 joint_start.SILENCE = control.STALL = safety.STALL = 60.0
 del sys.argv[0]
 runpy.run_path(sys.argv[0], run_name="__main__")

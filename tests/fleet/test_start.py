@@ -37,7 +37,7 @@ def robots(deploy, field):
 
 def starting(*options):
     """`mdesign deploy --start` as a process of its own."""
-    lead = "from mercator_design import joint_start; joint_start.SILENCE = 60.0\n"
+    lead = "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 60.0\n"
     line = [sys.executable, "-c", f"{lead}from mercator_design.cli import main; main()"]
     return subprocess.Popen(
         [*line, "deploy", "fsm.txt", "--robots", "robots.yaml", "--start", *options],
@@ -177,7 +177,7 @@ def test_a_person_who_interrupts_the_start(robots, field):
 def test_one_that_is_late_stops_the_others(deploy, robots, field):
     """By more than a control cycle: it does not drive, and who has begun is stopped."""
     python = field / "bin/python3"
-    late = """from mercator_design.robot import joint
+    late = """from mercator_design.robot.run import joint
 if Path.cwd().parent.name == "r2":
     joint.Joint.wait = lambda joint, control, due=joint.Joint.due: control.wait(due(joint) + 0.3)
 """

@@ -26,7 +26,7 @@ from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON
 
 RING = Settings().proximity_angles
-OFTEN = "from mercator_design.robot import ground_calibration; ground_calibration._PERIOD = 33\n"
+OFTEN = "from mercator_design.robot.setup import ground_calibration; ground_calibration._PERIOD = 33\n"
 """The RVR tells more in less time."""
 COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 

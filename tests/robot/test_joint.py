@@ -11,7 +11,7 @@ from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_l
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
 
-PATIENT = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 60.0\n"
+PATIENT = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 60.0\n"
 """Lets a robot wait for its leader as long as a busy machine may take."""
 
 
@@ -123,7 +123,7 @@ def test_a_connection_that_ends_before_the_start(tmp_path, when):
 
 
 def test_a_leader_that_falls_silent(tmp_path):
-    lead = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 0.5\n"
+    lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 0.5\n"
     with awaiting(tmp_path, lead=lead) as (robot, leader):
         never_drove(robot, "nothing was heard for 0.5 s of who starts the robots")
         leader.hang_up()
@@ -185,7 +185,7 @@ def test_a_robot_that_is_late_does_not_begin(tmp_path):
     """Its computer was too busy; it tells that, and the others are stopped."""
     late = """
 import time
-from mercator_design.robot import joint
+from mercator_design.robot.run import joint
 due = joint.Joint.due
 joint.Joint.wait = lambda joint, control: control.wait(due(joint) + 0.3)
 """
@@ -222,7 +222,7 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
 
 
 def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
-    lead = SOON + "from mercator_design import joint_start; joint_start.SILENCE = 1.5\n"
+    lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 1.5\n"
 
     def attempt(number):
         with awaiting(tmp_path / str(number), lead=lead) as (robot, leader):

@@ -23,8 +23,8 @@ def test_codecs_run_without_any_package():
     code = f"""
 import sys
 sys.path.insert(0, {str(ROOT)!r})
-from mercator_design.robot import multiflex, rvr, ydlidar
-assert rvr.Device().receive(rvr.Host().send("drive_stop"))[0].name == "drive_stop"
+from mercator_design.robot.protocols import multiflex, rvr, ydlidar
+assert rvr.RvrEnd().receive(rvr.Host().send("drive_stop"))[0].name == "drive_stop"
 assert ydlidar.decoder().receive(ydlidar.Health(0).encode()) == [ydlidar.Health(0)]
 assert multiflex.command_decoder().receive(multiflex.TEXT_MODE.encode()) == [multiflex.TEXT_MODE]
 """

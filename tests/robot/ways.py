@@ -28,15 +28,16 @@ LAST = "disable_notifications_and_active_commands"
 ROOT = Path(__file__).parents[2]
 MAIN = "from mercator_design.robot.cli import main; main()"
 SOON = """
-from mercator_design.robot import mercator, talk
+from mercator_design.robot.devices import link
+from mercator_design.robot.run import mercator
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-talk._LOOK, talk._TRIES = 0.0002, 3
+link._LOOK, link._TRIES = 0.0002, 3
 """
 """Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
 And end sooner, if nothing answers."""
-IMPATIENT = "from mercator_design.robot import control; control._FIRST_HEARTBEAT = 0.5\n"
+IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
-OFTEN = "from mercator_design.robot import mercator; mercator.POLL = 0.2\n"
+OFTEN = "from mercator_design.robot.run import mercator; mercator.POLL = 0.2\n"
 """Lets a program ask after the battery more often."""
 SLOW = """
 import time

@@ -18,11 +18,11 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from mercator_design.cli import VERBS, cli
+from mercator_design.cli import record as cli_record
 from mercator_design.config import shipped
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.race.running.journal import read
-from mercator_design.report import recording
 from mercator_design.report.missions import missions_table
 from mercator_design.runs import folder as run_folder
 from mercator_design.sim.robot_model import load_robot_model
@@ -699,7 +699,7 @@ class TestRecord:
             file.write(b"time,")
             raise error
 
-        monkeypatch.setattr(recording, "write_recording", torn)
+        monkeypatch.setattr(cli_record, "write_recording", torn)
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
         (tmp_path / "trace.csv").write_text("of before")
         options = ["--mission", "aggregation", "--set", "duration=1", "-o", tmp_path / "trace.csv"]

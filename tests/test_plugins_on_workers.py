@@ -197,7 +197,7 @@ class TestFiles:
             (tmp_path / folder / "parts" / "values.py").write_text(f"def value():\n    return {value}\n")
         load_plugin(tmp_path / "a" / "a.py")
         with pytest.raises(
-            MissionError, match=r"b.py: imports parts/values.py .*, but a module of the name parts.values"
+            MissionError, match=r"b.py: its file parts/values.py is not that of this name which another plugin has"
         ):
             load_plugin(tmp_path / "b" / "b.py")
         assert list(plugins.loaded_plugins()) == ["a.py"]

@@ -423,9 +423,13 @@ class TestProgress:
             best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
             at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
             task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, race=SimpleNamespace(progress=at))
-            with RaceDisplay(task, 5000) as display:
+            done = ExperimentDone(experiment=1, iteration=1, configuration=1, instance=1, seed=1, score=2.8)
+            with RaceDisplay(task, 5000, None) as display:
                 task.race.progress = replace(at, iteration=iteration, iterations=iterations)
-                display.update(4240)
+                for _ in range(4239):
+                    display.note(done)
+                time.sleep(0.2)  # what comes at once after something that was shown is not
+                display.note(done)
                 if told:
                     tell(told)
             err = re.sub(r"\x1b\[[\d?;]*[a-zA-Z]", "", capsys.readouterr().err)
@@ -445,7 +449,7 @@ class TestProgress:
         line = shown(columns, 8, 9)[-1]
         assert len(line) <= columns
         assert line.startswith(text)
-        assert re.fullmatch(r"([\w ]*…)? +([━╸╺]{10} )?4240/5000 \d+/s -:--:--", line[len(text) :])
+        assert re.fullmatch(r"([\w ]*…)? +([━╸╺]{10} )?4240/5000 \d+/s [-\d]:[-\d]{2}:[-\d]{2}", line[len(text) :])
         assert ("━" in line) == (columns > 100)
 
     @pytest.mark.parametrize(

@@ -215,7 +215,11 @@ CONTROLLER_FAULTS = {
     "too fast": ("return Wheels(1.0, 1.01)", 4, "found 0.3, 0.303"),
     "stalled": ("time.sleep(1.0)", 4, "the control loop stalled"),
     "no memory": ("raise MemoryError", 1, "Error: not enough memory"),
-    "watchdog": ("from mercator_design.robot.run import safety; safety.Watchdog._look = None", 4, "the watchdog failed"),
+    "watchdog": (
+        "from mercator_design.robot.run import safety; safety.Watchdog._look = None",
+        4,
+        "the watchdog failed",
+    ),
     "busy": ("while not os.path.exists('stop'): pass", 4, "stalled"),
 }
 

@@ -6,19 +6,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mercator_design import __version__
-from mercator_design.runs import provenance
+from mercator_design.config.json_data import from_json
+from mercator_design.config.schema import Kind, OneOf, Range
 from mercator_design.design import Designer
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.system.files import Unreadable, read_small
-from mercator_design.config.json_data import from_json
-from mercator_design.runs.provenance import PROVENANCE, Provenance
 from mercator_design.race import Space
-from mercator_design.race.running.journal import Reading, read
+from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
+from mercator_design.race.running.journal import Reading, read
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
-from mercator_design.race.irace.tuner import Tuner
-from mercator_design.config.schema import Kind, OneOf, Range
+from mercator_design.runs import provenance
+from mercator_design.runs.provenance import PROVENANCE, Provenance
+from mercator_design.system.files import Unreadable, read_small
 
 JOURNAL = "journal.jsonl"
 _LARGEST = 1024 * 1024  # bytes of the file of a winner

@@ -1,8 +1,9 @@
 """The folder that a race writes: what is in it, in which order it appears, and how a race goes on from it.
 
 journal.jsonl      what has happened so far (see race/running/journal.py), written as it happens; it claims the folder
-...                what the task needs to go on (see race/running/task.py): of a mission its own file, the robot model's and
-                   plugins/, files/ and floor.png if there were any, with every default and override filled in
+...                what the task needs to go on (see race/running/task.py): of a mission its own file, the robot
+                   model's, and plugins/, files/ and floor.png if there were any, with every default and override
+                   filled in
 provenance.json    versions, seed, budget, platform, what makes the race
 failed/            the control software of experiments that failed, if there were any
 fsm.txt            the winner; its name depends on the task
@@ -25,14 +26,14 @@ from typing import Any, Self
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
-from mercator_design.system.files import remove_drafts, write_bytes, write_text
-from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
+from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import BudgetExtended, ExperimentDone, TestDone
 from mercator_design.race.running.journal import Journal, now
 from mercator_design.race.running.task import RaceResult, Task
-from mercator_design.race.running.evaluation import Testing
 from mercator_design.runs.files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
+from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.runs.tables import configurations_of
+from mercator_design.system.files import remove_drafts, write_bytes, write_text
 
 _RESULTS = "results.csv"
 _LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "joblib", "optuna", "cmaes")

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mercator_design.errors import RaceError
-from mercator_design.system.files import Unreadable, read_small, write_text
 from mercator_design.config.json_data import from_json
 from mercator_design.config.loading import plain
-from mercator_design.race.running.events import Number
+from mercator_design.errors import RaceError
 from mercator_design.race.running.evaluation import Testing
+from mercator_design.race.running.events import Number
+from mercator_design.system.files import Unreadable, read_small, write_text
 
 PROVENANCE = "provenance.json"
 _LARGEST = 1024 * 1024  # bytes

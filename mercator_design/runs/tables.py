@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mercator_design.errors import RaceError
-from mercator_design.race.running.record import Record
 from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.record import Record
 from mercator_design.runs.files import TASKS, read_journal
 
 if TYPE_CHECKING:

@@ -67,7 +67,10 @@ def verify(
     found_again = in_order(executor, task.function, items, stopped=stopped)
     for one, (score, outcome) in zip(sample, found_again, strict=True):
         if (score, outcome) != (one.score, one.outcome):
-            what = f"experiment {one.experiment}" if isinstance(one, ExperimentDone) else f"test on instance {one.instance}"
+            if isinstance(one, ExperimentDone):
+                what = f"experiment {one.experiment}"
+            else:
+                what = f"test on instance {one.instance}"
             raise RaceError(
                 f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
                 f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"

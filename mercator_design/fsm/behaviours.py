@@ -6,7 +6,7 @@ uniform draw in [0, 1) made by the caller: behaviours never touch a generator.
 
 Sources: Garzón Ramos, Szpirer, Birattari et al., the Mercator paper (eqs. 14-19) for Watermelon; Francesca et al.
 2014 and 2015 for Vanilla and Chocolate. Where the paper leaves open what happens, and in exploration, the rule is that
-of the published AutoMoDe source; docs/control_software.md has all differences.
+of the published AutoMoDe source; docs/explanation/paper-and-code.md has all differences.
 """
 
 import math

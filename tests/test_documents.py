@@ -135,6 +135,25 @@ def test_every_command_is_there_with_its_options(document):
         assert given <= options, (program, words)
 
 
+def is_there(name):
+    """Whether a path, or a dotted name, is one of the package, the repository or the documents."""
+    if not name.startswith("mercator_design."):
+        return any((ROOT / base / name).exists() for base in (".", "mercator_design", "docs"))
+    *parents, last = name.split(".")
+    module = ROOT.joinpath(*parents)
+    if (module / last).is_dir() or (module / f"{last}.py").exists():
+        return True
+    file = module / "__init__.py" if module.is_dir() else module.with_suffix(".py")
+    return file.exists() and re.search(rf"\b{last}\b", file.read_text()) is not None
+
+
+@pytest.mark.parametrize("document", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda one: str(one.relative_to(ROOT)))
+def test_modules_that_are_named_are_there(document):
+    text = document.read_text().replace("parts/kernels.py", "")  # of the example of a plugin
+    for name in re.findall(r"`((?:\w+/)+\w+\.py|mercator_design(?:\.\w+)+)\b", text):
+        assert is_there(name), name
+
+
 def test_documents_that_are_named_are_there():
     files = [
         *DOCUMENTS,

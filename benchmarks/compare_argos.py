@@ -40,7 +40,7 @@ FREE = 1e-4  # [m], [rad] wanted before robots touch each other
 SOON, SOON_CYCLES = 3e-3, 100  # [m] allowed in the first 10 s after they first do
 DISPLACED = 5e-4  # [m] that copies of ours start elsewhere, to which later distances are compared
 AGREEING = 0.999  # wanted of readings and wheel commands
-MOST_LISTED = 20  # rejections
+MAX_LISTED = 20  # rejections
 
 DIFFERENCES = """\
 What differs on purpose:
@@ -142,7 +142,7 @@ def print_scores(
         experiments=runs,
         seed=seed,
         jobs=jobs,
-        tell=lambda line: print(line, file=sys.stderr),
+        report=lambda line: print(line, file=sys.stderr),
         files=files,
         flavour=flavour,
     )
@@ -278,10 +278,10 @@ def _judgement_verdict(compared: Sequence[Comparison], kind: str, judgement: Jud
         yield _verdict(f"{text}; Benjamini-Hochberg at {FALSE_DISCOVERIES:.0%}", reached=not judgement.rejected)
     else:
         print(f"cannot tell: {kind}: with so few runs, none of {tests} tests can reject")
-    for test in judgement.rejected[:MOST_LISTED]:
+    for test in judgement.rejected[:MAX_LISTED]:
         print(f"    rejected: {test.mission}, {test.controller.name}: {test.statistic}, p = {test.p:.2g}")
-    if len(judgement.rejected) > MOST_LISTED:
-        print(f"    ... and {len(judgement.rejected) - MOST_LISTED} more")
+    if len(judgement.rejected) > MAX_LISTED:
+        print(f"    ... and {len(judgement.rejected) - MAX_LISTED} more")
     for excuse in judgement.excused:
         first, final = excuse.first, excuse.final
         print(

@@ -26,7 +26,7 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.missions.mission import parse_mission
-from mercator_design.sim.checks.doubts import doubts
+from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
 
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -139,8 +139,8 @@ def read_mission(number: int) -> str:
         simulator = Simulator(mission)
         simulator.instance(0)
         doubtful = [
-            *simulator.doubts,
-            *doubts(mission, simulator.robot_model, FLAVOURS[number // _DEEPLY % len(FLAVOURS)]),
+            *simulator.warnings,
+            *no_effect_warnings(mission, simulator.robot_model, FLAVOURS[number // _DEEPLY % len(FLAVOURS)]),
         ]
     except MissionError as error:
         _check_places(error)

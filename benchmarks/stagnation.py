@@ -2,9 +2,9 @@
 
 python benchmarks/stagnation.py [-j JOBS] [--seeds N] [--budget N] [MISSION ...]
 
-Of each mission: the races that could not tell the configurations of their first iteration apart, those that told of no
-gain, when, and how much better on 100 fresh instances the final winner was than the best was then; of races that told
-of none, how much better it was than the best after two fifths of the budget.
+Of each mission: the races whose first iteration found no difference between configurations, those that noted no gain,
+when, and how much better on 100 fresh instances the final winner was than the best was then; of races that noted none,
+how much better it was than the best after two fifths of the budget.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from mercator_design.sim.simulate import Simulator
 TESTS = 100
 
 
-class Told(NamedTuple):
-    """What a race told, and what it gained after that."""
+class Noted(NamedTuple):
+    """When a race noted that it no longer gained, and what it gained after that."""
 
-    noisy: bool  # whether its first iteration told nothing apart
-    told: bool  # whether it told of no gain
+    noisy: bool  # whether its first iteration found no difference
+    noted: bool  # whether it noted that it no longer gained
     when: float  # as a part of the budget
     gain: float
     score: float  # of the winner, on fresh instances
@@ -46,26 +46,26 @@ def main() -> None:
         for mission in arguments.missions:
             races = [raced(mission, seed, arguments, executor) for seed in range(1, arguments.seeds + 1)]
             noisy = sum(one.noisy for one in races)
-            told = [one for one in races if one.told]
-            others = [one for one in races if not one.told]
-            when = [f"{one.when:.0%}" for one in told]
+            noted = [one for one in races if one.noted]
+            others = [one for one in races if not one.noted]
+            when = [f"{one.when:.0%}" for one in noted]
             print(
-                f"{mission}: {noisy} of {len(races)} first iterations told nothing apart; {len(told)} told of no gain, "
-                f"after {', '.join(when)} of the budget; gain after that {figures(told)}; gain of the others after "
+                f"{mission}: {noisy} of {len(races)} first iterations found no difference; {len(noted)} noted no gain, "
+                f"after {', '.join(when)} of the budget; gain after that {figures(noted)}; gain of the others after "
                 f"40% {figures(others)}"
             )
 
 
-def raced(mission: str, seed: int, arguments: argparse.Namespace, executor: Executor) -> Told:
+def raced(mission: str, seed: int, arguments: argparse.Namespace, executor: Executor) -> Noted:
     simulator = Simulator(load_mission(mission))
     designer = Designer(simulator, budget=arguments.budget, seed=seed, method=arguments.method)
     record = Record()
     record.begin(designer.start())
     RaceRun(designer, executor, record).finish()
     iterations = [one for _, one in sorted(record.iterations.items())]
-    told = next((one for one in iterations[1:] if one.note), None)
+    noted = next((one for one in iterations[1:] if one.note), None)
     used = np.cumsum([one.used for one in iterations])
-    last = iterations.index(told) if told else int(np.argmax(used >= 0.4 * arguments.budget))
+    last = iterations.index(noted) if noted else int(np.argmax(used >= 0.4 * arguments.budget))
     bests = [iterations[last].elites[0], record.ends[-1].winner]
     items = [
         designer.item(Experiment(number, k), record.configurations[number], test=True)
@@ -74,16 +74,16 @@ def raced(mission: str, seed: int, arguments: argparse.Namespace, executor: Exec
     ]
     costs = [designer.cost(one.score) for one in in_order(executor, designer.function, items)]
     before, after = float(np.mean(costs[:TESTS])), float(np.mean(costs[TESTS:]))
-    return Told(
+    return Noted(
         noisy=bool(iterations[0].note),
-        told=told is not None,
+        noted=noted is not None,
         when=float(used[last]) / arguments.budget,
         gain=before - after,
         score=simulator.mission.score(after),
     )
 
 
-def figures(races: list[Told]) -> str:
+def figures(races: list[Noted]) -> str:
     if not races:
         return "-"
     gains = [one.gain for one in races]

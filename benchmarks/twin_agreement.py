@@ -58,7 +58,7 @@ LEVEL = 0.01
 """Chance to find a difference on any mission if there is none."""
 LATE_CYCLE = 0.02
 """[s] by which a control cycle that is late is longer than told."""
-MOST_LATE_CYCLES = 0.01
+MAX_LATE_CYCLES = 0.01
 """Fraction of a run's control cycles beyond which the run is left out."""
 LATE_TWIN = 0.2
 """[s] of a twin that was so late once, the run is left out."""
@@ -122,7 +122,7 @@ class Result:
         """Why it does not count; empty if it does."""
         if self.failure:
             return "failed"
-        return "late" if not (self.late <= MOST_LATE_CYCLES and self.twin_late <= LATE_TWIN) else ""
+        return "late" if not (self.late <= MAX_LATE_CYCLES and self.twin_late <= LATE_TWIN) else ""
 
 
 def found(plan: Plan, folder: Path) -> Result | None:

@@ -85,13 +85,13 @@ def run(command: click.Command, name: str) -> None:
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:
-        tell_all(error)
+        print_error(error)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        tell("Interrupted.")
+        print_message("Interrupted.")
         sys.exit(130)
     except Signalled as signalled:
-        tell(_with_notes(signalled))
+        print_message(_with_notes(signalled))
         sys.exit(signalled.exit_code)
     except SystemExit:
         if sys.stdout is stdout:
@@ -100,9 +100,9 @@ def run(command: click.Command, name: str) -> None:
         sys.exit(128 + signal.SIGPIPE)
     except Exception as error:
         if lack := lack_of_memory(error):
-            tell(f"Error: not enough memory{f': {lack}' * bool(str(lack))}")
+            print_message(f"Error: not enough memory{f': {lack}' * bool(str(lack))}")
         elif isinstance(error, OSError):
-            tell(f"Error: {error}")
+            print_message(f"Error: {error}")
         else:
             raise
         _discard(sys.stdout)
@@ -129,7 +129,7 @@ def _discard(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def put(result: object, *, nl: bool = True, exact: bool = False) -> None:
+def print_result(result: object, *, nl: bool = True, exact: bool = False) -> None:
     """Print a result, in which nothing steers a terminal: its lines are made printable.
 
     Args:
@@ -141,7 +141,7 @@ def put(result: object, *, nl: bool = True, exact: bool = False) -> None:
     click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl)
 
 
-def tell(message: str) -> None:
+def print_message(message: str) -> None:
     """Say something that is no result, if there is still somebody to hear it."""
     try:
         click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
@@ -149,12 +149,12 @@ def tell(message: str) -> None:
         _discard(sys.stderr)
 
 
-def tell_all(error: MercatorError) -> None:
+def print_error(error: MercatorError) -> None:
     """Say each mistake in a line of its own, and with the last what was noted on the way."""
     *others, last = error.messages
     for message in others:
-        tell(f"Error: {message}")
-    tell(f"Error: {'; '.join([last, *getattr(error, '__notes__', ())])}")
+        print_message(f"Error: {message}")
+    print_message(f"Error: {'; '.join([last, *getattr(error, '__notes__', ())])}")
 
 
 class Spelled(click.Choice):  # type: ignore[type-arg]  # has no argument in click before 8.2
@@ -171,10 +171,10 @@ class SpelledGroup(click.Group):
         return super().get_command(ctx, spelling.find(cmd_name, self.commands) or cmd_name)
 
 
-def warn(doubts: Iterable[str]) -> None:
+def warn(messages: Iterable[str]) -> None:
     """Say what may not be meant."""
-    for doubt in doubts:
-        tell(f"Warning: {doubt}")
+    for message in messages:
+        print_message(f"Warning: {message}")
 
 
 @contextlib.contextmanager

@@ -178,9 +178,9 @@ def cache_folder() -> Path | None:
     return _cache().folder
 
 
-def cache_doubt() -> str:
+def cache_warning() -> str:
     """Why that is not the usual folder; empty if it is."""
-    return _cache().doubt if jit_wanted() else ""
+    return _cache().problem if jit_wanted() else ""
 
 
 @functools.cache

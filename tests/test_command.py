@@ -6,7 +6,7 @@ import click
 import pytest
 
 from mercator_design.cli import cli as mdesign
-from mercator_design.command import Spelled, SpelledGroup, tell_all
+from mercator_design.command import Spelled, SpelledGroup, print_error
 from mercator_design.errors import MissionError
 from mercator_design.robot.cli import cli as mercator_robot
 
@@ -69,5 +69,5 @@ def test_words_may_have_either_spelling():
 def test_each_mistake_has_its_line(capsys):
     error = MissionError("a.yaml:1: x", "a.yaml:2: y\n")
     error.add_note("resume it")
-    tell_all(error)
+    print_error(error)
     assert capsys.readouterr().err == "Error: a.yaml:1: x\nError: a.yaml:2: y\\n; resume it\n"

@@ -74,13 +74,13 @@ class TestFiles:
 class TestFolders:
     @pytest.mark.parametrize("mode", [0o777, 0o707, 0o1777])
     def test_others_may_write_there(self, cache, mode):
-        folder, doubt = kernel_cache.place("x")
-        assert (folder, doubt) == (cache / "x", "")
+        folder, problem = kernel_cache.place("x")
+        assert (folder, problem) == (cache / "x", "")
         assert folder.stat().st_mode & 0o777 == 0o700
         folder.chmod(mode)
-        found, doubt = kernel_cache.place("x")
+        found, problem = kernel_cache.place("x")
         assert found != folder
-        assert f"{folder}: other users may write to {folder}; so what is compiled is forgotten" in doubt
+        assert f"{folder}: other users may write to {folder}; so what is compiled is forgotten" in problem
         assert found.stat().st_mode & 0o777 == 0o700
 
     def test_others_may_write_where_it_is(self, cache):
@@ -109,9 +109,9 @@ class TestFolders:
     def test_of_another_user(self, cache, which):
         folder, _ = kernel_cache.place("x")
         os.chown(folder / which, OTHER, OTHER)
-        found, doubt = kernel_cache.place("x")
+        found, problem = kernel_cache.place("x")
         assert found != folder
-        assert f"belongs to user {OTHER}, not to 0" in doubt
+        assert f"belongs to user {OTHER}, not to 0" in problem
 
     def test_whatever_the_mask(self, cache):
         before = os.umask(0)
@@ -127,9 +127,9 @@ class TestFolders:
 
         cache.write_text("a file")
         monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", full)
-        folder, doubt = kernel_cache.place("x")
+        folder, problem = kernel_cache.place("x")
         assert folder is None
-        assert "no file can be written there" in doubt
+        assert "no file can be written there" in problem
 
 
 class _Evil:
@@ -143,7 +143,7 @@ class _Evil:
 def test_what_others_planted_is_not_run(tmp_path):
     """In a folder where they may write: the index is a pickle, which makes a folder when it is loaded."""
     script = "from mercator_design import jit; from mercator_design.fsm.conditions import logistic\n"
-    script += "print(jit.compiled(logistic)(0.0)); print(jit.cache_folder()); print(jit.cache_doubt())"
+    script += "print(jit.compiled(logistic)(0.0)); print(jit.cache_folder()); print(jit.cache_warning())"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_DISABLE_JIT": "0"}
 
     def run():
@@ -156,7 +156,7 @@ def test_what_others_planted_is_not_run(tmp_path):
     assert run() == [value, folder, "", ""]  # as its digest is not there
     Path(folder).chmod(0o777)
     written(index, pickle.dumps(_Evil(tmp_path / "owned")))
-    found, other, doubt, _ = run()
-    assert (found, doubt != "") == (value, True)
+    found, other, problem, _ = run()
+    assert (found, problem != "") == (value, True)
     assert other != folder
     assert not (tmp_path / "owned").exists()

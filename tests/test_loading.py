@@ -31,7 +31,7 @@ from mercator_design.config.loading import (
     read,
 )
 from mercator_design.config.schema import describe
-from mercator_design.config.yaml_tree import LARGEST_FILE, MOST_MISTAKES, steps
+from mercator_design.config.yaml_tree import LARGEST_FILE, MAX_MISTAKES, steps
 from mercator_design.errors import MissionError
 
 
@@ -338,7 +338,7 @@ heavy: yes
 
     def test_too_many_end_the_reading(self):
         *told, last = complaint("".join(f"k{n}: 1\n" for n in range(50))).split("\n")
-        assert len(told) == MOST_MISTAKES
+        assert len(told) == MAX_MISTAKES
         assert last == "a.yaml: its reading ended with 20 mistakes"
 
     def test_an_error_keeps_its_messages_apart_and_on_one_line_each(self):
@@ -683,7 +683,7 @@ def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
     message, seconds = outcomes[name]
     assert ATTACKS[name][1] in message
     assert len(message) < 500 + 250 * message.count("\n")
-    assert message.count("\n") <= MOST_MISTAKES
+    assert message.count("\n") <= MAX_MISTAKES
     assert seconds < 1.0
 
 

@@ -17,7 +17,7 @@ import optuna
 import pandas as pd
 import pytest
 
-from mercator_design.command import tell
+from mercator_design.command import print_message
 from mercator_design.errors import RaceError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.modules import numbered
@@ -431,7 +431,7 @@ class TestProgress:
                 time.sleep(0.2)  # what comes at once after something that was shown is not
                 display.note(done)
                 if told:
-                    tell(told)
+                    print_message(told)
             err = re.sub(r"\x1b\[[\d?;]*[a-zA-Z]", "", capsys.readouterr().err)
             return [line for line in re.split("[\r\n]+", err) if line.strip()]
 

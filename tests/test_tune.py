@@ -151,7 +151,7 @@ class TestTune:
         code, out, _ = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r", "-j", 8, *options)
         made = len((folder / "runs").read_text().splitlines())
         record = read(tmp_path / "r" / JOURNAL).record
-        unasked = len(record.ahead.keys() - {(e.configuration, e.instance) for e in record.experiments.values()})
+        unasked = len(record.speculative.keys() - {(e.configuration, e.instance) for e in record.experiments.values()})
         assert code == 0
         assert f"the target runner ran {made} times now" in out
         if options:
@@ -161,7 +161,7 @@ class TestTune:
             )
         else:
             assert made == len(record.experiments) <= 110
-            assert record.ahead == {}
+            assert record.speculative == {}
 
     def test_a_launcher_by_its_name(self, mdesign, tmp_path):
         folder = written(tmp_path / "s", RUNNER, f'{SCENARIO}targetRunnerLauncher = "sh"\n')

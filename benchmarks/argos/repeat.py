@@ -39,7 +39,7 @@ from mercator_design.sim.simulate import Simulator, program_arrays
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister
 RADIUS = 1.2  # [m] of the disc where robots start
-MOST_TRIALS = 1000  # for a robot's place
+MAX_TRIALS = 1000  # for a robot's place
 TILES = [
     *((0.75, -0.25), (0.75, 0.25)),
     *((0.25, -0.75), (0.25, -0.25), (0.25, 0.25), (0.25, 0.75)),
@@ -86,7 +86,7 @@ def starts(scene: Scene, waiting: np.ndarray, generator: np.random.MT19937) -> n
     placed = places(np.array(waiting, dtype=float))
     for i in range(len(placed)):
         others = np.delete(placed, i, axis=0)
-        for _ in range(MOST_TRIALS):
+        for _ in range(MAX_TRIALS):
             a, b, turn = generator.random_raw(3) / HIGHEST
             radius, angle = RADIUS * max(a, b), 2.0 * math.pi * min(a, b) / max(a, b)
             candidate = places(np.array([[radius * math.cos(angle), radius * math.sin(angle), 2.0 * math.pi * turn]]))

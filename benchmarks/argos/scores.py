@@ -36,10 +36,10 @@ from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator
 
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
-MOST_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
+MAX_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
 SINGLE = (*COLOURS, "prox", "front", "nn", "speed_mps", "trans", "r", "spot")
 WANTED_CORRELATION = 0.97
-LEAST_RUNS = 50  # of ours for each controller
+MIN_RUNS = 50  # of ours for each controller
 RESAMPLES = 2000
 _NOT_RECORDED = 2**31  # seeds from here on
 
@@ -68,8 +68,8 @@ def statistics(score: float, history: History, control_period: float) -> dict[st
         "r": np.mean(away),
         "spot": np.mean(away <= 0.5),
     }
-    bins = np.minimum(neighbours, MOST_NEIGHBOURS - 1).astype(int).ravel()
-    for k, count in enumerate(np.bincount(bins, minlength=MOST_NEIGHBOURS)):
+    bins = np.minimum(neighbours, MAX_NEIGHBOURS - 1).astype(int).ravel()
+    for k, count in enumerate(np.bincount(bins, minlength=MAX_NEIGHBOURS)):
         found[f"nn_hist[{k}]"] = count / bins.size
     for k, count in enumerate(np.bincount(before.ravel(), minlength=MOST_STATES)):
         found[f"occ[{k}]"] = count / before.size
@@ -105,7 +105,7 @@ def recorded_columns(run: Mapping[str, Any]) -> Columns:
     for name in SINGLE:
         if statistics.get(name) is not None:
             found[name] = numbers(name, statistics[name], (n,))
-    for name, bins in (("nn_hist", MOST_NEIGHBOURS), ("occ", MOST_STATES)):
+    for name, bins in (("nn_hist", MAX_NEIGHBOURS), ("occ", MOST_STATES)):
         rows = statistics.get(name)
         if rows is not None:
             if isinstance(rows, list):
@@ -169,7 +169,7 @@ def compare(
     experiments: int | None,
     seed: int,
     jobs: int,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     files: Mapping[str, Path] = MappingProxyType({}),
     flavour: str = "watermelon",
 ) -> list[Comparison]:
@@ -178,10 +178,10 @@ def compare(
     Args:
         meta: The file's; `missions` says what differs from the shipped mission files.
         runs: The file's.
-        experiments: How many of ours for each controller; None: five times as many as were recorded, and LEAST_RUNS.
+        experiments: How many of ours for each controller; None: five times as many as were recorded, and MIN_RUNS.
         seed: Master seed of ours.
         jobs: Experiments at once.
-        tell: Called with a line on what is being run.
+        report: Called with a line on what is being run.
         files: By name the missions that stand for those of the file.
         flavour: Of the FSMs.
     """
@@ -203,7 +203,7 @@ def compare(
         except MercatorError as error:
             comparison.left_out.append(f"{name}: {len(of_mission)} controllers: {error}")
             continue
-        tell(f"{name}: {len(of_mission)} controllers")
+        report(f"{name}: {len(of_mission)} controllers")
         for run in of_mission:
             try:
                 pfsm = parse(run["fsm"], flavour, tolerate=lambda _: None)
@@ -213,7 +213,7 @@ def compare(
                     comparison.failed.append(f"{name}: {run['name']}: {recorded - ran} of {recorded} runs")
                 if not ran:
                     raise RecordingError("no run has a score")
-                n = experiments or max(LEAST_RUNS, 5 * recorded)
+                n = experiments or max(MIN_RUNS, 5 * recorded)
                 ours = _columns(
                     [instance_seed(seed, "evaluation", k) for k in range(n)], partial(_ours, simulator, pfsm), jobs
                 )

@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mercator_design.analysis.pruning import Element, elements, module_counts, most_modules, removed, without
+from mercator_design.analysis.pruning import Element, elements, max_modules, module_counts, removed, without
 from mercator_design.design import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm
@@ -65,7 +65,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
     if modules:
         if not isinstance(task, Designer):
             raise RaceError(f"{path}: expected a race of PFSMs, whose modules can be counted, found another")
-        most = most_modules(task.flavour)
+        most = max_modules(task.flavour)
         space = Space([integer(name, 0, number) for name, number in most.items()])
         configurations = [dict(module_counts(to_pfsm(one, task.flavour))) for one in configurations]
     return task, explain(space, configurations, [costs[number] for number in numbers], seed=seed)

@@ -11,7 +11,7 @@ Element = tuple[int, int | None]
 """A state, or a transition of it, by their numbers."""
 
 
-def most_modules(flavour: str) -> dict[str, int]:
+def max_modules(flavour: str) -> dict[str, int]:
     """The modules of a flavour, each with how often a PFSM may have it."""
     behaviours, conditions = numbered(BEHAVIOURS, flavour).values(), numbered(CONDITIONS, flavour).values()
     return {
@@ -22,7 +22,7 @@ def most_modules(flavour: str) -> dict[str, int]:
 
 def module_counts(pfsm: Pfsm) -> dict[str, int]:
     """How often each module of its flavour is in a PFSM, in states that can be reached."""
-    counts = dict.fromkeys(most_modules(pfsm.flavour), 0)
+    counts = dict.fromkeys(max_modules(pfsm.flavour), 0)
     for _, module in without(pfsm, frozenset()).modules:
         counts[module.name] += 1
     return counts

@@ -29,7 +29,7 @@ SIMULATIONS = 199
 """Of the bootstrap: the least p-value is one in as many and one."""
 
 _TOLERANCE = 1e-7  # of the standard deviation
-_MOST_STEPS = 2000
+_MAX_STEPS = 2000
 _GRID, _TIE = 64, 1e-9
 
 
@@ -108,7 +108,7 @@ def fit_gaussian(levels: Levels) -> Fit:
     centres = levels.totals(levels.level) / n
     spread = levels.totals((levels.level - centres[levels.channel]) ** 2).sum() / n.sum()
     sd = float(np.sqrt(max(spread - levels.step**2 / 12.0, levels.step**2 / 20.0)))
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
         inside = _normal(a, b)
         density_a, density_b = (np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) for z in (a, b))

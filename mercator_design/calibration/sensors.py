@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 LEAST = 100
 """Measurements of a sensor, besides one for each of its channels in each scene."""
 
-_LEAST_OF_CHANNEL = 20
+_MIN_OF_CHANNEL = 20
 _PRESENT = 0.5  # of its measurements a channel must have
 _FAR = 6.0  # standard deviations from what a channel usually measures
 _MARGIN = 4.0  # standard deviations to the ends of the range
@@ -162,7 +162,7 @@ def _measured(
 ) -> SensorNoise | None:
     """What is known of a sensor, to which notes are added; None if too little is recorded."""
     channels: list[Floats] = []
-    told_by = 0
+    n_scenes = 0
     follow: list[tuple[float, float]] = []
     for scene in scenes:
         if sensor.recorded in scene.sensors:
@@ -170,7 +170,7 @@ def _measured(
             values = _usable(scene.sensors[sensor.recorded], sensor.scale, limits, where, notes)
             channels += [channel[~np.isnan(channel)] for channel in values.T]
             follow.append(_following(values - _moments(values)[0]))
-            told_by += values.shape[1] > 0
+            n_scenes += values.shape[1] > 0
     samples = sum(map(len, channels))
     if samples - len(channels) < LEAST:
         least = f"{LEAST + len(channels)} samples ({LEAST}, and one for each channel)"
@@ -181,14 +181,14 @@ def _measured(
         )
         return None
     step = _step(channels)
-    found = partial(SensorNoise, sensor=sensor, samples=samples, channels=len(channels), scenes=told_by, step=step)
+    found = partial(SensorNoise, sensor=sensor, samples=samples, channels=len(channels), scenes=n_scenes, step=step)
     if step == 0.0:
         return found(noise=None, why_none="all samples of a channel are equal")
     levels = _counted(channels, step)
     if levels is None:
         return found(noise=None, why_none=f"less than the step of its values, {step:.3g}")
     noise = fit_noise(levels, random)
-    notes += _doubts(sensor, noise)
+    notes += _warnings(sensor, noise)
     together, apart = map(sum, zip(*follow, strict=True))
     if together > _FOLLOWING * apart:
         notes.append(
@@ -198,7 +198,7 @@ def _measured(
     return found(noise=noise)
 
 
-def _doubts(sensor: Sensor, noise: Noise) -> Iterator[str]:
+def _warnings(sensor: Sensor, noise: Noise) -> Iterator[str]:
     if noise.aic_difference < _UNDECIDED:
         yield f"{sensor.key}: too few samples, or too large a step, to tell a Gaussian from a uniform distribution"
     if noise.p_value < _BAD:
@@ -212,7 +212,7 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     seen = np.sum(~np.isnan(values), axis=0)
     why = f"they measure nothing for more than {1.0 - _PRESENT:.0%} of the time"
     use = _kept(everything, seen >= max(_PRESENT * len(values), 1), why, where, notes)
-    use = _kept(use, seen >= _LEAST_OF_CHANNEL, f"fewer than {_LEAST_OF_CHANNEL} samples", where, notes)
+    use = _kept(use, seen >= _MIN_OF_CHANNEL, f"fewer than {_MIN_OF_CHANNEL} samples", where, notes)
     far = _far_out(values, use)
     values = np.where(far, np.nan, values)
     if series.angles is not None and use.any():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result, read_controller
 from mercator_design.report.pictures.fsm_diagram import to_dot
 
 
@@ -14,4 +14,4 @@ from mercator_design.report.pictures.fsm_diagram import to_dot
 @LENIENT
 def draw(fsm: Path, flavour: str | None, lenient: bool) -> None:
     """Print the diagram of an fsm.txt as Graphviz text, e.g. for `| dot -Tsvg > fsm.svg`."""
-    put(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)
+    print_result(to_dot(read_controller(fsm, flavour, lenient=lenient).pfsm), nl=False)

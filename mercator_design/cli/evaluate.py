@@ -6,8 +6,8 @@ import click
 
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
-from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell, warn
+from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller, warn
 from mercator_design.design import evaluate as measure
 from mercator_design.design import fresh_instances
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
@@ -77,8 +77,8 @@ def evaluate(
     loaded = simulator.mission
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
-        warn_of_doubts(simulator, pfsm.flavour, pfsm)
-    simulator.rehearse(announce=ignore if cost_alone else tell)
+        warn_of_no_effect(simulator, pfsm.flavour, pfsm)
+    simulator.rehearse(announce=ignore if cost_alone else print_message)
     seeds = instances or fresh_instances(seed, runs)
     with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
 
@@ -88,10 +88,10 @@ def evaluate(
 
         result = measure(simulator, pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
     if cost_alone:
-        put(repr(0.0 + loaded.cost(result.scores.mean)))
+        print_result(repr(0.0 + loaded.cost(result.scores.mean)))
         return
     report = evaluation_json if as_json else evaluation_summary
-    put(report(result, simulator, seed=None if instances else seed))
+    print_result(report(result, simulator, seed=None if instances else seed))
 
 
 def _controller(

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell, warn
+from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result, warn
 from mercator_design.design import Designer
 from mercator_design.exports.irace_log import write_irace_log
 from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
@@ -62,11 +62,11 @@ def irace(
     """
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
-    designer.prepare(tell)
+    designer.prepare(print_message)
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
     for note in designer.race.notes:
-        tell(f"Warning: R's irace refuses this: {note}")
-    put(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
+        print_message(f"Warning: R's irace refuses this: {note}")
+    print_result(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 
 
 @export.command("irace-log", short_help="Write a race as a log of irace's, for R.")
@@ -80,7 +80,7 @@ def irace_log(directory: Path, output: Path | None) -> None:
     file = output or directory / "irace.Rdata"
     record = read_journal(directory).record
     write_irace_log(file, task_of(directory), record)
-    tell(f"{file}: {len(record.configurations)} configurations, {len(record.experiments)} experiments")
+    print_message(f"{file}: {len(record.configurations)} configurations, {len(record.experiments)} experiments")
 
 
 @export.command(short_help="Write logs of robots as a table.")
@@ -95,14 +95,14 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     """
 
     def write(file: BinaryIO) -> list[str]:
-        return write_csv(logs, file, lambda doubt: warn([doubt]))
+        return write_csv(logs, file, lambda message: warn([message]))
 
     if output != Path("-"):
         _write(logs, output, write)
     elif sys.stdout.isatty():
         table = io.BytesIO()
         _write(logs, output, write, stdout=table)
-        put(table.getvalue().decode(), nl=False)
+        print_result(table.getvalue().decode(), nl=False)
     else:
         _write(logs, output, write, stdout=sys.stdout.buffer)
 
@@ -132,7 +132,7 @@ def _write(
     with contextlib.nullcontext(stdout) if stdout else _new(output) as file:
         summaries = write(file)
     for log, summary in zip(logs, summaries, strict=True):
-        tell(f"{output}: {f'{log}: ' if len(logs) > 1 else ''}{summary}")
+        print_message(f"{output}: {f'{log}: ' if len(logs) > 1 else ''}{summary}")
 
 
 @contextlib.contextmanager

@@ -38,7 +38,7 @@ def simulator_of(
 ) -> Simulator:
     """The simulator for a controller: of the mission and robot model that the user gives, or that its header names.
 
-    The header has digests of what was raced. What the user does not give must have these digests. `warn` is told if
+    The header has digests of what was raced. What the user does not give must have these digests. `warn` is messages if
     a mission that they give has the raced one's name and is another, or comes with another robot model. A robot model
     that they give is used without a word, as messages name it as the way to go on.
 
@@ -131,8 +131,8 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
     try:
         mission = load_mission(named, raced_with)
     except MissionError as error:
-        told = [f"the mission of its header: {message}; give --mission" for message in error.messages]
-        raise MissionError(*(f"{fsm}: {each}" for each in ([changed] if changed else told))) from None
+        messages = [f"the mission of its header: {message}; give --mission" for message in error.messages]
+        raise MissionError(*(f"{fsm}: {each}" for each in ([changed] if changed else messages))) from None
     if digest and mission.digest != digest:
         what = changed or f"{excerpt(named)} is not what it was when this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")

@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
 from mercator_design.cli.terminal import terminal_width, warn_of_mission
-from mercator_design.command import naming, put
+from mercator_design.command import naming, print_result
 from mercator_design.config import shipped
 from mercator_design.config.loading import dump, text_of
 from mercator_design.errors import MercatorError, MissionError
@@ -33,7 +33,7 @@ def missions(context: click.Context) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: all there is to know, and the file.")
 def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
-    put(missions_json() if as_json else missions_table(terminal_width()))
+    print_result(missions_json() if as_json else missions_table(terminal_width()))
 
 
 @missions.command(short_help="Print the YAML of a mission as it stands.")
@@ -47,10 +47,10 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
     """
     loaded = load_mission(mission, overrides)
     if overrides:
-        put(dump(loaded), nl=False)
+        print_result(dump(loaded), nl=False)
     else:
         path = shipped.find(mission, shipped.missions(), "mission")
-        put(text_of(path, error=MissionError), nl=False, exact=True)
+        print_result(text_of(path, error=MissionError), nl=False, exact=True)
 
 
 @missions.command(short_help="Draw a mission from above.")
@@ -77,7 +77,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     with naming(path):
         save_preview(path, simulator, seed=seed)
     warn_of_mission(simulator, refuse=False)
-    put(path)
+    print_result(path)
 
 
 @missions.command(short_help="Write random missions of a class.")
@@ -112,4 +112,4 @@ def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
     for k, path in enumerate(paths, start=1):
         with naming(path):
             write_text(path, dump(sample_mission(class_, seed=seed, number=k)))
-        put(path)
+        print_result(path)

@@ -44,8 +44,8 @@ class Origin:
         for name, digest in self.plugins():
             if name not in loaded:
                 place = self._copy(name)
-                told = f"give --plugin {shlex.quote(str(place))}" if place else "give that file with --plugin"
-                raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {told}, or --mission")
+                advice = f"give --plugin {shlex.quote(str(place))}" if place else "give that file with --plugin"
+                raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {advice}, or --mission")
             if loaded[name] != digest:
                 raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")
 

@@ -6,8 +6,8 @@ import click
 
 from mercator_design.cli.inputs import simulator_of
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.cli.terminal import warn_of_doubts, warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, put, read_controller, tell
+from mercator_design.cli.terminal import warn_of_mission, warn_of_no_effect
+from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
@@ -66,9 +66,9 @@ def record(
     simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
     loaded = simulator.mission
     warn_of_mission(simulator, refuse=False)
-    warn_of_doubts(simulator, file.pfsm.flavour, file.pfsm)
-    check_size(simulator.rehearse(announce=tell), names, cycles=loaded.cycles, every=every)
+    warn_of_no_effect(simulator, file.pfsm.flavour, file.pfsm)
+    check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
         write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
-    put(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))
+    print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

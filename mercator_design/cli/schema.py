@@ -5,7 +5,7 @@ import json
 import click
 
 from mercator_design.cli.options import PLUGIN
-from mercator_design.command import put
+from mercator_design.command import print_result
 from mercator_design.config.json_schema import json_schema
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import RobotModel
@@ -26,4 +26,4 @@ def schema(kind: str) -> None:
         found = json_schema(Mission, title="A mission", given=("name",))
     else:
         found = json_schema(RobotModel, title="A robot model", given=("name",), based=True)
-    put(json.dumps(found, indent=2))
+    print_result(json.dumps(found, indent=2))

@@ -9,7 +9,7 @@ from os import EX_TEMPFAIL
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
 
-from mercator_design.command import tell, warn
+from mercator_design.command import print_message, warn
 from mercator_design.errors import Signalled
 
 if TYPE_CHECKING:
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from mercator_design.sim.simulate import Simulator
 
 
-def warn_of_doubts(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
+def warn_of_no_effect(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
     """Say what makes no difference when a mission's robots run a PFSM, or any of a flavour."""
-    from mercator_design.sim.checks.doubts import doubts
+    from mercator_design.sim.checks.no_effect import no_effect_warnings
 
-    warn(doubts(simulator.mission, simulator.robot_model, flavour, pfsm))
+    warn(no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
 
 
 def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
@@ -30,7 +30,7 @@ def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
     Raises:
         MissionError: of what cannot be, if that is to be refused.
     """
-    warn(doubt.message for doubt in simulator.doubts if not (refuse and doubt.is_impossible))
+    warn(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible))
     if refuse:
         simulator.refuse_impossible()
 
@@ -105,5 +105,5 @@ class Interrupt:
     def check(self, what: str) -> None:
         """Stop, and say what there is, if a signal came."""
         if self._came is not None:
-            tell(what)
+            print_message(what)
             raise KeyboardInterrupt if self._came == signal.SIGINT else _terminated()

@@ -8,7 +8,7 @@ import click
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN
 from mercator_design.cli.terminal import warn_of_mission
-from mercator_design.command import FILE, FLAVOUR, LENIENT, put, read_controller, tell_all, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, read_text
@@ -33,10 +33,10 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
     invalid = False
     for file in files:
         try:
-            put(printable(f"{file}: {_validated(file, flavour, lenient)}"))
+            print_result(printable(f"{file}: {_validated(file, flavour, lenient)}"))
         except (MissionError, FsmError) as error:
             invalid = True
-            tell_all(error)
+            print_error(error)
     if invalid:
         raise click.exceptions.Exit(MissionError.exit_code)
 
@@ -45,8 +45,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """What a valid file holds, in a few words."""
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
-        from mercator_design.sim.checks.doubts import dead_conditions, doubts_of_floor, doubts_of_model, doubts_of_swarm
-        from mercator_design.sim.checks.impossible import doubts_of_angles
+        from mercator_design.sim.checks.impossible import angle_warnings
+        from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
         from mercator_design.sim.robot_model import load_robot_model
 
         content = _content(file)
@@ -59,14 +59,14 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             raise MissionError(f"{file}: this is where robots are reached, robots.yaml: mdesign deploy --robots {file}")
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
-            warn([*doubts_of_model(model), *(doubt.message for doubt in doubts_of_angles(model))])
+            warn([*model_warnings(model), *(warning.message for warning in angle_warnings(model))])
             return f"valid robot model {model.name}"
         mission = load_mission(str(file))
         simulator = new_simulator(mission, None)
         simulator.check_placement()
         warn_of_mission(simulator, refuse=True)
         model = simulator.robot_model
-        warn([*doubts_of_model(model), *doubts_of_swarm(mission, model), *doubts_of_floor(mission, model)])
+        warn([*model_warnings(model), *swarm_warnings(mission, model), *floor_warnings(mission, model)])
         dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
         never = f"; never fires there: {dead}" if dead else ""
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"

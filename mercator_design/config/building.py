@@ -1,7 +1,7 @@
 """From a tree of nodes to the dataclass it describes: what a scalar may be, and what an error says.
 
 A scalar is read as what is expected (`1e3` is a number where a number is wanted, `no` is text where text is wanted),
-never guessed from its looks. All mistakes of a tree are gathered, up to MOST_MISTAKES; each message has the place, the
+never guessed from its looks. All mistakes of a tree are gathered, up to MAX_MISTAKES; each message has the place, the
 path of the key, what was expected with its unit, what was found, and a suggestion if there is one.
 """
 
@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 from mercator_design.config import schema, spelling
 from mercator_design.config.schema import FieldError, FilePath, Kind, Specification
-from mercator_design.config.yaml_tree import LARGEST_INTEGER, MOST_MISTAKES, Fault, Node, steps
+from mercator_design.config.yaml_tree import LARGEST_INTEGER, MAX_MISTAKES, Fault, Node, steps
 from mercator_design.errors import excerpt
 
 Holder: TypeAlias = Callable[..., Any]
@@ -136,7 +136,7 @@ class _Mistakes(list[str]):
         """Add some; the one too many ends the reading."""
         self.any = True
         self.extend(messages)
-        if len(self) >= MOST_MISTAKES:
+        if len(self) >= MAX_MISTAKES:
             raise Fault(*self)
 
 

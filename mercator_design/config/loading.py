@@ -1,7 +1,7 @@
 """What a user writes in YAML becomes a frozen dataclass; here is decided from which parts: a base, overrides, defaults.
 
 The schema is the dataclass: its annotations say what is expected where. Understood are float (finite), int, bool, str,
-Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: told apart by a field that is a
+Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: found apart by a field that is a
 one-word Literal), and the rules of schema.py in Annotated. What a value may be is decided in building.py, which texts
 are refused before anything is built in yaml_tree.py.
 """
@@ -35,7 +35,7 @@ from mercator_design.config.schema import (
 )
 from mercator_design.config.writing import Dumper, digest_of, dump, plain
 from mercator_design.config.yaml_tree import (
-    MOST_MISTAKES,
+    MAX_MISTAKES,
     Fault,
     Node,
     Origin,
@@ -178,8 +178,8 @@ def _in_order(mistakes: Sequence[str], label: str) -> list[str]:
         before, _, _ = mistake.removeprefix(f"{label}:").partition(":")
         return int(before) if before.isdecimal() and mistake.startswith(f"{label}:") else float("inf")
 
-    told = sorted(mistakes[:MOST_MISTAKES], key=line)
-    return told + [f"{label}: its reading ended with {MOST_MISTAKES} mistakes"] * (len(mistakes) >= MOST_MISTAKES)
+    found = sorted(mistakes[:MAX_MISTAKES], key=line)
+    return found + [f"{label}: its reading ended with {MAX_MISTAKES} mistakes"] * (len(mistakes) >= MAX_MISTAKES)
 
 
 def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:

@@ -23,7 +23,7 @@ from mercator_design.system.files import Unreadable, read_small
 LARGEST_FILE = 256 * 1024
 DEEPEST = 32
 LARGEST_INTEGER = 2**63 - 1  # that numpy holds
-MOST_MISTAKES = 20
+MAX_MISTAKES = 20
 """That are told of one text; its reading ends with the last of them."""
 
 _Event: TypeAlias = Any  # yaml's event classes share no typed fields
@@ -179,7 +179,7 @@ class _Composer:
     def _mistake(self, place: str, message: str) -> None:
         """Note what is wrong at a place; the one too many ends the reading."""
         self.mistakes.append(f"{place}: {message}")
-        if len(self.mistakes) >= MOST_MISTAKES:
+        if len(self.mistakes) >= MAX_MISTAKES:
             raise Fault
 
     def document(self, *, may_be_empty: bool = False) -> Node:

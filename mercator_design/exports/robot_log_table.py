@@ -12,13 +12,13 @@ from mercator_design.exports.robot_logs import ExportedLog, open_log
 from mercator_design.robot.logs.log import understanding
 
 
-def write_csv(paths: Sequence[Path], file: BinaryIO, doubt: Callable[[str], None]) -> list[str]:
+def write_csv(paths: Sequence[Path], file: BinaryIO, warn: Callable[[str], None]) -> list[str]:
     """Write logs as CSV: a row for each control cycle, or each sample; of each log, what there was, in words.
 
     Args:
         paths: Of the logs, all of runs or all of recordings; rows of several are in the order of their clock.
         file: To write to.
-        doubt: Called with what is wrong with the order.
+        warn: Called with what is wrong with the order.
 
     Raises:
         RobotError: if one is no log of these kinds, is of another kind than the first, or is damaged before its end.
@@ -34,7 +34,7 @@ def write_csv(paths: Sequence[Path], file: BinaryIO, doubt: Callable[[str], None
         for path, log in zip(paths, logs, strict=True):
             if not log.reference or log.reference != logs[0].reference:
                 of = f"that of {log.reference}" if log.reference else "its robot's own"
-                doubt(f"{path}: its clock is {of}, which was not compared with those of the other logs")
+                warn(f"{path}: its clock is {of}, which was not compared with those of the other logs")
     table = csv.DictWriter(codecs.getwriter("utf-8")(file), logs[0].columns, lineterminator="\n")
     table.writeheader()
     rows = heapq.merge(*map(_rows, paths, logs), key=lambda row: row["clock"])

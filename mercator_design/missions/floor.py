@@ -38,7 +38,7 @@ LARGEST_IMAGE = 4_000_000
 """Pixels: beyond, a small file could fill the memory."""
 
 
-_MOST_ROWS = 10_000
+_MAX_ROWS = 10_000
 """Of numbers that what changes a floor looks through in every cycle."""
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM")
@@ -318,11 +318,11 @@ class Floor:
                 raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
         if len({len(row) for row in numbers}) > 1:
             raise FieldError("name", f"{first_line(function)}{dynamics.name} must give rows of one length")
-        if len(numbers) > _MOST_ROWS:
+        if len(numbers) > _MAX_ROWS:
             raise FieldError(
                 "name",
                 f"{first_line(function)}{dynamics.name} keeps {len(numbers)} rows of numbers; expected at most "
-                f"{_MOST_ROWS}",
+                f"{_MAX_ROWS}",
             )
         return numbers
 

@@ -50,7 +50,7 @@ def run_summary(path: Path) -> str:
         return f"{path}: no race has begun here yet"
     task = TASKS[record.start["task"]]
     asked = {(one.configuration, one.instance) for one in record.experiments.values()}
-    unasked = sum(place not in asked for place in record.ahead)
+    unasked = sum(place not in asked for place in record.speculative)
     failed = sum(one.score is None for one in record.results())
     lines = [
         *task.about(record.start),
@@ -113,7 +113,7 @@ _KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "sta
 def _run(path: Path, reading: Reading) -> dict[str, Any]:
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
-    is_running, (missing, doubts) = is_locked(path / JOURNAL), _doubts(path, record)
+    is_running, (missing, warnings) = is_locked(path / JOURNAL), _warnings(path, record)
     if is_running:
         run["state"] = "running"
     elif missing:
@@ -122,7 +122,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
         run["state"] = "finished"
     else:
         run["state"] = "stopped"
-    run["notes"] = [] if is_running else [missing] * bool(missing) + doubts
+    run["notes"] = [] if is_running else [missing] * bool(missing) + warnings
     if record.start:
         run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
     if record.sessions:
@@ -134,7 +134,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
     return run
 
 
-def _doubts(path: Path, record: Record) -> tuple[str, list[str]]:
+def _warnings(path: Path, record: Record) -> tuple[str, list[str]]:
     """What is missing at the end of a journal that is whole, and what else is wrong with its folder."""
     try:
         return wrong_end(path, record), []

@@ -18,7 +18,7 @@ from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
-from mercator_design.sim.checks.doubts import dead_conditions, dead_transitions
+from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
 from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")

@@ -122,8 +122,8 @@ def load_robot_model(name_or_path: str) -> RobotModel:
             try:
                 _read(path, overrides=(override,))
             except MissionError as error:
-                told = [message.removeprefix(f"--set {excerpt(override)}: ") for message in error.messages]
-                raise MissionError(*(f"{model.where('vary')}: {what}" for what in told)) from None
+                messages = [message.removeprefix(f"--set {excerpt(override)}: ") for message in error.messages]
+                raise MissionError(*(f"{model.where('vary')}: {what}" for what in messages)) from None
     return model
 
 

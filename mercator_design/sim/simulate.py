@@ -13,7 +13,7 @@ from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import CompilationError, cache_doubt, compiled, is_cached, jit_wanted
+from mercator_design.jit import CompilationError, cache_warning, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -26,7 +26,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.world import Instance, World
 
 if TYPE_CHECKING:
-    from mercator_design.sim.checks.impossible import Doubt
+    from mercator_design.sim.checks.impossible import MissionWarning
 
 Floats = NDArray[np.float64]
 
@@ -54,19 +54,19 @@ class Simulator:
         self._world = World(mission, self.robot_model)
 
     @cached_property
-    def doubts(self) -> "tuple[Doubt, ...]":
+    def warnings(self) -> "tuple[MissionWarning, ...]":
         """What of the mission cannot be, or is hardly meant, for these robots."""
-        from mercator_design.sim.checks.impossible import doubts_of_mission  # takes long to import: scipy.ndimage
+        from mercator_design.sim.checks.impossible import mission_warnings  # takes long to import: scipy.ndimage
 
-        return tuple(doubts_of_mission(self.mission, self.robot_model))
+        return tuple(mission_warnings(self.mission, self.robot_model))
 
     def refuse_impossible(self) -> None:
         """Make sure that the mission can be: called by all that race or validate it.
 
         Raises:
-            MissionError: with a message for each of `doubts` that says that it cannot.
+            MissionError: with a message for each of `warnings` that says that it cannot.
         """
-        if impossible := [doubt.message for doubt in self.doubts if doubt.is_impossible]:
+        if impossible := [warning.message for warning in self.warnings if warning.is_impossible]:
             raise MissionError(*impossible)
 
     def instance(self, seed: int) -> Instance:
@@ -109,10 +109,10 @@ class Simulator:
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
         """
-        if doubt := cache_doubt():
-            announce(f"Warning: the cache of compiled code is not used: {doubt}")
+        if warning := cache_warning():
+            announce(f"Warning: the cache of compiled code is not used: {warning}")
         if not is_cached(kernel.experiment):
-            announce(f"Compiling the simulator{'; later runs find it in the cache' * (not doubt)} ...")
+            announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
         self.check_placement()
         try:
             trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)

@@ -28,7 +28,7 @@ class Place(NamedTuple):
     """Where machine code is cached."""
 
     folder: Path | None  # None: nowhere
-    doubt: str  # why it is not the usual folder; empty if it is
+    problem: str  # why it is not the usual folder; empty if it is
 
 
 @functools.cache
@@ -40,22 +40,22 @@ def place(name: str) -> Place:
     import platformdirs
 
     usual = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
-    doubt = "no file can be written there"
+    problem = "no file can be written there"
     with contextlib.suppress(OSError, RuntimeError):  # a link that leads to itself is either, by version of Python
         folder = Path(usual).resolve() / name
         for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
             missing.mkdir(mode=0o700, exist_ok=True)
-        doubt = why_not_private(folder)
-        if not doubt:
+        problem = why_not_private(folder)
+        if not problem:
             with tempfile.TemporaryFile(dir=folder):
                 return Place(folder, "")
-    doubt = f"{Path(usual) / name}: {doubt}; so what is compiled is forgotten when this process ends"
+    problem = f"{Path(usual) / name}: {problem}; so what is compiled is forgotten when this process ends"
     try:
         folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # which nobody else may enter
     except OSError:
-        return Place(None, doubt)
+        return Place(None, problem)
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Place(folder, doubt)
+    return Place(folder, problem)
 
 
 def why_not_private(folder: Path) -> str:

@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, NumberRange, put, tell
+from mercator_design.command import FILE, NumberRange, print_message, print_result
 from mercator_design.errors import RobotError
 from mercator_design.robot.run.safety import go_first
 from mercator_design.system.address_space import prepare_for_libraries
@@ -65,7 +65,7 @@ def twin(
     if no_noise:
         model = without_noise(model)
     place = usual_folder() if folder is None else folder
-    with announced(lambda: tell("Compiling the twin; later runs find it in the cache ...")):
+    with announced(lambda: print_message("Compiling the twin; later runs find it in the cache ...")):
         arena = TwinArena(loaded, model, seed)
         with open_log(place) as log:
             terminals = Terminals(Twin(arena, script, log), place)
@@ -74,9 +74,11 @@ def twin(
             with Interrupt() as interrupt, terminals:
                 go_first(_PRIORITY)
                 for number, file in enumerate(terminals.robots):
-                    put(f"robot {number}: {file}")
-                timing = terminals.run(lambda now: interrupt.came() or (duration is not None and now >= duration), tell)
-    tell(
+                    print_result(f"robot {number}: {file}")
+                timing = terminals.run(
+                    lambda now: interrupt.came() or (duration is not None and now >= duration), print_message
+                )
+    print_message(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each second; "
         f"at most {1000 * timing.latest:.0f} ms late; {timing.dropped} bytes that nobody fetched"
     )

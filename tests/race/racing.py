@@ -122,7 +122,7 @@ def main(folder, seed, points):
             os._exit(0)
         _, status = os.waitpid(child, 0)
         known = read(path).record if path.stat().st_size else Record()
-        missing = len({*places(whole)} - {*places(known)} - known.ahead.keys())
+        missing = len({*places(whole)} - {*places(known)} - known.speculative.keys())
         missing += len(whole.tests.keys() - known.tests.keys())
         winner, digest, anew = resumed(path, seed=seed, testing=TESTING)
         same = (winner, digest) == expected and read(path).record.tests == whole.tests

@@ -475,7 +475,7 @@ def test_what_is_under_way_when_it_is_stopped_is_kept(tmp_path):
     with Journal(path, new=True) as one, ThreadExecutor(3) as executor:
         with pytest.raises(ExecutorStopped):
             runner(one, executor, function=counted, stopped=lambda: len(begun) > 100).finish()
-        known = {*places(one.record)} | one.record.ahead.keys()
+        known = {*places(one.record)} | one.record.speculative.keys()
         assert len(known) == len(begun)
     assert resumed(path) == (*EXPECTED, len({*places(WHOLE)} - known))
 
@@ -499,32 +499,32 @@ class TestAhead:
 
     def test_one_worker_never_does(self):
         record, ran = self.raced(1)
-        assert record.ahead == {}
+        assert record.speculative == {}
         assert len(ran) == RAN
 
     def test_several_do_and_it_makes_no_difference(self):
         record, ran = self.raced(6)
-        assert record.ahead
+        assert record.speculative
         assert (record.ends[-1].winner, record.digest()) == EXPECTED
         assert len(ran) == len(set(ran))  # none runs twice
-        assert len(ran) - RAN == len(record.ahead.keys() - {*places(record)}) < 0.25 * RAN
+        assert len(ran) - RAN == len(record.speculative.keys() - {*places(record)}) < 0.25 * RAN
 
-    def test_what_is_foreseen_is_asked_for_if_nothing_is_eliminated(self):
+    def test_lookahead_predicts_what_is_asked_if_nothing_is_eliminated(self):
         race = IteratedRace(SPACE, budget=600, seed=1, options=RaceOptions(confirmation=0))
-        assert race.foresee(3) == []
-        foreseen = []
+        assert race.lookahead(3) == []
+        predicted = []
         for _ in range(3):  # before the first test
             batch = race.ask()
-            assert foreseen == batch[: len(foreseen)]
-            foreseen = race.foresee(len(batch))
-            assert race.foresee(2) == foreseen[:2]
-            assert foreseen
+            assert predicted == batch[: len(predicted)]
+            predicted = race.lookahead(len(batch))
+            assert race.lookahead(2) == predicted[:2]
+            assert predicted
             race.tell([0.0] * len(batch))
 
-    def test_no_more_is_foreseen_than_the_budget_allows(self):
+    def test_lookahead_stays_within_the_budget(self):
         race = IteratedRace(SPACE, budget=60, seed=1)
         while batch := race.ask():
-            assert len(race.foresee(1000)) <= max(race.budget - race.used - len(batch), 0)
+            assert len(race.lookahead(1000)) <= max(race.budget - race.used - len(batch), 0)
             race.tell([race.configurations[e.configuration]["x"] for e in batch])
 
 

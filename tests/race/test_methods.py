@@ -40,7 +40,7 @@ def reject_all(race):
 
 def run_in(record):
     """What has run, asked for or not."""
-    return {*record.ahead, *((one.configuration, one.instance) for one in record.experiments.values())}
+    return {*record.speculative, *((one.configuration, one.instance) for one in record.experiments.values())}
 
 
 def test_the_command_line_has_them_all():
@@ -101,17 +101,17 @@ class TestConformance:
         assert race.best.n_results == len(own)
         assert race.best.mean == pytest.approx(sum(own.values()) / len(own))
 
-    def test_what_it_foresees_comes(self, method):
-        race, foreseen, hits = race_of(method), set(), 0
+    def test_lookahead_predicts_experiments(self, method):
+        race, predicted, hits = race_of(method), set(), 0
         while batch := race.ask():
-            likely = race.foresee(20)
+            likely = race.lookahead(20)
             assert len(likely) <= 20
             assert not {*likely} & {*batch}
-            hits += len(foreseen & {*batch})
-            foreseen |= {*likely}
+            hits += len(predicted & {*batch})
+            predicted |= {*likely}
             race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
         assert hits > 0.3 * race.used
-        assert race.foresee(20) == []
+        assert race.lookahead(20) == []
 
     def test_any_executor_gives_the_same(self, method):
         digests = {recorded(method, executor).digest() for executor in (ThreadExecutor(1), ThreadExecutor(5))}

@@ -9,7 +9,7 @@ from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, 
 from mercator_design.race.methods.additive_model import effects
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.moves import Moves
-from mercator_design.race.methods.proposals import MOST_LEARNT_FROM, Proposer
+from mercator_design.race.methods.proposals import MAX_LEARNT_FROM, Proposer
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 
 
@@ -79,7 +79,7 @@ def test_rejected_configurations_are_learnt_from_as_bad_ones():
 
 
 def test_equal_costs_and_more_configurations_than_are_learnt_from():
-    configurations, _ = ran(MOST_LEARNT_FROM + 50)
+    configurations, _ = ran(MAX_LEARNT_FROM + 50)
     assert len(proposed(5, configurations, [{0: 1.0}] * len(configurations))) == 5
 
 

@@ -52,7 +52,7 @@ def test_the_race_is_the_same_and_the_tests_are_noted(tmp_path, jobs):
     winner, digest, n = resumed(path, ThreadExecutor(jobs), testing=TESTING)
     assert (winner, digest) == EXPECTED
     record = read(path).record
-    known = {*racing.places(record)} | record.ahead.keys()
+    known = {*racing.places(record)} | record.speculative.keys()
     assert n == len(known) + len(record.tests)
     scores = record.test_scores()
     assert len(scores[winner]) == TESTING.runs

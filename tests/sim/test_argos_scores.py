@@ -19,7 +19,7 @@ SHUFFLES = parse("--nstates 2 --s0 0 --rwm0 5 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.
 
 
 def compare(runs=DATA["runs"], meta=DATA["meta"], experiments=40):
-    return scores.compare(meta, runs, experiments=experiments, seed=1, jobs=2, tell=lambda _: None)
+    return scores.compare(meta, runs, experiments=experiments, seed=1, jobs=2, report=lambda _: None)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.trace import Trace
 from mercator_design.missions.zone_distance import border_points, distance_to
-from mercator_design.sim.checks.impossible import doubts_of_angles, doubts_of_mission
+from mercator_design.sim.checks.impossible import angle_warnings, mission_warnings
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import LightRing
@@ -52,7 +52,7 @@ LEFT_ROOM = [
 
 def told(*overrides, text=ROOMS, model=MERCATOR):
     mission = parse_mission(text, name="m.yaml", overrides=overrides)
-    return [(doubt.message, doubt.is_impossible) for doubt in doubts_of_mission(mission, model)]
+    return [(warning.message, warning.is_impossible) for warning in mission_warnings(mission, model)]
 
 
 def opened(width):
@@ -67,14 +67,14 @@ def opened(width):
 @pytest.mark.parametrize("name", shipped.missions())
 def test_shipped_missions_can_be(name):
     mission = load_mission(name)
-    assert doubts_of_mission(mission, load_robot_model(mission.robot_model)) == []
+    assert mission_warnings(mission, load_robot_model(mission.robot_model)) == []
 
 
 @pytest.mark.parametrize("kind", ["foraging", "homing", "aggregation-xor"])
 def test_random_missions_can_be(kind):
     for number in range(1, 6):
         mission = sample_mission(kind, seed=3, number=number)
-        assert doubts_of_mission(mission, load_robot_model(mission.robot_model)) == []
+        assert mission_warnings(mission, load_robot_model(mission.robot_model)) == []
 
 
 class TestReach:
@@ -193,14 +193,14 @@ class TestAngles:
 
     def test_of_a_robot_model(self):
         ring = LightRing(angles=(0.0, 45.0), height=0.1)
-        (found,) = doubts_of_angles(dataclasses.replace(MERCATOR, light=ring))
+        (found,) = angle_warnings(dataclasses.replace(MERCATOR, light=ring))
         assert found.message.startswith("robot model mercator: light.angles[1]: 45 rad is") or (
             ": light.angles[1]: 45 rad is" in found.message
         )
 
     @pytest.mark.parametrize("name", shipped.robot_models())
     def test_shipped_robot_models_have_none(self, name):
-        assert list(doubts_of_angles(load_robot_model(name))) == []
+        assert list(angle_warnings(load_robot_model(name))) == []
 
 
 class TestScores:

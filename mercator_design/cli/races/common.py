@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import put, tell
+from mercator_design.command import print_message, print_result
 from mercator_design.race.running.events import ExperimentDone, IterationEnded
 from mercator_design.race.running.executors import Executor, ExecutorStopped
 from mercator_design.race.running.optuna_mirror import OptunaMirror
@@ -23,7 +23,7 @@ from mercator_design.report.summary import race_summary
 from mercator_design.runs.files import read_provenance
 from mercator_design.runs.folder import RunFolder
 
-_MOST_TOLD = 10
+_MAX_WARNINGS = 10
 """Failures that are told one by one."""
 
 RESUME = click.option(
@@ -129,7 +129,7 @@ def run(
         interrupt: What may stop it.
     """
     for note in folder.journal.notes:
-        tell(f"Note: {note}")
+        print_message(f"Note: {note}")
     folder.journal.open_session(**how)
     before, tested = len(folder.journal.record.experiments), len(folder.journal.record.tests)
     resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
@@ -146,8 +146,8 @@ def run(
         interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
         raise
     except ExperimentFailed as error:
-        tell(f"To run what failed alone: {folder.keep_failed(error.finished)}")
-        tell(f"To go on without it:      {resume} --on-failure reject")
+        print_message(f"To run what failed alone: {folder.keep_failed(error.finished)}")
+        print_message(f"To go on without it:      {resume} --on-failure reject")
         raise
     summary = race_summary(
         result,
@@ -162,7 +162,7 @@ def run(
     try:
         folder.finish(result, seconds=round(display.seconds, 3))
     finally:
-        put(with_notes_wrapped(summary, terminal_width()), nl=False)
+        print_result(with_notes_wrapped(summary, terminal_width()), nl=False)
 
 
 def _run(
@@ -177,13 +177,13 @@ def _run(
     known_failures = {number for number, one in record.experiments.items() if one.failure}
     known_iterations = set(record.iterations)
     failed = 0
-    is_told = False
+    is_announced = False
 
     def stopped() -> bool:
-        nonlocal is_told
-        if interrupt.came() and not is_told:
-            is_told = True
-            tell("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
+        nonlocal is_announced
+        if interrupt.came() and not is_announced:
+            is_announced = True
+            print_message("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
         return interrupt.came()
 
     race = RaceRun(
@@ -197,10 +197,12 @@ def _run(
             case ExperimentDone() if event.failure and event.experiment not in known_failures:
                 command = folder.keep_failed(event)
                 failed += 1
-                if failed <= _MOST_TOLD:
-                    tell(f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}")
+                if failed <= _MAX_WARNINGS:
+                    print_message(
+                        f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}"
+                    )
             case IterationEnded() if event.note and event.iteration not in known_iterations:
-                tell(f"Note: iteration {event.iteration}: {event.note}")
+                print_message(f"Note: iteration {event.iteration}: {event.note}")
     if mirror is not None:
         mirror.finish(race.result.configuration)
     return race.result
@@ -216,5 +218,5 @@ def _mirror(storage: str | None, folder: RunFolder) -> "AbstractContextManager[O
         f"{task.name}, seed {task.race.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
         task.race,
         maximise=task.maximise,
-        complain=lambda what: tell(f"Warning: {what}"),
+        complain=lambda what: print_message(f"Warning: {what}"),
     )

@@ -19,8 +19,8 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
-from mercator_design.cli.terminal import Interrupt, warn_of_doubts, warn_of_mission
-from mercator_design.command import NumberRange, tell
+from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
+from mercator_design.command import NumberRange, print_message
 from mercator_design.design import Designer
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
@@ -138,7 +138,7 @@ def race(
             if budget is not None:
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
-            folder.task.prepare(tell)
+            folder.task.prepare(print_message)
         run(folder, executor, how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
 
 
@@ -165,7 +165,7 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
         from mercator_design.race.running.dask_executor import DaskExecutor
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
-        return DaskExecutor(scheduler, jobs, announce=lambda what: tell(f"Note: {what}"))
+        return DaskExecutor(scheduler, jobs, announce=lambda what: print_message(f"Note: {what}"))
     if name == "processes":
         return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
     return ThreadExecutor(jobs or available_jobs())
@@ -186,7 +186,7 @@ def _new_folder(
     simulator = Simulator(load_mission(mission, overrides))
     warn_of_mission(simulator, refuse=True)
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
-    warn_of_doubts(simulator, flavour)
-    simulator.rehearse(announce=tell)
+    warn_of_no_effect(simulator, flavour)
+    simulator.rehearse(announce=print_message)
     request = Request(mission=mission, set=overrides, flavour=flavour, method=method, **how)
     return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

@@ -9,7 +9,7 @@ import click
 from mercator_design.analysis import analysis
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import naming, put, tell, warn
+from mercator_design.command import naming, print_message, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.analysis import ablation_csv, ablation_page, importance_csv, importance_page, save_ablation
@@ -55,10 +55,10 @@ def runs(context: click.Context) -> None:
 def list_runs(folder: Path, *, as_json: bool = False) -> None:
     """List the races in the folders within FOLDER, by default runs."""
     if as_json:
-        put(runs_json(folder))
+        print_result(runs_json(folder))
         return
     table, notes = runs_table(folder)
-    put(table)
+    print_result(table)
     warn(notes)
 
 
@@ -70,13 +70,13 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
     if what is None:
-        put(with_notes_wrapped(run_summary(directory), terminal_width()))
+        print_result(with_notes_wrapped(run_summary(directory), terminal_width()))
     elif what == "experiments":
-        put(experiments_table(directory).to_csv(index=False), nl=False)
+        print_result(experiments_table(directory).to_csv(index=False), nl=False)
     elif what == "tests":
-        put(tests_table(directory).to_csv(index=False), nl=False)
+        print_result(tests_table(directory).to_csv(index=False), nl=False)
     else:
-        put(configurations_table(directory).to_csv(), nl=False)
+        print_result(configurations_table(directory).to_csv(), nl=False)
 
 
 @runs.command(short_help="Check the journal of a race, and run a sample of it again.")
@@ -98,8 +98,8 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     """
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped):
-        for line in verify_run(directory, task, number, executor, announce=tell, stopped=stopped):
-            put(line)
+        for line in verify_run(directory, task, number, executor, announce=print_message, stopped=stopped):
+            print_result(line)
 
 
 @runs.command(short_help="Tell which modules or parameters explain the scores.")
@@ -116,7 +116,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Tell which modules or parameters explain the scores in the race of DIRECTORY."""
     task, explanation = analysis.importance(directory, modules=None if what is None else what == "modules", seed=seed)
-    put((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
+    print_result((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
 
 
 @runs.command(short_help="Find what the winner of a race needs.")
@@ -162,11 +162,11 @@ def ablation(
             start=start,
             first=first,
             runs=runs,
-            announce=tell,
+            announce=print_message,
             watch=display.update,
             stopped=stopped,
         )
-    put(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
+    print_result(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
         with naming(plot):
             save_ablation(plot, result)

@@ -21,7 +21,7 @@ from mercator_design.cli.races.common import (
     run,
 )
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, naming, put, tell
+from mercator_design.command import FILE, naming, print_message, print_result
 from mercator_design.errors import MercatorError, printable
 from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
@@ -121,7 +121,7 @@ def tune(
         )
         tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
         for note in tuner.race.notes:
-            tell(f"Note: {note}")
+            print_message(f"Note: {note}")
         if check:
             _check(tuner)
             return
@@ -158,14 +158,14 @@ def _check(tuner: Tuner) -> None:
     def show(command: str, run: Callable[[], Measurement], *, is_cost: bool) -> bool:
         """Show a command and what came of it; gives whether it ran."""
         nonlocal failed
-        put(command)
+        print_result(command)
         ((_, result),) = executor.run(lambda _: run(), [0])
         interrupt.check("Not all of these have run")
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
-            put(printable(f"  {result.reason}"))
+            print_result(printable(f"  {result.reason}"))
         elif is_cost:
-            put(f"  cost {result.score:g}")
+            print_result(f"  cost {result.score:g}")
         return not isinstance(result, Failed)
 
     evaluate = tuner.evaluate
@@ -191,7 +191,7 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
         raise MercatorError(f"{tuner.scenario.path}: expected test instances for --only-test ({expected}), found none")
     configurations, notes = read_configurations(file, tuner.scenario.space)
     for note in notes:
-        tell(f"Note: {note}")
+        print_message(f"Note: {note}")
     if not configurations:
         raise MercatorError(f"{file}: expected configurations, found none")
     with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:
@@ -204,7 +204,7 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
     for number, instance in enumerate(instances):
         rows.append([instance, tuner.test_seed(number), *(f"{of[number]:.15g}" for of in costs)])
     means = [f"{sum(of) / len(of):.6g}" for of in costs]
-    put("\n".join(aligned([*rows, ["mean", None, *means]])))
+    print_result("\n".join(aligned([*rows, ["mean", None, *means]])))
     if output is not None:
         table = io.StringIO()
         csv.writer(table, lineterminator="\n").writerows(rows)

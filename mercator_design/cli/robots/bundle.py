@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import OUTPUT_FILE, naming, tell
+from mercator_design.command import OUTPUT_FILE, naming, print_message
 from mercator_design.errors import RobotError
 from mercator_design.fleet.bundle import bundle as make
 from mercator_design.fleet.bundle import is_bundle
@@ -34,4 +34,4 @@ def bundle(output: Path) -> None:
         write_bytes(output, data)
         if output.is_file():
             output.chmod(0o755)
-    tell(f"{output} is written; on the robot: python3 {output.name} --help")
+    print_message(f"{output} is written; on the robot: python3 {output.name} --help")

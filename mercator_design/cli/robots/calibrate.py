@@ -7,7 +7,7 @@ import click
 
 from mercator_design.calibration.sensors import calibrate as fit
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.command import FILE, OUTPUT_FILE, naming, put, tell
+from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result
 from mercator_design.config.loading import is_name
 from mercator_design.errors import MercatorError
 from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
@@ -59,11 +59,11 @@ def calibrate(
         raise MercatorError(f"{output} is there already; give another name, or remove it")
     result = fit(recordings, load_robot_model(base), seed=seed)
     for note in result.notes:
-        tell(f"Note: {note}")
+        print_message(f"Note: {note}")
     if plot is not None:
         with naming(plot):
             save_noise(plot, result)
     beside = base if is_name(base) else os.path.relpath(base, output.parent)
     with naming(output):
         write_text(output, model_text(result, beside, name))
-    put(calibration_json(result, seed) if as_json else calibration_page(result))
+    print_result(calibration_json(result, seed) if as_json else calibration_page(result))

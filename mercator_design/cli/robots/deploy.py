@@ -12,9 +12,9 @@ from mercator_design.command import (
     WITHOUT,
     NumberRange,
     naming_header,
-    put,
+    print_message,
+    print_result,
     read_controller,
-    tell,
 )
 from mercator_design.errors import RobotError, printable
 from mercator_design.fleet import deploy as do
@@ -121,9 +121,9 @@ def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
 def _check(fleet: Fleet, timeout: float, options: list[str]) -> None:
     checked = check(fleet, timeout, options)
     for row in table(checked):
-        put(printable(row))
+        print_result(printable(row))
     for row in (found := [*wrong(checked)]):
-        put(f"WRONG  {printable(row)}")
+        print_result(f"WRONG  {printable(row)}")
     if found:
         names = {each.robot.name for each in checked if [*wrong([each])]}
         raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
@@ -136,11 +136,11 @@ def _start(fleet: Fleet, options: list[str], timeout: float, cycle: float) -> No
         raise RobotError(f"no robot runs: {started.why}")
     if len(started.results) > 1:
         spread, uncertainty = 1000.0 * started.spread, 1000.0 * started.uncertainty
-        tell(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
+        print_message(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
 
 
 def _shown(results: list[RobotOutcome]) -> "list[RobotOutcome]":
     for each in results:
         row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
-        put(printable(row))
+        print_result(printable(row))
     return results

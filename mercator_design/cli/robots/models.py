@@ -3,7 +3,7 @@
 import click
 
 from mercator_design.cli.terminal import terminal_width
-from mercator_design.command import put
+from mercator_design.command import print_result
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
 from mercator_design.errors import MissionError
@@ -25,7 +25,7 @@ def robots(context: click.Context) -> None:
 @robots.command("list")
 def list_robots() -> None:
     """List the shipped robot models."""
-    put(robot_models_table(terminal_width()))
+    print_result(robot_models_table(terminal_width()))
 
 
 @robots.command("show")
@@ -33,4 +33,6 @@ def list_robots() -> None:
 def show_robot(name: str) -> None:
     """Print the YAML of a robot model as it stands, with its comments."""
     load_robot_model(name)
-    put(text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True)
+    print_result(
+        text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True
+    )

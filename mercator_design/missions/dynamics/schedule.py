@@ -14,7 +14,7 @@ from mercator_design.missions.plugins import Site, Zones, dynamic
 
 Time = Annotated[float, Range(0.0, 86_400.0)]
 
-_MOST_CHANGES = 10_000
+_MAX_CHANGES = 10_000
 """All are looked through in every cycle."""
 
 _EARLY = 1e-6
@@ -41,9 +41,9 @@ def _mistakes(
         yield FieldError("times", "expected each later than the one before")
     if every is not None and every <= times[-1] - times[0]:
         yield FieldError("every", f"expected more than the {times[-1] - times[0]:g} s from the first time to the last")
-    if len(times) * rows > _MOST_CHANGES:
+    if len(times) * rows > _MAX_CHANGES:
         yield FieldError(
-            "times", f"expected at most {_MOST_CHANGES} changes, found {len(times)} of {rows} zones and tiles"
+            "times", f"expected at most {_MAX_CHANGES} changes, found {len(times)} of {rows} zones and tiles"
         )
 
 

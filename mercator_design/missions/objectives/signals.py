@@ -44,8 +44,8 @@ def stop_when_told(
     still: Size = 0.005,  # [m] that a robot which stands still goes in a cycle, at most
 ) -> float:
     """Robots that stand still while the zone `signal` has a colour, and move while it has not, summed over cycles."""
-    told = _told(trace, signal, color)
-    return float(np.sum(_moving(trace, still) != told[:, None]))
+    is_signalled = _is_signalled(trace, signal, color)
+    return float(np.sum(_moving(trace, still) != is_signalled[:, None]))
 
 
 @objective
@@ -56,11 +56,11 @@ def robots_where_told(
     places: Annotated[Mapping[ColourName, Zone], Length(1)],  # the zone that belongs to each colour
 ) -> float:
     """Robots in that zone which belongs to the colour that the zone `signal` has, summed over cycles."""
-    there = [trace.inside((zone,), "always")[_told(trace, signal, name)] for name, zone in places.items()]
+    there = [trace.inside((zone,), "always")[_is_signalled(trace, signal, name)] for name, zone in places.items()]
     return float(sum(int(np.sum(each)) for each in there))
 
 
-def _told(trace: Trace, signal: str, color: Colour) -> Flags:
+def _is_signalled(trace: Trace, signal: str, color: Colour) -> Flags:
     """Whether a zone has a colour, after each cycle (cycles,)."""
     return np.asarray(np.all(trace.zone_colors((signal,))[:, 0] == rgb(color), axis=1), dtype=np.bool_)
 

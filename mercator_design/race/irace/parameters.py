@@ -69,7 +69,7 @@ def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> lis
     """What irace refuses in expressions, and numbers that are not what they seem when text is compared with them."""
     of_text = {parameter.name for parameter in parameters if not parameter.is_numeric}
     notes = [note for expression in expressions for note in expression.doubled]
-    return notes + [told for expression in expressions for name, told in expression.odd_numbers if name in of_text]
+    return notes + [note for expression in expressions for name, note in expression.odd_numbers if name in of_text]
 
 
 class _ParameterLine:

@@ -24,7 +24,7 @@ from mercator_design.race.space.space import Space
 from mercator_design.system.files import Unreadable, read_small
 
 _LARGEST = 16 * 1024 * 1024  # bytes
-_MOST_JOBS = 256
+_MAX_JOBS = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,8 +218,8 @@ class _ScenarioReader:
 
     def jobs(self) -> int:
         jobs = self.count("parallel")
-        if jobs > _MOST_JOBS:
-            raise RaceError(f"{self.place('parallel')}: parallel: expected 0 to {_MOST_JOBS}, found {jobs}")
+        if jobs > _MAX_JOBS:
+            raise RaceError(f"{self.place('parallel')}: parallel: expected 0 to {_MAX_JOBS}, found {jobs}")
         return max(jobs, 1)
 
     def budget(self, space: Space, options: RaceOptions) -> int:

@@ -29,7 +29,7 @@ _GLANCE = 0.1
 """Seconds from one look at whether to stop to the next."""
 _GRACE = 1.0
 """Seconds that what a program leaves behind may go on to print."""
-_MOST_SHOWN = 300
+_MAX_SHOWN = 300
 """Characters of a program's output in a message."""
 
 
@@ -247,7 +247,7 @@ def _signal(number: int) -> str:
 
 
 def _failed(what: str, printed: str, command: list[str]) -> TargetFailed:
-    shown = repr(printed.strip()[-_MOST_SHOWN:])
-    if len(shown) > _MOST_SHOWN:
-        shown = f"'... {shown[-_MOST_SHOWN:]}"
+    shown = repr(printed.strip()[-_MAX_SHOWN:])
+    if len(shown) > _MAX_SHOWN:
+        shown = f"'... {shown[-_MAX_SHOWN:]}"
     return TargetFailed(f"{what}; it printed {shown}; the command was: {shlex.join(command)}")

@@ -18,7 +18,7 @@ _CLIPPED_AT = 3.0
 """Standard errors; further out a result counts as if it were there (Huber 1981)."""
 _DEVIATIONS = 1.4826
 """Standard deviation of a normal distribution, in median absolute deviations."""
-_LEAST_SPREAD = 0.1
+_MIN_SPREAD = 0.1
 """Part of the variance of the configurations' means that is never put down to errors."""
 
 
@@ -62,7 +62,7 @@ def expected(costs: Floats) -> Floats:
         clipped = np.clip(costs, fitted - limit, fitted + limit) if limit > 0 else costs
     means, variance = effects(clipped)
     error = variance / (~np.isnan(costs)).sum(axis=1)
-    spread = max(float(means.var() - np.median(error)), _LEAST_SPREAD * float(means.var()))
+    spread = max(float(means.var() - np.median(error)), _MIN_SPREAD * float(means.var()))
     if spread == 0:
         return means
     shrunken: Floats = means.mean() + (means - means.mean()) * spread / (spread + error)

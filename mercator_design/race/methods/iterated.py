@@ -115,8 +115,8 @@ class IteratedRace(Optimizer):
         if self._race is not None:
             self._race.revise(costs)
 
-    def foresee(self, n: int) -> list[Experiment]:
-        return [] if self._race is None else self._race.foresee(n)
+    def lookahead(self, n: int) -> list[Experiment]:
+        return [] if self._race is None else self._race.lookahead(n)
 
     def extend(self, budget: int) -> None:
         """Go on with a larger budget after the end.
@@ -270,7 +270,7 @@ class IteratedRace(Optimizer):
             survivors=self._planner.survivors,
             budget=budget,
             limit=self._left - self._planner.reserved,
-            most_instances=self.options.instances,
+            max_instances=self.options.instances,
         )
 
     def _old_instances(self) -> list[int]:
@@ -304,7 +304,7 @@ class IteratedRace(Optimizer):
             survivors=1,
             budget=remaining,
             limit=remaining,
-            most_instances=self.options.instances,
+            max_instances=self.options.instances,
         )
         yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
 

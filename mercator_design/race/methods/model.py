@@ -24,11 +24,11 @@ from mercator_design.race.methods.sampling import Floats, truncated_normal
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
 
-_MOST_ROUNDS = 100
+_MAX_ROUNDS = 100
 """Times that forbidden configurations are drawn anew before giving up (irace)."""
 _INITIAL_SPREAD = 0.5
 """Standard deviation of a new elite's distributions, as a part of the domain's width."""
-_MOST_CERTAINTY = 0.2
+_MAX_CERTAINTY = 0.2
 """A categorical probability is capped at this to the power 1/d, then normalised (irace, elitist races)."""
 _SAME_SPREAD = float(np.finfo(float).eps)
 
@@ -152,13 +152,13 @@ class SamplingModel:
             RaceError: What is drawn is excluded again and again.
         """
         found: list[tuple[Configuration, int]] = []
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(_MAX_ROUNDS):
             drawn = self.draw(n - len(found), ranked, generator)
             found += [child for child in drawn if not excluded(child[0])]
             if len(found) == n:
                 return found
         raise RaceError(
-            f"sampling: expected {n} allowed configurations within {_MOST_ROUNDS} rounds, "
+            f"sampling: expected {n} allowed configurations within {_MAX_ROUNDS} rounds, "
             f"found {len(found)}; the others are forbidden or were rejected"
         )
 
@@ -226,7 +226,7 @@ class SamplingModel:
         weights[chosen] += certainty
         weights /= weights.sum()
         if self._elitist:
-            weights = np.minimum(weights, _MOST_CERTAINTY ** (1 / self._space.n_variable))
+            weights = np.minimum(weights, _MAX_CERTAINTY ** (1 / self._space.n_variable))
         normalised: Floats = weights / weights.sum()
         return normalised
 

@@ -65,7 +65,7 @@ class Optimizer(ABC):
         """Where the race stands."""
 
     @abstractmethod
-    def foresee(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int) -> list[Experiment]:
         """At most n experiments that `ask` will probably give next, after those it has given."""
 
     @property
@@ -159,8 +159,8 @@ class Optimizer(ABC):
             raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
         check_costs(self._batch, costs)
         self.history.record(self._batch, costs)
-        told = [float(cost) for cost in costs]
-        self._advance(lambda: self._batches.send(told))
+        values = [float(cost) for cost in costs]
+        self._advance(lambda: self._batches.send(values))
 
     def extend(self, budget: int) -> None:
         """Go on with a larger budget after the end.

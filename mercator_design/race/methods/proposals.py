@@ -19,7 +19,7 @@ from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
-MOST_LEARNT_FROM = 200
+MAX_LEARNT_FROM = 200
 """Configurations; of more, those with most results and the newest, half of each."""
 _CANDIDATES = {"model": 50, "mutated": 87, "crossed": 33, "uniform": 30}
 _ROUNDS = 2
@@ -27,7 +27,7 @@ _ROUNDS = 2
 _PROMISING = 20
 _CHILDREN = 4
 """By mutation, of each promising candidate, and one by crossing."""
-_MOST_SAMPLED = 300
+_MAX_SAMPLED = 300
 """Candidates at which functions are sampled, as that takes the cube of their number."""
 _FEWEST_PARENTS = 5
 
@@ -75,7 +75,7 @@ class Proposer:
                 return []
             features = self._features.of(places)
             mean, spread = self._surrogate.predict(features)
-            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MOST_SAMPLED]
+            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MAX_SAMPLED]
             n = min(n, len(promising))
             chosen: list[int] = []
             for values in self._surrogate.sample(features[promising], n, generator):
@@ -87,7 +87,7 @@ class Proposer:
 
     def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
         """Fit the surrogate; the expected cost of each configuration that it was fitted to."""
-        learnt_from = _most_telling(costs)
+        learnt_from = _most_informative(costs)
         known = table([costs[number] for number in learnt_from])
         rejected = np.isinf(known).any(axis=1)
         known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
@@ -157,16 +157,16 @@ class Proposer:
         return np.array([self._places[number] for number in numbers])
 
 
-def _most_telling(costs: Sequence[Mapping[int, float]]) -> list[int]:
+def _most_informative(costs: Sequence[Mapping[int, float]]) -> list[int]:
     """Numbers of configurations to learn from."""
     known = [number for number, own in enumerate(costs) if own]
-    if len(known) <= MOST_LEARNT_FROM:
+    if len(known) <= MAX_LEARNT_FROM:
         return known
-    half = MOST_LEARNT_FROM // 2
+    half = MAX_LEARNT_FROM // 2
     most = sorted(known, key=lambda number: -len(costs[number]))[:half]
     chosen = set(most)
     newest = [number for number in reversed(known) if number not in chosen]
-    return sorted([*most, *newest[: MOST_LEARNT_FROM - half]])
+    return sorted([*most, *newest[: MAX_LEARNT_FROM - half]])
 
 
 def _compressed(means: Floats, noise: Floats) -> tuple[Floats, Floats]:

@@ -19,7 +19,7 @@ from mercator_design.race.space.space import Space
 
 Floats = NDArray[np.float64]
 
-_MOST_SOBOL_DIMENSIONS = 21201
+_MAX_SOBOL_DIMENSIONS = 21201
 """Of scipy's direction numbers."""
 
 
@@ -107,7 +107,7 @@ def _place(parameter: Parameter, configuration: Configuration) -> float:
 
 
 def _even_points(d: int, n: int, generator: Generator) -> Floats:
-    if d > _MOST_SOBOL_DIMENSIONS:
+    if d > _MAX_SOBOL_DIMENSIONS:
         return generator.random((n, d))
     from scipy.stats.qmc import Sobol
 

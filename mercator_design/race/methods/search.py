@@ -20,8 +20,8 @@ from mercator_design.race.racing.summary import IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
-_MOST_ELITES = 5
-_MOST_TRIES = 100
+_MAX_ELITES = 5
+_MAX_TRIES = 100
 """Proposals that are not new or not allowed, one after another, before none is expected any more."""
 
 
@@ -126,7 +126,7 @@ class Search(Optimizer):
             best=self.elites[0] if self.elites else None,
         )
 
-    def foresee(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int) -> list[Experiment]:
         coming = (Experiment(number, instance) for instance in self._instances for number in self._alive)
         return list(islice(coming, n))
 
@@ -156,7 +156,7 @@ class Search(Optimizer):
         """Up to n new configurations, by number; some are proposed more than once."""
         found: dict[int, list[Proposal]] = {}
         tries = 0
-        while len(found) < n and tries < _MOST_TRIES:
+        while len(found) < n and tries < _MAX_TRIES:
             proposal = self._sampler(self._initial.pop(0) if self._initial else None)
             number = self.history.number(proposal.configuration)
             tries += 1
@@ -245,7 +245,7 @@ class Search(Optimizer):
         if not accepted:
             accepted = [number for number in self._means if not self.history.is_rejected(number)]
         ranked = sorted(map(self.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
-        self.history.elites = ranked[:_MOST_ELITES]
+        self.history.elites = ranked[:_MAX_ELITES]
 
     def _end_iteration(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False

@@ -33,7 +33,7 @@ _MEDIAN_WEIGHT = 0.3
 _STEPS = 4
 _STEP = 0.2
 """Of Adam, in the logarithms of weights and variance."""
-_LEAST_NOISE = 1e-4
+_MIN_NOISE = 1e-4
 _DIGITS = 9
 """Results are rounded to so many decimals, lest the last bits, which differ from machine to machine, decide."""
 _SLOPE_DIGITS = 6
@@ -117,7 +117,7 @@ class Surrogate:
             costs: shape (n,).
             noise: variances of the costs' errors, shape (n,).
         """
-        noise = np.maximum(noise, _LEAST_NOISE)
+        noise = np.maximum(noise, _MIN_NOISE)
         self._adapt(features, costs, noise)
         self._features = features
         self._scale = np.sqrt(np.exp(self._theta[:-1]))[self._owner]

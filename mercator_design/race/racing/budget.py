@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from mercator_design.errors import RaceError
 
-MOST_CONFIGURATIONS = 1024
+MAX_CONFIGURATIONS = 1024
 """In one race, whatever the budget."""
 _GROWING_ITERATIONS = 5
 """A race has one more instance an iteration, until this one."""
@@ -44,7 +44,7 @@ def n_configurations(
     growing = mu + each_test * min(_GROWING_ITERATIONS, iteration)
     covering = math.ceil((n_old + n_new) / each_test) * each_test
     # The elites' results on old instances need no experiments.
-    return min((budget + n_elites * n_old) // max(growing, covering), MOST_CONFIGURATIONS)
+    return min((budget + n_elites * n_old) // max(growing, covering), MAX_CONFIGURATIONS)
 
 
 def minimum_budget(iterations: int, survivors: int, *, mu: int, each_test: int, n_new: int, elitist: bool) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-_MOST_COMBINED = 16
+_MAX_COMBINED = 16
 """Candidates whose combinations are tried."""
 
 
@@ -25,11 +25,11 @@ def select_candidates(needs: Mapping[int, int], budget: int, each_test: int | No
         n_on_new = budget // each_test
         if 1 < n_on_new <= len(complete):
             return complete[:n_on_new]
-        candidates = list(needs)[:_MOST_COMBINED]
+        candidates = list(needs)[:_MAX_COMBINED]
         on_new = _largest_fitting(candidates, [needs[c] + each_test for c in candidates], budget, fewest=2)
         if on_new:
             return on_new
-    incomplete = [candidate for candidate, need in needs.items() if need > 0][:_MOST_COMBINED]
+    incomplete = [candidate for candidate, need in needs.items() if need > 0][:_MAX_COMBINED]
     completed = _largest_fitting(incomplete, [needs[c] for c in incomplete], budget, fewest=1)
     chosen = complete + completed
     return chosen if len(chosen) > 1 else []

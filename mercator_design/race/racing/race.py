@@ -74,7 +74,7 @@ class Race:
         survivors: How many alive configurations end the race.
         budget: Experiments to plan with. A race that has begun on old instances finishes them.
         limit: Experiments that are never exceeded.
-        most_instances: After which the race ends, if they are not endless.
+        max_instances: After which the race ends, if they are not endless.
 
     Attributes:
         used: Experiments told.
@@ -96,7 +96,7 @@ class Race:
         survivors: int,
         budget: int,
         limit: int,
-        most_instances: int | None = None,
+        max_instances: int | None = None,
     ) -> None:
         if len(configurations) == 0:
             raise RaceError("race: expected configurations, found none")
@@ -108,7 +108,7 @@ class Race:
         self._survivors = survivors
         self._budget = budget
         self._limit = limit
-        self._most_instances = math.inf if most_instances is None else most_instances
+        self._max_instances = math.inf if max_instances is None else max_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
         self._row = 0  # of the instance in turn, in the order of this race
@@ -136,7 +136,7 @@ class Race:
     def ask(self) -> list[Experiment]:
         """The next experiments, all on one instance; none when the race has ended."""
         while self._columns is None and self.stop_reason is None:
-            if self._row == self._most_instances:
+            if self._row == self._max_instances:
                 self.stop_reason = "all instances were raced on"
                 break
             columns = np.flatnonzero(self._alive & np.isnan(self._costs[self._row]))
@@ -186,13 +186,13 @@ class Race:
                 rejected.append(column)
         self._reject(np.array(rejected, dtype=np.intp))
 
-    def foresee(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int) -> list[Experiment]:
         """At most n experiments that follow on those asked for, if nothing is eliminated and the race goes on."""
         found: list[Experiment] = []
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
         most = max(min(n, self._budget - self.used - asked), 0)
-        while len(found) < most and row < self._most_instances:
+        while len(found) < most and row < self._max_instances:
             known = row < len(self._known)
             if not known and self._alive.sum() <= self._survivors:
                 break

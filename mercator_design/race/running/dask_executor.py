@@ -27,7 +27,7 @@ _Bundle = list[tuple[int, T]]  # items with their places
 BUNDLE = 0.2
 """Seconds of work that go to a worker at once where there is work for all: the scheduler takes a millisecond or two for
 whatever it hands out."""
-MOST_BUNDLED = 64
+MAX_BUNDLED = 64
 LOOK_EVERY = 1.0
 """Seconds after which workers are counted anew: the scheduler is asked, and takes some milliseconds."""
 
@@ -109,7 +109,7 @@ class DaskExecutor:
                 submit([suspects.popleft()])
             elif not suspects:
                 room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
-                most = min(max(int(BUNDLE / seconds), 1), MOST_BUNDLED)
+                most = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
                 drawn = list(_until_none(islice(numbered, room * most)))
                 for k in range(min(room, len(drawn))):
                     submit(drawn[k::room])
@@ -130,7 +130,7 @@ class DaskExecutor:
 
     def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
         """Wait for a future that has ended; False if all is to stop and there is no worker that could end one."""
-        is_told, look = False, time.monotonic() + LOOK_EVERY
+        is_announced, look = False, time.monotonic() + LOOK_EVERY
         while not under_way.has_ready():
             with under_way.thread_condition:
                 under_way.thread_condition.wait(timeout=0.1)
@@ -139,9 +139,9 @@ class DaskExecutor:
             is_there = self._n_threads() > 0
             if not is_there and self._is_stopping:
                 return False
-            if not is_there and not is_told:
+            if not is_there and not is_announced:
                 self._announce(f"{self._scheduler}: no worker is connected; the race waits for one")
-            is_told, look = not is_there, time.monotonic() + LOOK_EVERY
+            is_announced, look = not is_there, time.monotonic() + LOOK_EVERY
         return True
 
     def _n_threads(self) -> int:

@@ -31,9 +31,9 @@ from mercator_design.errors import RaceError, described
 T = TypeVar("T")
 R = TypeVar("R")
 
-MOST_DEATHS = 3
+MAX_DEATHS = 3
 """Workers that an experiment may cost before it is given up."""
-MOST_TIMEOUTS = 2
+MAX_TIMEOUTS = 2
 """Times that an experiment may take too long: the second is no accident."""
 START = 60.0
 """Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
@@ -41,7 +41,7 @@ _GLANCE = 1.0
 """Seconds from one look of a worker at whether its main process is there to the next."""
 _PATIENCE = 0.5
 """Seconds that anything is waited for at once: a signal that comes just before a wait is not handled until its end."""
-_MOST_SAID = 2000
+_MAX_MESSAGE = 2000
 """Characters of what an experiment says of its failure, such as the command that failed."""
 
 
@@ -105,7 +105,7 @@ def attempt(function: Callable[[T], R], item: T) -> R | Failed:
     try:
         return function(item)
     except BaseException as error:  # noqa: BLE001 - see above
-        return Failed(described(error, _MOST_SAID), error if isinstance(error, Exception) else None)
+        return Failed(described(error, _MAX_MESSAGE), error if isinstance(error, Exception) else None)
 
 
 def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
@@ -113,7 +113,7 @@ def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
     try:
         return function(item)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is about this item
-        return Failed(described(error, _MOST_SAID), error)
+        return Failed(described(error, _MAX_MESSAGE), error)
 
 
 def in_order(
@@ -222,7 +222,7 @@ class ThreadExecutor:
 
 
 @dataclass(slots=True, eq=False)
-class _Errand(Generic[T]):
+class _Job(Generic[T]):
     """An item on its way through workers that may die."""
 
     index: int
@@ -235,8 +235,8 @@ class _Errand(Generic[T]):
 class ProcessExecutor:
     """Worker processes (joblib's loky), one experiment at a time each, so that it is known which one a worker died of.
 
-    An experiment whose worker dies is run again, and given up after `MOST_DEATHS`. One that takes longer than `timeout`
-    seconds has its worker killed, is run again, and given up after `MOST_TIMEOUTS`. Either costs nothing else.
+    An experiment whose worker dies is run again, and given up after `MAX_DEATHS`. One that takes longer than `timeout`
+    seconds has its worker killed, is run again, and given up after `MAX_TIMEOUTS`. Either costs nothing else.
     """
 
     def __init__(self, jobs: int, *, timeout: float | None = None) -> None:
@@ -262,25 +262,25 @@ class ProcessExecutor:
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """As `Executor.run`."""
         packed = cloudpickle.dumps(function)
-        errands = (None if item is None else _Errand(index, item) for index, item in enumerate(items))
-        again: collections.deque[_Errand[T]] = collections.deque()
+        todo = (None if item is None else _Job(index, item) for index, item in enumerate(items))
+        again: collections.deque[_Job[T]] = collections.deque()
         idle = list(range(self.jobs))
-        running: dict[Future[R | Failed], tuple[int, _Errand[T]]] = {}
+        running: dict[Future[R | Failed], tuple[int, _Job[T]]] = {}
         while True:
-            while idle and (errand := again.popleft() if again else next(errands, None)) is not None:
+            while idle and (job := again.popleft() if again else next(todo, None)) is not None:
                 place = idle.pop()
                 if self._timeout is not None:
-                    errand.deadline = time.monotonic() + self._timeout + START * (place in self._new)
-                running[self._workers[place].submit(call_packed, packed, errand.item)] = place, errand
+                    job.deadline = time.monotonic() + self._timeout + START * (place in self._new)
+                running[self._workers[place].submit(call_packed, packed, job.item)] = place, job
             if not running:
                 return
-            soonest = min(errand.deadline for _, errand in running.values())
+            soonest = min(job.deadline for _, job in running.values())
             done = _done(running, soonest)
             now = time.monotonic()
-            late = [future for future, (_, errand) in running.items() if errand.deadline <= now and future not in done]
+            late = [future for future, (_, job) in running.items() if job.deadline <= now and future not in done]
             for future in [*done, *late]:
-                place, errand = running.pop(future)
-                result = self._timed_out(errand) if future in late else _outcome(future, errand)
+                place, job = running.pop(future)
+                result = self._timed_out(job) if future in late else _outcome(future, job)
                 if future in late or isinstance(future.exception(), BrokenProcessPool):
                     self._workers[place].shutdown(wait=True, kill_workers=True)
                     self._workers[place] = _worker()
@@ -289,15 +289,15 @@ class ProcessExecutor:
                     self._new.discard(place)
                 idle.append(place)
                 if result is None:
-                    again.append(errand)
+                    again.append(job)
                 else:
-                    yield errand.index, result
+                    yield job.index, result
 
-    def _timed_out(self, errand: _Errand[T]) -> Failed | None:
-        errand.timeouts += 1
-        if errand.timeouts < MOST_TIMEOUTS:
+    def _timed_out(self, job: _Job[T]) -> Failed | None:
+        job.timeouts += 1
+        if job.timeouts < MAX_TIMEOUTS:
             return None
-        return Failed(f"took longer than {self._timeout:g} s, {errand.timeouts} times")
+        return Failed(f"took longer than {self._timeout:g} s, {job.timeouts} times")
 
 
 def _next(done: "queue.SimpleQueue[T]") -> T:
@@ -315,8 +315,8 @@ def _done(running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
             return done
 
 
-def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed | None:
-    """What came of an errand; None if it is to be run again.
+def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
+    """What came of a job; None if it is to be run again.
 
     Raises:
         WorkerUnfit: The worker has no such function.
@@ -325,10 +325,10 @@ def _outcome(future: "Future[R | Failed]", errand: _Errand[Any]) -> R | Failed |
     if error is None:
         return future.result()
     if isinstance(error, BrokenProcessPool):
-        errand.deaths += 1
-        if errand.deaths < MOST_DEATHS:
+        job.deaths += 1
+        if job.deaths < MAX_DEATHS:
             return None
-        return Failed(f"its worker process died, {errand.deaths} times: {_sentence(error)}")
+        return Failed(f"its worker process died, {job.deaths} times: {_sentence(error)}")
     if isinstance(error, WorkerUnfit):
         raise error
     # Such as what cannot be carried between processes.

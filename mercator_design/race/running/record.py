@@ -49,7 +49,7 @@ class Record:
     configurations: dict[int, Configuration] = field(default_factory=dict)
     parents: dict[int, int | None] = field(default_factory=dict)
     experiments: dict[int, ExperimentDone] = field(default_factory=dict)
-    ahead: dict[Experiment, Measurement] = field(default_factory=dict)
+    speculative: dict[Experiment, Measurement] = field(default_factory=dict)
     revised: dict[int, dict[Experiment, ScoreRevised]] = field(default_factory=dict)  # by number of an experiment
     tests: dict[Experiment, TestDone] = field(default_factory=dict)
     iterations: dict[int, IterationEnded] = field(default_factory=dict)
@@ -163,7 +163,7 @@ class Record:
             case SpeculativeDone():
                 self._check_known(event.configuration, "ahead")
                 where = Experiment(event.configuration, event.instance)
-                self._enter(self.ahead, where, Measurement(event.score, event.outcome), f"ahead: {_named(where)}")
+                self._enter(self.speculative, where, Measurement(event.score, event.outcome), f"ahead: {_named(where)}")
             case ScoreRevised():
                 self._check_result(event)
                 where = Experiment(event.configuration, event.instance)

@@ -209,18 +209,18 @@ class RaceRun(Generic[T]):
         for place in count():
             if self._ended or self._is_over():
                 return
-            experiment = self._todo.popleft() if self._todo else self._foreseen()
+            experiment = self._todo.popleft() if self._todo else self._next_speculative()
             if experiment is None:
                 yield None
             else:
                 self._under_way[place] = experiment
                 yield self._item(experiment)
 
-    def _foreseen(self) -> Experiment | None:
+    def _next_speculative(self) -> Experiment | None:
         if self._likely is None:
-            self._likely = iter(self._race.foresee(2 * self._executor.jobs) if self.problem.speculates else [])
+            self._likely = iter(self._race.lookahead(2 * self._executor.jobs) if self.problem.speculates else [])
         under_way = set(self._under_way.values())
-        return next((e for e in self._likely if e not in under_way and e not in self._record.ahead), None)
+        return next((e for e in self._likely if e not in under_way and e not in self._record.speculative), None)
 
     def _advance(self) -> Iterator[Event]:
         """Tell what has finished and ask on, until something has to be run or the race has ended."""
@@ -287,18 +287,22 @@ class RaceRun(Generic[T]):
             self._pending.append(one)
         under_way = set(self._under_way.values())
         for experiment in list(self._missing):
-            if experiment in self._record.ahead:
+            if experiment in self._record.speculative:
                 if self.problem.evaluate is None:
-                    self._finish(experiment, self._record.ahead[experiment])
+                    self._finish(experiment, self._record.speculative[experiment])
             elif experiment not in under_way:
                 self._todo.append(experiment)
 
     def _evaluate(self) -> None:
         """Evaluate a batch when all of it has run: what is alive on an instance, those that ran there before first."""
-        if self.problem.evaluate is None or not self._missing or not self._record.ahead.keys() >= self._missing.keys():
+        if (
+            self.problem.evaluate is None
+            or not self._missing
+            or not self._record.speculative.keys() >= self._missing.keys()
+        ):
             return
         for instance in dict.fromkeys(experiment.instance for experiment in self._batch):
-            asked = [e for e in self._batch if e.instance == instance and e in self._record.ahead]
+            asked = [e for e in self._batch if e.instance == instance and e in self._record.speculative]
             before = [Experiment(configuration, instance) for configuration in self._race.beside(instance)]
             alive = [experiment.configuration for experiment in (*before, *asked)]
             known = self._record.revised.get(self._n_told, {})

@@ -283,8 +283,8 @@ class _Parser:
                         text = value_text(float(number(token.text)))
                         if text != token.text:
                             what = f"R compares text with '{text}' where a condition has the number {token.text}"
-                            told = f"{self._where(token)}: {what}: put it in quotes"
-                            self.odd_numbers.append((one[0].text.strip("`"), told))
+                            note = f"{self._where(token)}: {what}: put it in quotes"
+                            self.odd_numbers.append((one[0].text.strip("`"), note))
 
     def _sum(self) -> Closure:
         left = self._product()

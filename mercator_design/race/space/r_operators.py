@@ -25,7 +25,7 @@ COMPARISONS = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-MOST_MEMBERS = 100_000
+MAX_MEMBERS = 100_000
 """Of a vector."""
 _LARGEST_WHOLE = 2**63 - 1
 _SIGNIFICANT = 15
@@ -214,8 +214,8 @@ def _end(value: Any) -> float:  # noqa: ANN401
 
 
 def check_length(n: float) -> None:
-    if n > MOST_MEMBERS:
-        raise TypeError(f"expected at most {MOST_MEMBERS} members of a vector, found {n:.0f}")
+    if n > MAX_MEMBERS:
+        raise TypeError(f"expected at most {MAX_MEMBERS} members of a vector, found {n:.0f}")
 
 
 def comparable(a: Any, b: Any) -> tuple[Any, Any]:  # noqa: ANN401

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, put, tell
+from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, print_message, print_result
 from mercator_design.config.colours import COLOURS, ColourName
 from mercator_design.config.loading import dump
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -47,10 +47,14 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
     if robot is not None:
         rehearse(robot, labels=dict.fromkeys(names, (0, 0, 0)))
     with Signals().caught(), ground_sensor(settings.ports) as sensor:
-        labels = ground_calibration.calibrate(sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), tell)
+        labels = ground_calibration.calibrate(
+            sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), print_message
+        )
     known = {**kept, **labels}
     if not settings.labels or len(known) < 2:
-        tell(f"Note: it knows no colours but {', '.join(known)} now; measure all others that its floors have, too")
+        print_message(
+            f"Note: it knows no colours but {', '.join(known)} now; measure all others that its floors have, too"
+        )
     _give(robot, labels=labels)
 
 
@@ -74,7 +78,7 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
         rehearse(robot, proximity_angles=settings.proximity_angles, **offsets)
     with Signals().caught(), hub(settings.ports) as sensors:
         found = proximity_calibration.calibrate(
-            sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), tell
+            sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), print_message
         )
     offsets = {} if found.offsets is None else {"proximity_offsets": found.offsets}
     _give(robot, proximity_angles=tuple(round(angle, 4) for angle in found.angles), **offsets)
@@ -82,8 +86,8 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
 
 def _give(robot: Path | None, **values: object) -> None:
     """Print settings, and put them into a robot.yaml."""
-    put(dump(values), nl=False)
+    print_result(dump(values), nl=False)
     if robot is not None:
         with naming(robot):
             change(robot, **values)
-        tell(f"{robot} has it now")
+        print_message(f"{robot} has it now")

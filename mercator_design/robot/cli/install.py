@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import put, tell
+from mercator_design.command import print_message, print_result
 from mercator_design.errors import RobotError
 from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of
 from mercator_design.robot.cli.rows import show
@@ -54,7 +54,7 @@ def install(
     if runs_it is None:
         raise RobotError(f"user {os.getuid()} has no name; --user names who is to run the robot")
     if runs_it == "root" and user is None:
-        tell("Warning: the services will run as root; --user names who else is to run the robot")
+        print_message("Warning: the services will run as root; --user names who else is to run the robot")
     setup = installation.Setup(
         user=runs_it,
         folder=(robot.parent if robot else Path()).resolve(),
@@ -65,9 +65,9 @@ def install(
     files = installation.texts(ports, setup, root)
     if dry_run:
         for path, text in files.items():
-            put(f"==> {path}\n{text}")
+            print_result(f"==> {path}\n{text}")
         if root == Path("/"):
-            put("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
+            print_result("\n".join(f"$ {command}" for command in installation.AFTERWARDS))
         show(findings)
     else:
         show([*findings, *installation.install(files, root)])

@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from mercator_design.command import NumberRange, OutputFile, tell
+from mercator_design.command import NumberRange, OutputFile, print_message
 from mercator_design.errors import Signalled
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.devices.settings import Settings
@@ -46,4 +46,4 @@ def _tell(message: str) -> None:
     """Say something in the place of what `_show` has written."""
     if sys.stderr.isatty():
         click.echo(f"\r{'':50}\r", nl=False, err=True)
-    tell(message)
+    print_message(message)

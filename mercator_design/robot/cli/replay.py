@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, put, tell
+from mercator_design.command import FILE, print_message, print_result
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Pfsm
 from mercator_design.fsm.conditions import ground_level
@@ -21,10 +21,10 @@ def replay(log: Path) -> None:
     The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. A log that
     has no end is told of.
     """
-    found = [*map(_show, decisions(log, lambda doubt: tell(f"{log}: {doubt}")))]
+    found = [*map(_show, decisions(log, lambda doubt: print_message(f"{log}: {doubt}")))]
     if differing := [*filter(None, found)]:
         raise RobotError(f"{log}: {differing[0]}; {len(differing)} of {len(found)} cycles differ")
-    tell(f"{len(found)} cycles, all decided the same")
+    print_message(f"{len(found)} cycles, all decided the same")
 
 
 def _show(decided: tuple[Pfsm, Decision]) -> str:
@@ -33,7 +33,7 @@ def _show(decided: tuple[Pfsm, Decision]) -> str:
     state, readings = pfsm.states[decision.state], decision.readings
     moved = f"  -> {decision.next_state} ({decision.condition})" if decision.next_state != decision.state else ""
     obstacle = math.hypot(readings.proximity_x, readings.proximity_y)
-    put(
+    print_result(
         f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {state.behaviour:<14} "
         f"obstacle {obstacle:4.2f}  neighbours {readings.neighbours:2.0f}  ground {ground_level(readings):5.1f}  "
         f"wheels {decision.wheels.left:5.2f} {decision.wheels.right:5.2f}{moved}"

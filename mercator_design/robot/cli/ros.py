@@ -4,7 +4,7 @@ import contextlib
 
 import click
 
-from mercator_design.command import NumberRange, tell
+from mercator_design.command import NumberRange, print_message
 from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.ros.node import RosNode, serve
@@ -39,4 +39,4 @@ def ros(names: tuple[str, ...], settings: Settings, rate: float, silence: float)
     if wrong := [name for name in names if ":=" not in name]:
         raise click.UsageError(f"expected a remapping, NAME:=NAME, found '{wrong[0]}'")
     with contextlib.closing(RosNode()) as node:
-        serve(settings, node, rate, silence, tell)
+        serve(settings, node, rate, silence, print_message)

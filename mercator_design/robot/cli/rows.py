@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from mercator_design.command import put
+from mercator_design.command import print_result
 from mercator_design.errors import RobotError, printable
 from mercator_design.robot.devices.findings import Finding
 
@@ -20,7 +20,7 @@ def show(findings: Iterable[Finding]) -> None:
         mark = ("look " if finding.is_unclear else "ok   ") if finding.is_fine else "WRONG"
         row = f"{mark}  {finding.what:<26} {finding.words}"
         try:
-            put(printable(row))
+            print_result(printable(row))
         except OSError as error:
             unwritten = error
     if unwritten is not None:

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, WITHOUT, OutputFile, naming_header, read_controller, tell
+from mercator_design.command import (
+    FILE,
+    FLAVOUR,
+    LENIENT,
+    WITHOUT,
+    OutputFile,
+    naming_header,
+    print_message,
+    read_controller,
+)
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings
@@ -63,9 +72,9 @@ def run(
             raise click.UsageError(f"--without {device}: {why}")
     what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run, without=without)
     if dry_run:
-        tell("Dry run: the wheels do not turn.")
+        print_message("Dry run: the wheels do not turn.")
     for device in without:
-        tell(f"Without {device}: it is left alone, and what it would tell is neutral.")
-    with naming_in_the_end(path, "log", tell), naming_header(fsm):
-        drive(settings, what, path, tell, Joint() if await_start else AtOnce())
-        tell("The duration is over.")
+        print_message(f"Without {device}: it is left alone, and what it would tell is neutral.")
+    with naming_in_the_end(path, "log", print_message), naming_header(fsm):
+        drive(settings, what, path, print_message, Joint() if await_start else AtOnce())
+        print_message("The duration is over.")

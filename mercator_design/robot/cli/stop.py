@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, put, tell
+from mercator_design.command import FILE, print_message, print_result
 from mercator_design.config.loading import FieldError, text_of
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
 from mercator_design.robot.cli.options import ROBOT
@@ -48,7 +48,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     with Speaker(hosts, settings.swarm.port) as speaker:
         stopped, silent = speaker.stop()
     for name in stopped:
-        put(f"{printable(name)} has stopped")
+        print_result(f"{printable(name)} has stopped")
     if silent:
         raise RobotError("; ".join(silent))
 
@@ -76,8 +76,8 @@ def heartbeat(hosts: tuple[str, ...], settings: Settings, port: int | None, key_
         if missing := speaker.look_up():  # before any robot runs
             raise RobotError("; ".join(missing))
         if key is None:
-            tell("Warning: heartbeats are not signed, as there is no key; robots that have one do not run.")
-        tell("Robots may run. Ctrl-C stops them.")
+            print_message("Warning: heartbeats are not signed, as there is no key; robots that have one do not run.")
+        print_message("Robots may run. Ctrl-C stops them.")
         try:
             while True:
                 speaker.beat(key, _BEATS)

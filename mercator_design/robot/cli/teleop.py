@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from mercator_design.command import NumberRange, OutputFile, tell
+from mercator_design.command import NumberRange, OutputFile, print_message
 from mercator_design.robot.cli.options import ROBOT, naming_in_the_end, new_file
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.teleop.teleop import HELD, REPEATED
@@ -46,5 +46,5 @@ def teleop(settings: Settings, speed: float | None, guard: float | None, output:
     if not sys.stdin.isatty():
         raise click.UsageError("teleop needs a terminal, as its keys drive the robot; over ssh: ssh -t")
     path = None if output is None else new_file(output, "drive", settings.name)
-    with contextlib.nullcontext() if path is None else naming_in_the_end(path, "recording", tell):
-        drive(settings, speed, guard, path, tell)
+    with contextlib.nullcontext() if path is None else naming_in_the_end(path, "recording", print_message):
+        drive(settings, speed, guard, path, print_message)

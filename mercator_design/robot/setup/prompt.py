@@ -5,7 +5,7 @@ import select
 import termios
 from collections.abc import Callable
 
-from mercator_design.command import tell
+from mercator_design.command import print_message
 from mercator_design.errors import RobotError
 
 _STDIN = 0
@@ -24,7 +24,7 @@ def ask(what: str, meanwhile: Callable[[], None]) -> None:
     """
     if os.isatty(_STDIN):
         termios.tcflush(_STDIN, termios.TCIFLUSH)  # Enter that was pressed too often is no answer
-    tell(f"{what}, then press Enter.")
+    print_message(f"{what}, then press Enter.")
     while True:
         while not select.select([_STDIN], [], [], _LOOK)[0]:
             meanwhile()

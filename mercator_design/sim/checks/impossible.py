@@ -22,8 +22,8 @@ from mercator_design.sim.checks.reach import Reach, reach_of
 from mercator_design.sim.checks.score_range import TRACES, score_can_differ
 from mercator_design.sim.robot_model import RobotModel
 
-_MUCH_OUTSIDE = 0.1
-_MOST_OUTSIDE = 0.5
+_MAX_OUTSIDE_COUNTED = 0.1
+_MAX_OUTSIDE = 0.5
 """Shares of a zone's area: for one that the objective looks at, and for another, which may end beyond a wall."""
 _MUCH_SHARED = 0.1
 """Share of a nest's area."""
@@ -32,7 +32,7 @@ _POINTS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class MissionWarning:
     """What is wrong, with its place."""
 
     message: str
@@ -40,9 +40,9 @@ class Doubt:
     explains_score: bool = False  # why all scores are the same, if they are
 
 
-def doubts_of_mission(mission: Mission, model: RobotModel) -> list[Doubt]:
+def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning]:
     """What cannot be, or is hardly meant, of robots on a mission."""
-    found = [*doubts_of_angles(mission), *doubts_of_angles(model)]
+    found = [*angle_warnings(mission), *angle_warnings(model)]
     if not all(is_ours(DYNAMICS[dynamics.name]) for dynamics in mission.floor.dynamics):
         return found  # which may move zones
     reach = reach_of(mission, model)
@@ -53,7 +53,7 @@ def doubts_of_mission(mission: Mission, model: RobotModel) -> list[Doubt]:
     return found + (_with_score(mission, places) if score_can_differ(mission, reach) is False else places)
 
 
-def doubts_of_angles(record: Mission | RobotModel) -> Iterator[Doubt]:
+def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
     """Which angles look as if they were degrees.
 
     Small degrees are valid radians. But hardly anybody writes an angle of more than half a turn as a whole number of
@@ -69,10 +69,10 @@ def doubts_of_angles(record: Mission | RobotModel) -> Iterator[Doubt]:
         else:
             continue
         meant = f"angles are in radians, {value:g} degrees are {math.radians(value):.4g}"
-        yield Doubt(f"{record.where(path)}: {value:g} rad {what}; {meant}")
+        yield MissionWarning(f"{record.where(path)}: {value:g} rad {what}; {meant}")
 
 
-def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
+def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
     """Of zones that are outside the walls, in part or wholly, or out of reach."""
     function = OBJECTIVES[mission.objective.name]
     counted = {name for _, name in zone_references(function, mission.objective.parameters)}
@@ -85,17 +85,17 @@ def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach)
         is_counted = zone.name in counted
         outside = _share_outside(mission, floor, rows)
         if not any((reach.touched(floor, row) & reach.inside).any() for row in rows):
-            told = ", and the objective counts on it" if is_counted else ""
-            message = f"{place}: {called} lies outside the walls{told}"
-            yield Doubt(message, is_impossible=is_counted, explains_score=is_counted)
+            consequence = ", and the objective counts on it" if is_counted else ""
+            message = f"{place}: {called} lies outside the walls{consequence}"
+            yield MissionWarning(message, is_impossible=is_counted, explains_score=is_counted)
         elif not any(_is_reached(reach, floor, row) for row in rows):
-            yield Doubt(
+            yield MissionWarning(
                 f"{place}: no robot can reach {called}: from where they start, there is no way for the centre of a "
                 f"robot that is {size:.3g} m wide",
                 explains_score=is_counted,
             )
-        elif outside > (_MUCH_OUTSIDE if is_counted else _MOST_OUTSIDE):
-            yield Doubt(f"{place}: {100.0 * outside:.0f} % of {called} lie outside the walls")
+        elif outside > (_MAX_OUTSIDE_COUNTED if is_counted else _MAX_OUTSIDE):
+            yield MissionWarning(f"{place}: {100.0 * outside:.0f} % of {called} lie outside the walls")
 
 
 def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
@@ -115,7 +115,7 @@ def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
     return 1.0 - inside / total if total else 0.0
 
 
-def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Doubt]:
+def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
     """Of nests that are sources too, where a robot is on the source."""
     given, zone_rows = mission.objective.parameters, mission.floor.zone_rows()
     if not {"sources", "nests"} <= given.keys():
@@ -129,10 +129,10 @@ def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Doubt
         place = mission.where("objective.nests")
         words = "the nests are sources, too" if share == 1.0 else f"{100.0 * share:.0f} % of the nests are sources, too"
         message = f"{place}: {words}: a robot there is at a source, and brings nothing home"
-        yield Doubt(message, explains_score=share == 1.0)
+        yield MissionWarning(message, explains_score=share == 1.0)
 
 
-def _with_score(mission: Mission, places: list[Doubt]) -> list[Doubt]:
+def _with_score(mission: Mission, places: list[MissionWarning]) -> list[MissionWarning]:
     """Doubts about places, and that every score is the same: said of each that explains it, else of the objective."""
     is_proved = is_by_zones(OBJECTIVES[mission.objective.name])
     same = (
@@ -140,13 +140,13 @@ def _with_score(mission: Mission, places: list[Doubt]) -> list[Doubt]:
         if is_proved
         else f"in {TRACES} made-up experiments every score was the same, whatever the robots did"
     )
-    if not any(doubt.explains_score for doubt in places):
-        return [*places, Doubt(f"{mission.where('objective')}: {same}", is_impossible=is_proved)]
+    if not any(warning.explains_score for warning in places):
+        return [*places, MissionWarning(f"{mission.where('objective')}: {same}", is_impossible=is_proved)]
     return [
-        replace(doubt, message=f"{doubt.message}; so {same}", is_impossible=is_proved or doubt.is_impossible)
-        if doubt.explains_score
-        else doubt
-        for doubt in places
+        replace(warning, message=f"{warning.message}; so {same}", is_impossible=is_proved or warning.is_impossible)
+        if warning.explains_score
+        else warning
+        for warning in places
     ]
 
 

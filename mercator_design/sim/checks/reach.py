@@ -25,7 +25,7 @@ _SLACK = 0.005
 """[m] that a robot is pushed into a wall at most, and more."""
 _FINE = 8  # cells along the disc's radius, if there are not too many
 _COARSEST = 3
-_MOST_CELLS = 100_000
+_MAX_CELLS = 100_000
 _SIDES = np.ones((3, 3), dtype=np.bool_)
 _SIZES = ("body.length", "body.width", "body.radius")
 
@@ -80,7 +80,7 @@ def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
     arena, radius = mission.arena, min(model.body.half_size)
     corners = arena.corners()
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    cell = max(radius / _FINE, math.sqrt(float(size[0] * size[1]) / _MOST_CELLS))
+    cell = max(radius / _FINE, math.sqrt(float(size[0] * size[1]) / _MAX_CELLS))
     if cell > radius / _COARSEST:
         return None
     columns, rows = (math.ceil(length / cell) + 2 for length in size)

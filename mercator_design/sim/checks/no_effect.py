@@ -24,7 +24,7 @@ _PIXELS = 2_000
 """Of an image that are looked at."""
 
 
-def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
+def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
     """A sentence for each doubt about robots on a mission.
 
     Args:
@@ -33,7 +33,7 @@ def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None 
         flavour: Whose conditions there are.
         pfsm: What the robots run; None: anything of the flavour.
     """
-    yield from doubts_of_model(model)
+    yield from model_warnings(model)
     places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
     for place, module in places:
         if module.colours and not model.sees_colours:
@@ -41,8 +41,8 @@ def doubts(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None 
     if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
         named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
         yield f"never fires on {mission.name}, whose robots see {_seen(mission, model)}: {named}"
-    yield from doubts_of_swarm(mission, model)
-    yield from doubts_of_floor(mission, model, numbered(CONDITIONS, flavour).values())
+    yield from swarm_warnings(mission, model)
+    yield from floor_warnings(mission, model, numbered(CONDITIONS, flavour).values())
 
 
 def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[str]:
@@ -97,13 +97,13 @@ def _seen(mission: Mission, model: RobotModel) -> str:
     return ", ".join(str(colour) if isinstance(colour, str) else str(list(colour)) for colour in named)
 
 
-def doubts_of_swarm(mission: Mission, model: RobotModel) -> Iterator[str]:
+def swarm_warnings(mission: Mission, model: RobotModel) -> Iterator[str]:
     """Whether robots can have neighbours."""
     if mission.robots == 1 and model.neighbours is not None:
         yield f"{mission.where('robots')}: one robot has no neighbours: what its modules read of them is always nothing"
 
 
-def doubts_of_model(model: RobotModel) -> Iterator[str]:
+def model_warnings(model: RobotModel) -> Iterator[str]:
     """Whether a robot model says what makes no difference."""
     camera, near = model.neighbours, model.reference_model.neighbour_range
     if isinstance(camera, Neighbours) and camera.noise is None and camera.range is not None and camera.range > near:
@@ -113,13 +113,13 @@ def doubts_of_model(model: RobotModel) -> Iterator[str]:
         )
 
 
-def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
+def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
     """Whether the labels are those of the floor, and which of its colours robots take for each other."""
     if model.ground is None:
         return
     labels, place = simulated_labels(mission.floor, model), mission.where("floor")
     if labels and labels != (expected := floor_labels(mission.floor)):
-        yield _doubt_of_labels(mission, model, labels, expected)
+        yield _label_warning(mission, model, labels, expected)
         labels = expected  # what else is wrong with the floor
     readers = [condition for condition in conditions if "ground" in condition.reads]
     alike: dict[tuple[float, ...], list[str]] = {}
@@ -141,10 +141,10 @@ def doubts_of_floor(mission: Mission, model: RobotModel, conditions: Iterable[Mo
     for colours in alike.values():
         if len(colours) > 1:
             yield f"{place}: no condition of robot {model.name} tells {', '.join(colours)} apart"
-    yield from _doubts_of_image(mission, model, labels)
+    yield from _image_warnings(mission, model, labels)
 
 
-def _doubt_of_labels(
+def _label_warning(
     mission: Mission, model: RobotModel, labels: tuple[ColourName, ...], expected: tuple[ColourName, ...]
 ) -> str:
     """Which colours of the floor are not among the labels of a robot model, and the other way round."""
@@ -156,7 +156,7 @@ def _doubt_of_labels(
     return f"{model.where('ground.labels')}: {floor}, the labels are {', '.join(labels)}: {'; '.join(facts)}"
 
 
-def _doubts_of_image(mission: Mission, model: RobotModel, labels: tuple[ColourName, ...]) -> Iterator[str]:
+def _image_warnings(mission: Mission, model: RobotModel, labels: tuple[ColourName, ...]) -> Iterator[str]:
     """Whether many pixels of a floor's image are between two labels."""
     image = mission.floor.image
     if image is None or model.ground is None or not labels:

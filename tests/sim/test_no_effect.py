@@ -13,7 +13,7 @@ from mercator_design.cli import cli
 from mercator_design.config import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.sim.checks.doubts import doubts, doubts_of_floor, doubts_of_model
+from mercator_design.sim.checks.no_effect import floor_warnings, model_warnings, no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission
@@ -35,7 +35,7 @@ def painted(*colours, background="gray", dynamics="[]"):
 
 def apart(model, *colours, **floor):
     """The colours that are named as one."""
-    found = doubts_of_floor(painted(*colours, **floor), model)
+    found = floor_warnings(painted(*colours, **floor), model)
     return [text.partition(" tells ")[2].removesuffix(" apart") for text in found]
 
 
@@ -43,12 +43,12 @@ def apart(model, *colours, **floor):
 def test_there_are_none_of_shipped_missions(name):
     loaded = load_mission(name)
     model = load_robot_model(loaded.robot_model)
-    assert [*doubts_of_model(model), *doubts_of_floor(loaded, model)] == []
+    assert [*model_warnings(model), *floor_warnings(loaded, model)] == []
 
 
 @pytest.mark.parametrize("name", shipped.robot_models())
 def test_there_are_none_of_shipped_robot_models(name):
-    assert list(doubts_of_model(load_robot_model(name))) == []
+    assert list(model_warnings(load_robot_model(name))) == []
 
 
 class TestColours:
@@ -77,13 +77,13 @@ class TestColours:
         assert apart(MERCATOR, "black", dynamics=later) == []
 
     def test_tiles(self):
-        (text,) = doubts_of_floor(load_mission("color_aggregation"), EPUCK)
+        (text,) = floor_warnings(load_mission("color_aggregation"), EPUCK)
         assert "gray, green, red" in text
 
     def test_flavours_have_their_own_conditions(self):
-        text = list(doubts(painted("red", "green"), MERCATOR, "chocolate"))
+        text = list(no_effect_warnings(painted("red", "green"), MERCATOR, "chocolate"))
         assert text == ["mission:8: floor: no condition of robot mercator tells gray, green apart"]
-        assert list(doubts(painted("red", "green"), MERCATOR, "watermelon")) == []
+        assert list(no_effect_warnings(painted("red", "green"), MERCATOR, "watermelon")) == []
 
     def test_a_robot_without_ground_sensors_is_not_asked(self):
         assert apart(dataclasses.replace(EPUCK, ground=None), "red") == []
@@ -105,15 +105,15 @@ class TestLabels:
         ],
     )
     def test_that_are_not_those_of_the_floor_are_told_once(self, labels, facts):
-        (text,) = doubts_of_floor(painted("black"), with_ground(labels=labels))
+        (text,) = floor_warnings(painted("black"), with_ground(labels=labels))
         assert text == f"{MERCATOR.where('ground.labels')}: the floor of mission has black, gray, the labels {facts}"
 
     @pytest.mark.parametrize("labels", [("gray", "black"), ("black", "gray"), "floor", None])
     def test_that_are_those_of_the_floor(self, labels):
-        assert list(doubts_of_floor(painted("black"), with_ground(labels=labels))) == []
+        assert list(floor_warnings(painted("black"), with_ground(labels=labels))) == []
 
     def test_what_else_is_wrong_with_the_floor_is_told(self):
-        found = doubts_of_floor(painted("black", "[250, 0, 0]", "red"), with_ground(labels=("black", "gray")))
+        found = floor_warnings(painted("black", "[250, 0, 0]", "red"), with_ground(labels=("black", "gray")))
         assert [text.rpartition(": ")[2] for text in found] == [
             "red counts as gray",
             "no condition of robot mercator tells [250, 0, 0], red apart",
@@ -138,7 +138,7 @@ class TestLabels:
 
 class TestLevelsBetweenLabels:
     def told(self, *colours, model=MERCATOR, background="black"):
-        return list(doubts_of_floor(painted(*colours, background=background), model))
+        return list(floor_warnings(painted(*colours, background=background), model))
 
     def test_the_share_that_flips(self):
         """Normal noise of 5 a channel across the middle of black and gray, 63.5: 0.87 away, as 42.7 or 43.1 %."""
@@ -176,7 +176,7 @@ class TestLevelsBetweenLabels:
             pixels = np.repeat(np.resize(np.array(shades, dtype=np.uint8), (20, 20))[..., np.newaxis], 3, axis=2)
             Image.fromarray(pixels).save(tmp_path / "floor.png")
             image = f"{{background: white, image: {{path: {tmp_path / 'floor.png'}, size: [2, 2]}}}}"
-            return list(doubts_of_floor(mission(robots=2, floor=image), MERCATOR))
+            return list(floor_warnings(mission(robots=2, floor=image), MERCATOR))
 
         assert told_of([0, 127, 20, 100]) == []
         (text,) = told_of([0, 127, 64, 127])
@@ -186,11 +186,11 @@ class TestLevelsBetweenLabels:
 
 class TestModules:
     def test_a_condition_on_colours_never_holds_without_them(self):
-        (text,) = doubts(painted("black"), EPUCK, "watermelon", SEEKER)
+        (text,) = no_effect_warnings(painted("black"), EPUCK, "watermelon", SEEKER)
         assert text == (
             "state 0, transition 0: floor colour never fires: robot epuck sees only how bright the ground is"
         )
-        assert list(doubts(painted("red"), MERCATOR, "watermelon", SEEKER)) == []
+        assert list(no_effect_warnings(painted("red"), MERCATOR, "watermelon", SEEKER)) == []
 
 
 class TestRanges:
@@ -205,6 +205,6 @@ class TestRanges:
         ],
     )
     def test_a_range_beyond_what_counts(self, camera, told):
-        found = list(doubts_of_model(dataclasses.replace(MERCATOR, neighbours=camera)))
+        found = list(model_warnings(dataclasses.replace(MERCATOR, neighbours=camera)))
         assert bool(found) is told
         assert all("neighbours.range: 0.76 m changes nothing" in text and "within 0.75 m" in text for text in found)

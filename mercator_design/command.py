@@ -4,13 +4,14 @@ Results go to stdout or named files, messages to stderr.
 """
 
 import contextlib
+import importlib
 import math
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import click
 
@@ -18,6 +19,7 @@ from mercator_design.config import spelling
 from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import FsmFile, read_fsm
+from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
 
@@ -169,6 +171,50 @@ class SpelledGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return super().get_command(ctx, spelling.find(cmd_name, self.commands) or cmd_name)
+
+
+class LazyVerb(NamedTuple):
+    """A command that is imported when it is used."""
+
+    module: str  # in which it has its own name
+    help: str  # its line on the page of all commands
+    is_light: bool = False  # whether it needs no package of the designer
+
+
+class LazyGroup(click.Group):
+    """Commands of which some are imported when they are used: `--help` is quick, and needs no package of theirs."""
+
+    def __init__(self, *arguments: Any, lazy: Mapping[str, LazyVerb], **given: Any) -> None:  # noqa: ANN401 - click's
+        super().__init__(*arguments, **given)
+        self.lazy = lazy
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted([*super().list_commands(ctx), *self.lazy])
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        verb = self.lazy.get(cmd_name)
+        if verb is None:
+            return super().get_command(ctx, cmd_name)
+        if not verb.is_light:
+            address_space.prepare_for_libraries()
+        try:
+            module = importlib.import_module(verb.module)
+        except ModuleNotFoundError as error:
+            package = verb.module.rpartition(".")[0]
+            if error.name is None or (error.name.startswith("mercator_design.") and error.name != package):
+                raise  # a fault of ours
+            raise MercatorError(
+                f"{cmd_name} needs the designer: the package {error.name} is not installed; "
+                "in the clone: pip install '.[design]'"
+            ) from None
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        lines = {name: command.get_short_help_str(formatter.width) for name, command in self.commands.items()}
+        lines |= {name: verb.help for name, verb in self.lazy.items()}
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(lines.items()))
 
 
 def warn(messages: Iterable[str]) -> None:

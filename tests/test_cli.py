@@ -613,9 +613,9 @@ def test_help_without_arguments_is_a_page(mdesign):
 def test_each_verb_has_the_line_of_the_page_of_all_verbs():
     context = click.Context(cli)
     assert list(VERBS) == sorted(VERBS)
-    for name, (_, line) in VERBS.items():
+    for name, row in VERBS.items():
         verb = cli.get_command(context, name)
-        assert (verb.name, verb.get_short_help_str(100)) == (name, line)
+        assert (verb.name, verb.get_short_help_str(100)) == (name, row.help)
 
 
 def test_help_needs_no_heavy_module():

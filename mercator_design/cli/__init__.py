@@ -6,7 +6,6 @@ the output was not read to its end. A verb is loaded when it is used, so
 that `--help` is quick.
 """
 
-import importlib
 from collections.abc import Mapping
 from typing import Final
 
@@ -14,26 +13,26 @@ import click
 
 from mercator_design import __version__
 from mercator_design.cli.terminal import terminable
-from mercator_design.command import run
-from mercator_design.system import address_space
+from mercator_design.command import LazyGroup, LazyVerb, run
 
-VERBS: Final[Mapping[str, tuple[str, str]]] = {
-    "bundle": ("robots.bundle", "Write mercator-robot as one file."),
-    "calibrate": ("robots.calibrate", "Fit the noise of a robot's sensors to recordings."),
-    "deploy": ("robots.deploy", "Copy an fsm.txt to robots, start and stop them."),
-    "draw": ("draw", "Print the diagram of an fsm.txt as Graphviz text."),
-    "evaluate": ("evaluate", "Measure a controller on fresh instances of a mission."),
-    "export": ("export", "Write a mission, a race or a robot's log for other programs."),
-    "missions": ("missions", "List, show and draw missions, and make random ones."),
-    "race": ("races.race", "Design control software for a mission."),
-    "record": ("record", "Run one experiment and write what happened."),
-    "robots": ("robots.models", "List and show the shipped robot models."),
-    "runs": ("races.runs", "List, show, verify and analyse races that were run."),
-    "schema": ("schema", "Print a JSON Schema, for editors."),
-    "tune": ("races.tune", "Find parameters of a program, by irace's scenario."),
-    "validate": ("validate", "Check missions, robot models and FSM files."),
+VERBS: Final[Mapping[str, LazyVerb]] = {
+    "bundle": LazyVerb("mercator_design.cli.robots.bundle", "Write mercator-robot as one file.", is_light=True),
+    "calibrate": LazyVerb("mercator_design.cli.robots.calibrate", "Fit the noise of a robot's sensors to recordings."),
+    "deploy": LazyVerb(
+        "mercator_design.cli.robots.deploy", "Copy an fsm.txt to robots, start and stop them.", is_light=True
+    ),
+    "draw": LazyVerb("mercator_design.cli.draw", "Print the diagram of an fsm.txt as Graphviz text.", is_light=True),
+    "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure a controller on fresh instances of a mission."),
+    "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
+    "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
+    "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
+    "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write what happened."),
+    "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
+    "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races that were run."),
+    "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
+    "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
+    "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),
 }
-"""The module of each verb, in which it has its own name, and its line on the page of all verbs."""
 
 
 def main() -> None:
@@ -42,27 +41,7 @@ def main() -> None:
         run(cli, "mdesign")
 
 
-class _Verbs(click.Group):
-    """Loads a verb when it is used."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        return list(VERBS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        if cmd_name not in VERBS:
-            return None
-        if cmd_name not in {"bundle", "deploy"}:  # which compute nothing
-            address_space.prepare_for_libraries()
-        module = importlib.import_module(f"{__name__}.{VERBS[cmd_name][0]}")
-        verb: click.Command = getattr(module, cmd_name)
-        return verb
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in VERBS.items()])
-
-
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, lazy=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="mdesign")
 def cli() -> None:
     """Design control software for swarms of Mercator robots.

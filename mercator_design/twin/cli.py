@@ -7,9 +7,16 @@ import click
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, print_message, print_result
-from mercator_design.errors import RobotError
+from mercator_design.jit import announced
+from mercator_design.missions.mission import load_mission
 from mercator_design.robot.run.safety import go_first
-from mercator_design.system.address_space import prepare_for_libraries
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import robot_model_of
+from mercator_design.twin.arena import TwinArena, without_noise
+from mercator_design.twin.faults import Script, read_script
+from mercator_design.twin.folder import usual_folder
+from mercator_design.twin.terminals import Terminals, open_log
+from mercator_design.twin.twin import Twin
 
 _PRIORITY = 3
 """Above that of runs and of their watchdogs: the devices of a real robot do not wait for its computer."""
@@ -45,20 +52,6 @@ def twin(
     FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it. Where that is permitted, it runs before all that is
     less urgent; it says so if it is late nevertheless.
     """
-    prepare_for_libraries()
-    try:
-        from mercator_design.jit import announced
-        from mercator_design.missions.mission import load_mission
-        from mercator_design.sim.robot_model import load_robot_model
-        from mercator_design.sim.simulate import robot_model_of
-        from mercator_design.twin.arena import TwinArena, without_noise
-        from mercator_design.twin.faults import Script, read_script
-        from mercator_design.twin.folder import usual_folder
-        from mercator_design.twin.terminals import Terminals, open_log
-        from mercator_design.twin.twin import Twin
-    except ImportError as error:
-        raise RobotError(f"a twin needs what the designer needs: {error}; in a checkout: pip install .") from None
-
     script = read_script(faults) if faults is not None else Script()
     loaded = load_mission(mission, overrides)
     model = load_robot_model(robot_model) if robot_model else robot_model_of(loaded)

@@ -61,7 +61,8 @@ def test_the_command_line(application, python):
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith("Usage: mercator-robot")
     assert run(python, application, "run", "none.txt").returncode == 3
-    assert "twin is not in this file, as it needs the designer" in run(python, application, "twin").stderr
+    words = "Error: twin needs the designer: the package mercator_design.twin is not installed; in the clone: "
+    assert run(python, application, "twin").stderr.startswith(words)
 
 
 def test_a_run_and_its_replay(application, python, tmp_path):

@@ -35,11 +35,3 @@ def test_a_fault_of_a_part_that_is_there_is_not_hidden(robot_command, monkeypatc
     monkeypatch.setitem(sys.modules, "mercator_design.twin.cli", None)
     with pytest.raises(ModuleNotFoundError):
         robot_command("twin", "aggregation")
-
-
-def test_a_twin_where_the_designer_s_packages_are_not(robot_command, monkeypatch):
-    """What else a robot does there: tests/fleet/test_bundle.py."""
-    monkeypatch.setitem(sys.modules, "mercator_design.sim.robot_model", None)
-    assert "  twin " in robot_command("--help")[1]
-    code, _, err = robot_command("twin", "aggregation")
-    assert (code, err.startswith("Error: a twin needs what the designer needs: ")) == (1, True)

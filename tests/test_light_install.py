@@ -1,0 +1,72 @@
+"""A light install: mercator-robot runs on the packages of a robot, and mdesign says what else it needs."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from mercator_design.cli import VERBS
+
+ROOT = Path(__file__).parents[1]
+OF_A_ROBOT = {"click", "serial", "yaml", "_yaml"}
+BLOCKED = f"""
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        package = name.partition(".")[0]
+        if package not in {{"mercator_design", *{OF_A_ROBOT!r}, *sys.stdlib_module_names}}:
+            raise ModuleNotFoundError(f"No module named {{package!r}}", name=package)
+
+sys.path.insert(0, {str(ROOT)!r})
+sys.meta_path.insert(0, Blocked())
+"""
+MODULES = {"mdesign": "cli", "mercator-robot": "robot.cli"}
+
+
+def light(program, *arguments):
+    """A command where only the packages of a robot are installed."""
+    code = BLOCKED + f"from mercator_design.{MODULES[program]} import main\nmain()\n"
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_dependencies_are_those_of_a_robot():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert [each.partition(">")[0] for each in project["dependencies"]] == ["click", "pyserial", "pyyaml"]
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("check", "--help"), ("stop", "--help")])
+def test_mercator_robot(arguments):
+    code, out, err = light("mercator-robot", *arguments)
+    assert (code, out.startswith("Usage: mercator-robot"), err) == (0, True, "")
+
+
+def test_help_of_mdesign_names_all_verbs():
+    code, out, err = light("mdesign", "--help")
+    assert (code, err) == (0, "")
+    assert all(f"\n  {name} " in out for name in VERBS)
+
+
+@pytest.mark.parametrize(
+    ("program", "verb"),
+    [("mercator-robot", "twin"), *(("mdesign", name) for name, verb in VERBS.items() if not verb.is_light)],
+)
+def test_what_needs_more_says_what_to_install(program, verb):
+    code, out, err = light(program, verb, "aggregation")
+    assert (code, out) == (1, "")
+    assert err.startswith(f"Error: {verb} needs the designer: the package ")
+    assert err.endswith(" is not installed; in the clone: pip install '.[design]'\n")
+    assert err.count("\n") == 1
+
+
+def test_light_verbs_need_no_more(tmp_path):
+    bundle, fsm = tmp_path / "robot.pyz", tmp_path / "fsm.txt"
+    fsm.write_text("--nstates 1 --s0 0 --rwm0 20\n")
+    assert light("mdesign", "bundle", "-o", str(bundle))[0] == 0
+    assert bundle.exists()
+    assert light("mdesign", "draw", str(fsm))[1].startswith("digraph")
+    assert light("mdesign", "deploy", "--help")[0] == 0
+    assert {name for name, verb in VERBS.items() if verb.is_light} == {"bundle", "draw", "deploy"}

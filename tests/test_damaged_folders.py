@@ -406,7 +406,7 @@ class TestStarts:
                 ways.append("again")
                 code, out, err = mdesign("race", "--resume", path)
                 assert (code, out) == (1, "")
-                assert f"begin it again with -o {path}" in err or "provenance.json: no such file" in err
+                assert f"begin it again with -o {path}" in err or "not a run folder: provenance.json is missing" in err
                 folder = RunFolder.create(path, designer, request=Request(method="irace"))
             with folder:
                 assert folder.journal.record.start["seed"] == 1

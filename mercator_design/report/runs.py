@@ -62,7 +62,7 @@ def run_summary(path: Path) -> str:
             else []
         ),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
-        *([f"Ahead      {unasked} more experiments were run that the race did not ask for"] if unasked else []),
+        *([f"Extra      {unasked} speculative experiments, not counted"] if unasked else []),
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),

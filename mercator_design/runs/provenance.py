@@ -58,10 +58,12 @@ def read(folder: Path) -> Provenance:
         RaceError: There is none, or it is not what this program writes: with the key.
     """
     file = folder / PROVENANCE
+    if not file.exists():
+        raise RaceError(f"{folder}: not a run folder: {PROVENANCE} is missing")
     try:
         data = json.loads(read_small(file, _LARGEST))
     except Unreadable as error:
-        raise RaceError(f"{folder}: expected the folder of a race, found that {PROVENANCE}: {error}") from None
+        raise RaceError(f"{folder}: not a run folder: {PROVENANCE}: {error}") from None
     except (ValueError, RecursionError) as error:
         raise RaceError(f"{file}: expected JSON, found something else: {error}") from None
     provenance: Provenance = from_json(data, Provenance, error=RaceError, label=str(file))

@@ -94,7 +94,7 @@ def test_a_launcher_is_found_as_a_shell_finds_it(scenario, folder, monkeypatch):
     monkeypatch.setenv("PATH", f"{folder / 'bin'}:/usr/bin")
     (folder / "snake").write_text("not this one")
     assert scenario('targetRunnerLauncher = "snake"').target.launcher == folder / "bin" / "snake"
-    with pytest.raises(RaceError, match=r"targetRunnerLauncher: expected a program that may be executed, found that "):
+    with pytest.raises(RaceError, match=r"targetRunnerLauncher: .*snake is not executable; run chmod \+x"):
         scenario('targetRunnerLauncher = "./snake"')
     assert scenario('targetEvaluator = "other"').target.evaluator == folder / "other"
     (folder / "snake").unlink()
@@ -225,7 +225,7 @@ def test_all_of_irace_s_options_are_known():
         ("parameterFile = 'nowhere.txt'", ":3: parameterFile: "),
         ("parameterFile = 'data'", "expected a file, found a folder"),
         ("targetRunner = 'nowhere'", ":3: targetRunner: expected a file, found none at "),
-        ("targetRunner = 'list.txt'", "list.txt may not (chmod +x makes it so)"),
+        ("targetRunner = 'list.txt'", "list.txt is not executable; run chmod +x"),
         ("targetCmdline = '{seed} {instance}'", ":3: targetCmdline: expected {targetRunnerArgs} in it"),
         ("execDir = 'nowhere'", ":3: execDir: expected a folder, found none at "),
         ("instances = c('a', NA)", ":3: instances: expected texts, as c(...), found None"),

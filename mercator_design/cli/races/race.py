@@ -112,8 +112,8 @@ def race(
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
     fsm.txt in the results' folder, and a summary to stdout.
 
-    A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with a larger
-    --budget.
+    An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
+    larger --budget.
     """
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("mission", "budget"))
     executor = _executor(executor_name, jobs, scheduler, timeout)

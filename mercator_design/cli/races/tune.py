@@ -100,8 +100,8 @@ def tune(
     The best configurations are written to best.txt in the results' folder, as irace's configurationsFile has them, and
     a summary to stdout. What is not obeyed of a scenario is refused.
 
-    A race that was stopped, by whatever, goes on where it was with --resume; so does one that has ended, with more
-    --max-experiments.
+    An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
+    larger --max-experiments.
     """
     if scenario is not None and scenario_option is not None:
         raise click.UsageError("SCENARIO and --scenario name the same: give one of them")

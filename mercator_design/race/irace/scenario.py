@@ -314,10 +314,7 @@ class _ScenarioReader:
             return None
         file = self.on_path(name) or _existing(self.file(name), name, self.place(name))
         if not os.access(file, os.X_OK):
-            raise RaceError(
-                f"{self.place(name)}: {name}: expected a program that may be executed, found that {file} may not "
-                f"(chmod +x makes it so)"
-            )
+            raise RaceError(f"{self.place(name)}: {name}: {file} is not executable; run chmod +x")
         return file
 
 

@@ -1,8 +1,8 @@
-"""Early warning: whether a race still finds better configurations, and what it looks like if not.
+"""Whether a race stagnates: whether it no longer finds better configurations.
 
-The best of an iteration is compared with that of an earlier one on the instances that both have seen. The newer one was
-chosen because it is good on these, which flatters it: a gain that cannot be told from chance even so is none to wait
-for. So a race that has had none for some iterations, and for a good part of its budget, is said to stagnate.
+The best configuration of an iteration is compared with the best of an earlier one, on the instances that both have
+seen. The newer one was selected on these instances, so the comparison favours a gain. If there is still no significant
+gain for some iterations and for a large part of the budget, the race stagnates.
 """
 
 import math
@@ -16,16 +16,16 @@ from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
 
 PATIENCE = 3
-"""Iterations without a gain that are told ..."""
+"""Iterations without a gain before a note is written ..."""
 SHARE = 0.4
-"""... if they took as much of the budget: a race that improves often pauses for less, and its last ones are small."""
+"""... if they used this share of the budget. A race that improves has short pauses, too, and small last iterations."""
 _ALPHA = 0.05
 
 
 def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
-    """Whether costs are lower than others on their common instances by more than chance (paired t-test, 5 %).
+    """Whether costs are significantly lower than earlier ones on their common instances (paired t-test, 5 %).
 
-    Whatever was accepted is better than what was rejected since.
+    A configuration that has since been rejected (infinite cost) is worse than any other.
     """
     if any(map(math.isinf, earlier.values())):
         return True
@@ -38,11 +38,11 @@ def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
 
 
 def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | None:
-    """How far instances agree on configurations that were not chosen for how they do there.
+    """How well instances agree on configurations that were not selected on these instances.
 
-    Gives Kendall's W on the instances that all have seen, and the probability that instances which know no difference
-    agree so well (Friedman's test); NaN and 1 if all costs of each instance are equal; None if there are not two
-    configurations, or not two instances that all have seen.
+    Returns Kendall's W on the instances that all configurations have seen, and the p-value of Friedman's test. Returns
+    NaN and 1 if all costs on each instance are equal. Returns None if there are fewer than two configurations, or fewer
+    than two common instances.
 
     Args:
         costs: of each configuration, by instance.
@@ -65,14 +65,14 @@ def judged(
     newcomers: Sequence[int],
     budget: int,
 ) -> IterationSummary:
-    """An iteration that has ended, with how long there was no gain, and what a user should know.
+    """Add to an iteration that has ended the number of iterations without a gain, and a note for the user.
 
     Args:
-        iteration: That has ended.
-        earlier: Those before it.
-        costs: Of a configuration, by instance.
-        newcomers: Configurations that it raced first.
-        budget: Of the whole race.
+        iteration: The iteration that has ended.
+        earlier: The iterations before it.
+        costs: Returns the costs of a configuration by instance.
+        newcomers: The configurations that are new in this iteration.
+        budget: The budget of the whole race.
     """
     accepted = [own for own in map(costs, newcomers) if not any(map(math.isinf, own.values()))]
     found = agreement(accepted)
@@ -91,30 +91,30 @@ def judged(
 def _of_the_first(found: tuple[float, float] | None) -> str:
     if found is None:
         return (
-            "too few configurations of the first iteration were accepted, or ran on common instances, to say whether "
-            "instances tell them apart"
+            "too few configurations of the first iteration were accepted, or have common instances, to test whether "
+            "they differ"
         )
     kendall, p_value = found
     if p_value < _ALPHA:
         return ""
     if math.isnan(kendall):
-        return "all configurations of the first iteration cost the same: there is nothing to learn from yet"
+        return "all configurations of the first iteration cost the same: the race cannot learn from them"
     return (
-        "the instances rank the configurations of the first iteration no more alike than chance would (Kendall's W "
-        f"{kendall:.2g}, p = {p_value:.2g}): as few instances as these do not tell them apart"
+        "no significant difference between the configurations of the first iteration (Kendall's W "
+        f"{kendall:.2g}, p = {p_value:.2g}): it had too few instances"
     )
 
 
 def _of_stagnation(before: IterationSummary, idle: Sequence[IterationSummary]) -> str:
     best = idle[-1].best
     if best == before.best:
-        what = f"the best is still configuration {best}"
+        what = f"{best} is still the best"
     else:
-        what = f"configuration {best} cannot be told from {before.best}, the best then"
+        what = f"{best} is not significantly better than {before.best}"
     restarts = sum(one.soft_restart for one in idle)
     alike = sum(not one.newcomers_differ for one in idle)
     return (
         f"no gain in {len(idle)} iterations, since iteration {before.iteration}: {what}"
-        + (f"; in {restarts} of them newcomers repeated what there was (soft restarts)" if restarts else "")
-        + (f"; in {alike} of them the instances could not tell the newcomers apart" if alike else "")
+        + (f"; {restarts} soft restart{'s' * (restarts > 1)}" if restarts else "")
+        + (f"; no significant difference between new configurations in {alike} of them" if alike else "")
     )

@@ -258,10 +258,14 @@ class Designer(Task[tuple[Pfsm, int]]):
     @staticmethod
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:
         """As `Task.columns`: the column fsm."""
+        return {"fsm": [to_text(to_pfsm(configuration, start["flavour"])) for configuration in configurations]}
+
+    @staticmethod
+    def check(start: Start, configurations: Sequence[Configuration]) -> None:
+        """As `Task.check`."""
         space = _space(start["flavour"])
         for configuration in configurations:
             space.check(configuration)
-        return {"fsm": [to_text(to_pfsm(configuration, start["flavour"])) for configuration in configurations]}
 
 
 @cache

@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import os
 import random
 import re
@@ -17,17 +18,23 @@ import optuna
 import pandas as pd
 import pytest
 
+from mercator_design.analysis.analysis import Ablation
+from mercator_design.analysis.pruning import without
 from mercator_design.command import print_message
+from mercator_design.design import Designer
 from mercator_design.errors import RaceError
+from mercator_design.fsm import parse
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.modules import numbered
-from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.racing.summary import Elite, Progress
 from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone, IterationEnded, SessionStopped
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
+from mercator_design.report.analysis import ablation_csv, ablation_page
 from mercator_design.report.columns import difference, with_notes_wrapped
 from mercator_design.report.iterations import iterations_table
 from mercator_design.report.progress import RaceDisplay
@@ -921,6 +928,29 @@ class TestAnalysis:
             mdesign("evaluate", tmp_path / "0.txt", "--mission", raced / "mission.yaml", "-n", 10, "--json")[1]
         )["scores"]
         assert table["mean"][0] == pytest.approx(sum(scores[5:]) / 5)  # the first 5 were for choosing
+
+    @pytest.mark.parametrize(
+        ("costs", "p", "last"), [((1.0, 1.0), 0.9, 1), ((0.0, 0.1), 0.01, 1), ((2.0, 2.1), 0.01, 0)]
+    )
+    def test_what_suffices_may_be_no_machine_of_the_grammar(self, costs, p, last):
+        """A state that lost its transitions; and one that is better without something suffices, too."""
+        whole = parse(
+            "--nstates 2 --s0 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 0.1 --s1 2 --att1 2 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.1"
+        )
+        less = without(whole, frozenset({(1, 0)}))
+        task = SimpleNamespace(name="aggregation", columns=Designer.columns, start=lambda: {"flavour": "watermelon"})
+        task.score = lambda cost: -cost
+        steps = (
+            Step(change="", there=0, costs=(1.0, 1.2), p_value=math.nan),
+            Step(change="without transition 1 -> 0", there=1, costs=costs, p_value=p),
+        )
+        configurations = tuple(from_pfsm(pfsm) for pfsm in (whole, less))
+        ablation = Ablation(task=task, start="the winner", steps=steps, configurations=configurations, simplifies=True)
+        *_, says, fsm = ablation_page(ablation).splitlines()
+        assert says == f"Up to step {last}, nothing is significantly worse than the winner; there it is"
+        assert fsm == to_text((whole, less)[last])
+        table = pd.read_csv(io.StringIO(ablation_csv(ablation)))
+        assert list(table.fsm) == [to_text(whole), to_text(less)]
 
     def test_ablation_from_another_configuration(self, mdesign, raced):
         record = read(raced / JOURNAL).record

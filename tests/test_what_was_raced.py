@@ -104,6 +104,18 @@ class TestMission:
         assert f"{file} is not what it was when this was designed; to use it as it is now, give --mission" in err
         assert mdesign("evaluate", raced / "fsm.txt", "-n", 2, "--mission", file)[0] == 0
 
+    def test_one_that_was_edited_and_is_not_needed_is_told(self, mdesign, tmp_path):
+        """A shipped mission is there without the copy in the folder."""
+        assert mdesign("race", "aggregation", *QUICK, "--budget", 60, "-o", tmp_path / "r")[0] == 0
+        file, evaluate = tmp_path / "r" / "mission.yaml", ("evaluate", tmp_path / "r" / "fsm.txt", "-n", 2)
+        found = mdesign(*evaluate)
+        assert found[::2] == (0, "")
+        file.write_text(file.read_text().replace("radius: 0.5", "radius: 0.4"))
+        code, out, err = mdesign(*evaluate)
+        assert (code, out) == found[:2]
+        assert err.startswith(f"Warning: {file} is not what it was when this was designed; ")
+        assert err.endswith("; aggregation is used\n")
+
     def test_one_that_is_given_and_goes_by_its_name_is_told(self, mdesign, raced, tmp_path):
         given = ("evaluate", raced / "fsm.txt", "--mission", tmp_path / "mine.yaml", "-n", 2)
         assert mdesign(*given)[::2] == (0, "")

@@ -136,6 +136,8 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
     if digest and mission.digest != digest:
         what = changed or f"{excerpt(named)} is not what it was when this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")
+    if changed:
+        warn([f"{changed}; {excerpt(named)} is used"])
     return parse_mission(dump(mission), name=named, overrides=overrides) if overrides else mission
 
 

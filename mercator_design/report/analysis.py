@@ -4,6 +4,7 @@ import io
 from collections.abc import Iterable, Iterator
 from operator import sub
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
 from mercator_design.analysis.analysis import Ablation
@@ -99,14 +100,17 @@ def ablation_page(ablation: Ablation, width: int | None = None) -> str:
 
 
 def _what_suffices(ablation: Ablation) -> list[str]:
-    """The last step up to which no difference from the start was found."""
+    """The last step before one that is significantly worse than the start."""
+    mean = fmean(ablation.steps[0].costs)
     last = 0
-    while last + 1 < len(ablation.steps) and ablation.steps[last + 1].p_value >= _ALPHA:
+    for step in ablation.steps[1:]:
+        if step.p_value < _ALPHA and fmean(step.costs) > mean:
+            break
         last += 1
     columns = ablation.task.columns(ablation.task.start(), [ablation.configurations[last]])
     return [
         "",
-        f"No difference from the winner was found up to step {last}, where it is",
+        f"Up to step {last}, nothing is significantly worse than the winner; there it is",
         *(str(value) for [value] in columns.values()),
     ]
 

@@ -72,7 +72,9 @@ def run_summary(path: Path) -> str:
     if record.iterations:
         lines += ["", *iterations_table(record), *iteration_notes(record), ""]
     if run["winner"] is not None:
-        columns = task.columns(record.start, [record.configurations[run["winner"]]])
+        winner = [record.configurations[run["winner"]]]
+        task.check(record.start, winner)
+        columns = task.columns(record.start, winner)
         tests = {number: Scores(scores) for number, scores in record.test_scores().items()}
         lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
         lines += test_lines(record, tests, "on fresh instances")

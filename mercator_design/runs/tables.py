@@ -85,5 +85,7 @@ def configurations_of(record: Record) -> "pd.DataFrame":
     results["parent"] = [record.parents[number] for number in results.index]
     results["parent"] = results["parent"].astype("Int64")
     configurations = [record.configurations[number] for number in results.index]
-    columns = TASKS[record.start["task"]].columns(record.start, configurations)
+    task = TASKS[record.start["task"]]
+    task.check(record.start, configurations)
+    columns = task.columns(record.start, configurations)
     return results.join(pd.DataFrame(columns, index=results.index, dtype=object))

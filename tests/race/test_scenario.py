@@ -217,7 +217,7 @@ def test_all_of_irace_s_options_are_known():
         ("elitist = 2", ":3: elitist: expected 0 or 1, found 2"),
         ("confidence = 95", ":3: confidence: expected a number from 0 to 1, found 95"),
         ("confidence = 1", ":3: confidence: expected between 0 and 1, found 1"),
-        ("testType = 'z-test'", ":3: testType: expected friedman or t-test"),
+        ("testType = 'z-test'", ":3: testType: expected f-test or t.none or t.holm or t.bonferroni, found z-test"),
         ("targetRunner = 3", ":3: targetRunner: expected a path in quotes, found 3"),
         ("firstTest = 0", ":3: firstTest: expected 1 or more"),
         ("firstTest = 5\neachTest = 2", ":3: firstTest: expected 1 or more and a multiple of eachTest (2), found 5"),

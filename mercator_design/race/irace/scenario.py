@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.irace.configurations import read_configurations, read_lines
@@ -18,6 +19,7 @@ from mercator_design.race.irace.scenario_options import EXPECTED, MOST, OPTIONS,
 from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments
 from mercator_design.race.irace.target_runner import REQUIRED, Target
 from mercator_design.race.racing.options import RaceOptions
+from mercator_design.race.racing.statistics import TestName
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.race.space.r_operators import number, number_text
 from mercator_design.race.space.space import Space
@@ -210,6 +212,9 @@ class _ScenarioReader:
         if "testType" in self.found:
             test = str(self.value("testType")).lower()
             changes["test"] = TESTS.get(test, test)
+            if changes["test"] not in get_args(TestName):
+                known = " or ".join(filter(None, TESTS))
+                raise RaceError(f"{self.place('testType')}: testType: expected {known}, found {excerpt(test)}")
         try:
             return replace(base, **changes)  # type: ignore[arg-type]
         except RaceError as error:

@@ -159,6 +159,14 @@ class Task(Problem[T]):
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:
         """Configurations as columns of a table."""
 
+    @staticmethod
+    def check(start: Start, configurations: Sequence[Configuration]) -> None:
+        """Make sure that configurations that were read are of the space that a start names.
+
+        Raises:
+            RaceError: with the parameter of the first that is not.
+        """
+
 
 @lru_cache(maxsize=1 << 16)
 def _seed(seed: int, purpose: str, instance: int) -> int:

@@ -14,7 +14,7 @@ def recorded(tmp_path_factory):
 
 
 def check(folder, cycles, changes):
-    """That all is as docs/twin.md says, over at least so many cycles and changes of state of each robot."""
+    """That all is as docs/explanation/twin.md says, over at least so many cycles and changes of state of each robot."""
     behaviours = set()
     for robot in range(ROBOTS):
         log = folder / f"run{robot}.jsonl"

@@ -1,4 +1,4 @@
-"""A robot of the twin perceives what a simulated one does in the same scene; what differs is in docs/twin.md."""
+"""A robot of the twin perceives what a simulated one does in the same scene; docs/explanation/twin.md has differences."""
 
 import dataclasses
 import math

@@ -1,8 +1,8 @@
 """What a simulated robot and a robot of the twin perceive in the same scene, without noise.
 
-`python benchmarks/same_scene.py` prints the figures of docs/explanation/twin.md. The robot's own code reads the bytes of
-the twin's devices, at the twin's own time (twin_stepped.py). Where robots move, the simulator senses where they are at
-the moment at which the robot perceives. It takes a minute.
+`python benchmarks/same_scene.py` prints the figures of docs/explanation/twin.md. The robot's own code reads the bytes
+of the twin's devices, at the twin's own time (twin_stepped.py). Where robots move, the simulator senses where they are
+at the moment at which the robot perceives. It takes a minute.
 """
 
 import dataclasses

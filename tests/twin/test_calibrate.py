@@ -34,7 +34,7 @@ def test_noise_is_recovered(tmp_path, mdesign):
     code, out, err = mdesign("calibrate", recording, "-o", tmp_path / "found.yaml", "--json")
     assert code == 0, err
     found = {one["sensor"]: one for one in json.loads(out)["sensors"]}
-    # Six standard errors or more: 2000 samples of proximity, 3600 of the ground; for the lidar see docs/reference/twin.md.
+    # Six standard errors or more: 2000 samples of proximity, 3600 of the ground; lidar: docs/reference/twin.md.
     for key, distribution, parameter, part in (
         ("proximity", "gaussian", 0.03, 0.1),
         ("ground", "gaussian", 5.0, 0.075),

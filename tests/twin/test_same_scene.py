@@ -1,4 +1,4 @@
-"""A robot of the twin perceives what a simulated one does in the same scene; docs/explanation/twin.md has differences."""
+"""A robot of the twin perceives what a simulated one does in the same scene; see docs/explanation/twin.md."""
 
 import dataclasses
 import math

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
+from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import read
 
 NEAR = 0.005
@@ -32,10 +33,11 @@ class Kept(NamedTuple):
 def kept(log: Path) -> Kept:
     """How a robot kept time, by the log of its run."""
     start, *events = read(log)
-    cycles = [event for event in events if event["event"] == "cycle"]
-    periods = [after["time"] - before["time"] for before, after in itertools.pairwise(cycles)]
-    near = sum(abs(period - start["control_period"]) <= NEAR for period in periods) / len(periods)
-    return Kept(periods, near, [event["cpu"] for event in cycles], [event["program_cpu"] for event in cycles])
+    assert isinstance(start, RunStarted)  # noqa: S101
+    cycles = [event for event in events if isinstance(event, CycleDone)]
+    periods = [after.time - before.time for before, after in itertools.pairwise(cycles)]
+    near = sum(abs(period - (start.control_period or 0.0)) <= NEAR for period in periods) / len(periods)
+    return Kept(periods, near, [event.cpu for event in cycles], [event.program_cpu or 0.0 for event in cycles])
 
 
 def most(seconds: list[float]) -> float:

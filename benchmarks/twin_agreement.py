@@ -43,6 +43,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.running.executors import available_jobs
+from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import read
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels.swarm import new_history
@@ -178,9 +179,10 @@ def _result(plan: Plan, folder: Path) -> Result:
     began, late = [], []
     for number in range(len(plan.fsms)):
         start, *events = read(folder / f"run{number}.jsonl")
-        times = np.array([event["time"] for event in events if event["event"] == "cycle"])
-        began.append(datetime.fromisoformat(start["time"]).timestamp() + times[0])
-        late.append(float(np.mean(np.diff(times) > start["control_period"] + LATE_CYCLE)))
+        assert isinstance(start, RunStarted)  # noqa: S101
+        times = np.array([event.time for event in events if isinstance(event, CycleDone)])
+        began.append(datetime.fromisoformat(start.time).timestamp() + times[0])
+        late.append(float(np.mean(np.diff(times) > (start.control_period or 0.0) + LATE_CYCLE)))
     return Result(repr(plan), "", tuple(began), max(late), twin_was_late((folder / "twin.txt").read_text()))
 
 

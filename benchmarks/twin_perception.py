@@ -12,7 +12,7 @@ perception  In how many the simulator senses what the robot did, at the poses th
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -26,10 +26,11 @@ from benchmarks.twin_runs import EARLY, Plan, Track, log_of_twin, play
 from mercator_design.config.colours import COLOURS
 from mercator_design.fsm.control import MEMORY, STATE, control_cycle
 from mercator_design.fsm.perception import perceive, proximity_weight
-from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
+from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
 from mercator_design.robot.devices.settings import Settings, nearest
+from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read
 from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
@@ -85,16 +86,17 @@ def decisions(log: Path) -> Decisions:
     """What the simulator's compiled control cycle makes of the readings and draws of a log."""
     start, *events = read(log)
     pfsm, _ = controller_of(start)
-    program, model = program_arrays(pfsm), ReferenceModel(**start["reference_model"])
+    assert isinstance(start, RunStarted)  # noqa: S101
+    program, model = program_arrays(pfsm), start.reference_model
     memory: Any = np.zeros(MEMORY)
-    cycles = [event for event in events if event["event"] == "cycle"]
+    cycles = [event for event in events if isinstance(event, CycleDone)]
     states = wheels = changes = 0
     for event in cycles:
         was = int(memory[STATE])
-        found = compiled(control_cycle)(model, program, Readings(*event["readings"]), memory, np.array(event["draws"]))
-        states += (was, int(memory[STATE])) == (event["state"], event["next_state"])
-        wheels += Wheels(*found) == Wheels(*event["wheels"])
-        changes += event["state"] != event["next_state"]
+        found = compiled(control_cycle)(model, program, Readings(*event.readings), memory, np.array(event.draws))
+        states += (was, int(memory[STATE])) == (event.state, event.next_state)
+        wheels += tuple(found) == event.wheels
+        changes += event.state != event.next_state
     return Decisions(len(cycles), states, wheels, changes)
 
 
@@ -119,24 +121,25 @@ def perception(folder: Path, robot: int) -> Perception:
     track = Track(log_of_twin(folder))
     start, *events = read(folder / f"run{robot}.jsonl")
     senses = Senses(without_noise(load_robot_model("mercator")), track.robots)
-    labels = Settings().labels_of(start["header"])
-    began = datetime.fromisoformat(start["time"]).timestamp() - track.start
+    assert isinstance(start, RunStarted)  # noqa: S101
+    labels = Settings().labels_of(start.header or {})
+    began = datetime.fromisoformat(start.time).timestamp() - track.start
     ground, neighbours, proximity, differences = 0, 0, 0, []
     for event in events:
-        if event["event"] != "cycle":
+        if not isinstance(event, CycleDone):
             continue
-        now, found, sensed = began + event["time"], Readings(*event["readings"]), event["sensed"]
-        perceived = [senses(poses, robot) for poses in track.around(now - sensed["ground"][0])]
+        now, found, sensed = began + event.time, Readings(*event.readings), event.sensed
+        perceived = [senses(poses, robot) for poses in track.around(now - (sensed["ground"][0] or 0.0))]
         colours = [COLOURS[nearest(labels, (at.ground_red, at.ground_green, at.ground_blue))] for at in perceived]
         ground += (found.ground_red, found.ground_green, found.ground_blue) in colours
         *_, then = track.around(now - _HALF_A_TURN - EARLY)
         neighbours += senses(then, robot).neighbours == found.neighbours
         age, *distances = sensed["proximity"]
-        x, y = obstacles(ReferenceModel(**start["reference_model"]), distances)
-        perceived = [senses(poses, robot) for poses in track.around(now - age)]
+        x, y = obstacles(start.reference_model, distances)
+        perceived = [senses(poses, robot) for poses in track.around(now - (age or 0.0))]
         off = min(math.hypot(at.proximity_x - x, at.proximity_y - y) for at in perceived)
         is_same_length = math.isclose(math.hypot(x, y), math.hypot(found.proximity_x, found.proximity_y), abs_tol=1e-9)
-        proximity += off <= quantisation(start["reference_model"], distances) and is_same_length
+        proximity += off <= quantisation(start.reference_model, distances) and is_same_length
         differences.append(off)
     return Perception(len(differences), ground, neighbours, proximity, np.array(differences))
 
@@ -150,11 +153,11 @@ def obstacles(model: ReferenceModel, distances: Sequence[float | None]) -> tuple
     return found.proximity_x, found.proximity_y
 
 
-def quantisation(model: Mapping[str, float], distances: list[float | None]) -> float:
+def quantisation(model: ReferenceModel, distances: list[float | None]) -> float:
     """By how much a proximity vector may differ as distances are of whole millimetres."""
     half = 0.0005
-    nearest_ = [max(d - half, model["proximity_near"]) for d in distances if d is not None]
-    slopes = [model["proximity_inverse"] / (d * d) for d in nearest_ if d <= model["proximity_range"]]
+    nearest_ = [max(d - half, model.proximity_near) for d in distances if d is not None]
+    slopes = [model.proximity_inverse / (d * d) for d in nearest_ if d <= model.proximity_range]
     return half * sum(slopes) + 1e-6  # and the poses have six digits
 
 

@@ -21,7 +21,10 @@ from mercator_design.exports.robot_log_table import write_csv
 from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
-from mercator_design.robot.logs.log import Log, controller_of, read, to_lines
+from mercator_design.robot.logs import log as log_module
+from mercator_design.robot.logs.events import NoteTaken, RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
+from mercator_design.robot.logs.log import Log, controller_of, to_lines
+from tests.robot.log_events import read
 from tests.twin.recorded import ROBOTS, unpack
 
 SENSORS = {
@@ -122,7 +125,7 @@ class TestCsv:
         for log in logs:
             file = io.BytesIO()
             to_csv(log, file)
-            pfsm, _ = controller_of(next(read(log)))
+            pfsm, _ = controller_of(next(log_module.read(log)))
             for row in pd.read_csv(io.BytesIO(file.getvalue()), keep_default_na=False).to_dict("records"):
                 state = pfsm.states[row["state"]]
                 assert row["behaviour"] == state.behaviour
@@ -213,24 +216,21 @@ class TestSideBySide:
         assert not (tmp_path / "all.csv").exists()
 
     @pytest.mark.parametrize(
-        "clock",
+        ("clock", "words"),
         [
-            7,
-            {},
-            {"reference": "desk", "ahead": "1", "uncertainty": 0},
-            {"reference": 7, "ahead": 1, "uncertainty": 0},
-            {"reference": "desk", "ahead": 1e11, "uncertainty": 0},
-            {"reference": "desk", "ahead": 1},
+            (7, ": expected a mapping of keys or null, found 7"),
+            ({}, ".reference: missing key; expected text"),
+            ({"reference": "desk", "ahead": "1", "uncertainty": 0}, ".ahead: expected a number >= -1e+10 and"),
+            ({"reference": 7, "ahead": 1, "uncertainty": 0}, ".reference: expected text, found 7"),
+            ({"reference": "desk", "ahead": 1e11, "uncertainty": 0}, ".ahead: expected a number >= -1e+10 and <="),
+            ({"reference": "desk", "ahead": 1}, ".uncertainty: missing key; expected a number"),
         ],
     )
-    def test_a_clock_that_is_none(self, mdesign, log, tmp_path, clock):
+    def test_a_clock_that_is_none(self, mdesign, log, tmp_path, clock, words):
         start, *events = read(log)
         bad = written(tmp_path / "bad.jsonl", [start | {"clock": clock}, *events])
         code, _, err = mdesign("export", "csv", bad, "-o", tmp_path / "all.csv")
-        assert (code, err.startswith(f"Error: {bad}, line 1: start.clock: expected how far the clock is ahead")) == (
-            1,
-            True,
-        )
+        assert (code, err.startswith(f"Error: {bad}, line 1: start.clock{words}")) == (1, True)
 
 
 class TestMcap:
@@ -328,13 +328,13 @@ TURN = [(0.0, 0.31), (0.001, 0.3), (0.002, 0.32), (0.01, 0.0), (0.5 * math.pi, 2
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "recording.jsonl"
     with Log(path) as log:
-        log.begin("recording", "mercator-3", facts={}, proximity_angles=[0.0] * 8, lidar_angle=0.0)
+        log.begin(RecordingStarted(robot="mercator-3", facts={}, proximity_angles=(0.0,) * 8, lidar_angle=0.0))
         for k in range(3):
             for sensor, values in SAMPLES.items():
-                log.note("sample", time=0.05 * k, sensor=sensor, values=values)
-            log.note("turn", time=0.05 * k + 0.01, readings=TURN)
-            log.note("wheels", time=0.05 * k + 0.02, left=0.1 * k, right=-0.1 * k)
-        log.note("note", time=0.2, text="lidar: nothing for 0.70 s")
+                log.note(SampleTaken(time=0.05 * k, sensor=sensor, values=tuple(values)))
+            log.note(TurnTaken(time=0.05 * k + 0.01, readings=tuple(TURN)))
+            log.note(WheelsDriven(time=0.05 * k + 0.02, left=0.1 * k, right=-0.1 * k))
+        log.note(NoteTaken(time=0.2, text="lidar: nothing for 0.70 s"))
     return path
 
 

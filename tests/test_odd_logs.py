@@ -13,8 +13,9 @@ from mercator_design.errors import RobotError
 from mercator_design.exports.robot_log_table import write_csv
 from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.robot.cli.replay import _show
-from mercator_design.robot.logs.log import read, replay
+from mercator_design.robot.logs.log import replay
 from tests.calibration.recordings import CENTRES, measured, write
+from tests.robot.log_events import read
 from tests.twin.recorded import unpack
 
 ODD = (None, "x", "\ud800", True, -1, 1e18, -1e308, math.inf, math.nan, 10**23, [], {}, [[[]]], [1.0] * 20)

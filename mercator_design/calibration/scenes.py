@@ -5,12 +5,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import RobotError
+from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import read
 from mercator_design.robot.protocols.ydlidar import correction
 
@@ -65,7 +66,7 @@ class RobotRecording(NamedTuple):
     """
 
     path: Path
-    start: Mapping[str, Any]
+    start: RecordingStarted
     duration: float
     rest: float
     moves: list[tuple[float, float]]
@@ -79,18 +80,17 @@ def read_recording(path: Path) -> RobotRecording:
         RobotError: if it cannot be read, or is none.
     """
     told: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
-    start: Mapping[str, Any] = {}
-    for event in read(path, "recording"):
-        match event["event"]:
-            case "start":
-                start = event
-            case "sample":
-                told[event["sensor"]].append((event["time"], np.array(event["values"], dtype=float)))
-            case "turn":
-                readings = np.array(event["readings"], dtype=float).reshape(-1, 2)
-                told["lidar"].append((event["time"], readings))
-            case "wheels":
-                told["wheels"].append((event["time"], np.array([event["left"], event["right"]])))
+    events = read(path, "recording")
+    start = next(events)
+    assert isinstance(start, RecordingStarted)  # noqa: S101 - as `read` has seen
+    for event in events:
+        match event:
+            case SampleTaken():
+                told[event.sensor].append((event.time, np.array(event.values, dtype=float)))
+            case TurnTaken():
+                told["lidar"].append((event.time, np.array(event.readings, dtype=float).reshape(-1, 2)))
+            case WheelsDriven():
+                told["wheels"].append((event.time, np.array([event.left, event.right])))
     series = {name: _series(name, rows, start) for name, rows in told.items()}
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
@@ -107,7 +107,7 @@ def read_recording(path: Path) -> RobotRecording:
     return RobotRecording(path, start, duration, rest, moves, scenes)
 
 
-def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any]) -> Series:
+def _series(name: str, rows: list[tuple[float, Floats]], start: RecordingStarted) -> Series:
     times = np.array([time for time, _ in rows], dtype=float)
     if name == "lidar":
         return _beams(times, [readings for _, readings in rows], start)
@@ -117,13 +117,13 @@ def _series(name: str, rows: list[tuple[float, Floats]], start: Mapping[str, Any
     return Series(times, values)
 
 
-def _beams(times: Floats, turns: list[Floats], start: Mapping[str, Any]) -> Series:
+def _beams(times: Floats, turns: list[Floats], start: RecordingStarted) -> Series:
     """Turns by beam: of the angle at which the device measures, which its correction by the range turns away from."""
     beams = max(1, int(np.median([len(turn) for turn in turns])))
     values, angles = np.full((2, len(turns), beams), np.nan)
     for row, turn in enumerate(turns):
         seen = turn[turn[:, 1] > 0.0]
-        raw = seen[:, 0] - start["lidar_angle"] - np.array([correction(reach) for reach in seen[:, 1]])
+        raw = seen[:, 0] - start.lidar_angle - np.array([correction(reach) for reach in seen[:, 1]])
         beam = np.rint(raw * beams / math.tau).astype(int)
         values[row, beam % beams] = seen[:, 1]
         angles[row, beam % beams] = raw - beam * math.tau / beams

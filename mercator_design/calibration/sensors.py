@@ -120,7 +120,7 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
             raise MercatorError(f"{other.path} is the same recording as {one.path}, which would count twice")
     scenes = [scene for recording in recordings for scene in recording.scenes]
     notes = [note for recording in recordings for note in _motion(recording)]
-    robots = sorted({recording.start.get("robot", "?") for recording in recordings})
+    robots = sorted({recording.start.robot for recording in recordings})
     if len(robots) > 1:
         notes.append(f"recordings of {', '.join(robots)}: what is fitted is the noise of all of them together")
     measured: list[SensorNoise] = []

@@ -28,7 +28,7 @@ def write_csv(paths: Sequence[Path], file: BinaryIO, warn: Callable[[str], None]
         with understanding(path):
             logs.append(open_log(path))
         if type(logs[-1]) is not type(logs[0]):
-            kinds = [log.start["kind"] for log in (logs[0], logs[-1])]
+            kinds = [log.start.kind for log in (logs[0], logs[-1])]
             raise RobotError(f"{path}: expected the log of a {kinds[0]}, as {paths[0]} is, found that of a {kinds[1]}")
     if len(logs) > 1:
         for path, log in zip(paths, logs, strict=True):

@@ -11,13 +11,24 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from mercator_design import __version__
-from mercator_design.config.checked_lines import Event
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.devices.samples import FIELDS
 from mercator_design.robot.devices.sweep import BINS, STEP
+from mercator_design.robot.logs.events import (
+    LINES,
+    CycleDone,
+    LogEnded,
+    LogEvent,
+    LogStart,
+    NoteTaken,
+    RunStarted,
+    SampleTaken,
+    TurnTaken,
+    WheelsDriven,
+    to_json,
+)
 from mercator_design.robot.logs.log import NO_END, condition_met, controller_of, read, understanding
-from mercator_design.robot.logs.log_events import LINES
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
 """A topic, and what is said there."""
@@ -108,36 +119,37 @@ class ExportedLog:
     """
 
     columns: Sequence[str]
-    counted: Sequence[str]
+    counted: tuple[type[LogEvent], ...]
     unit: str
 
-    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+    def __init__(self, start: LogStart, events: Iterator[LogEvent]) -> None:
         self.start, self._events = start, events
-        self.robot: str = start["robot"]
-        clock = start.get("clock") or {"reference": "", "ahead": 0.0}
-        self.reference: str = clock["reference"]
-        self.time = self._began = datetime.fromisoformat(start["time"]).timestamp() - clock["ahead"]
+        self.robot = start.robot
+        clock = start.clock if isinstance(start, RunStarted) else None
+        self.reference = "" if clock is None else clock.reference
+        ahead = 0.0 if clock is None else clock.ahead
+        self.time = self._began = datetime.fromisoformat(start.time).timestamp() - ahead
         self._count, self._why = 0, NO_END
 
-    def events(self) -> Iterator[Event]:
+    def events(self) -> Iterator[LogEvent]:
         """Those after the start."""
         for event in self._events:
-            if event["event"] == "end":
-                self._why = event["why"]
-            else:
-                self.time = self._began + event["time"]
-            if event["event"] in self.counted:
+            if isinstance(event, LogEnded):
+                self._why = event.why
+            elif not isinstance(event, LogStart):
+                self.time = self._began + event.time
+            if isinstance(event, self.counted):
                 self._count += 1
             yield event
 
-    def rows(self, event: Event) -> Iterator[Row]:
+    def rows(self, event: LogEvent) -> Iterator[Row]:
         """What the table has of an event."""
         raise NotImplementedError
 
-    def messages(self, event: Event) -> Iterator[Message]:
+    def messages(self, event: LogEvent) -> Iterator[Message]:
         """What is said of an event."""
-        if event["event"] in ("note", "end"):
-            text = event["text"] if event["event"] == "note" else f"The end: {event['why']}"
+        if isinstance(event, NoteTaken | LogEnded):
+            text = event.text if isinstance(event, NoteTaken) else f"The end: {event.why}"
             stamp = _stamp(self.time)
             note = {"timestamp": stamp, "level": _INFO, "message": text, "name": self.robot, "file": "", "line": 0}
             yield "/notes", note
@@ -157,101 +169,95 @@ class _Run(ExportedLog):
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
         *(f"line_{name}_{value}" for name, values in LINES.items() for value in values),
     )
-    counted = ("cycle",)
+    counted = (CycleDone,)
     unit = "cycles"
 
-    def __init__(self, start: Event, events: Iterator[Event]) -> None:
+    def __init__(self, start: LogStart, events: Iterator[LogEvent]) -> None:
         super().__init__(start, events)
         self._pfsm, self._controller = controller_of(start)
 
-    def events(self) -> Iterator[Event]:
-        """Those after the start; cycles have `behaviour` and `condition`, and names in `sensed` and `lines`."""
-        for event in super().events():
-            if event["event"] == "cycle":
-                event["behaviour"] = self._pfsm.states[event["state"]].behaviour
-                event["condition"] = condition_met(self._controller, event)
-                event["sensed"] = {
-                    name: {"age": age, **_named(name, values)} for name, (age, *values) in event["sensed"].items()
-                }
-                event["lines"] = {
-                    name: dict(zip(LINES[name], values, strict=False))
-                    for name, values in (event.get("lines") or {}).items()
-                }
-            yield event
+    def _state(self, event: CycleDone) -> dict[str, object]:
+        """What _CYCLE names."""
+        found = {
+            "behaviour": self._pfsm.states[event.state].behaviour,
+            "condition": condition_met(self._controller, event),
+        }
+        return {name: found[name] if name in found else getattr(event, name) for name in _CYCLE}
 
-    def rows(self, event: Event) -> Iterator[Row]:
-        if event["event"] == "cycle":
+    def rows(self, event: LogEvent) -> Iterator[Row]:
+        if isinstance(event, CycleDone):
             yield {
                 "robot": self.robot,
                 "clock": round(self.time, 6),
-                "time": event["time"],
-                **{name: event[name] for name in _CYCLE},
-                **Readings(*event["readings"])._asdict(),
-                **{f"draw_{k}": draw for k, draw in enumerate(event["draws"])},
-                **Wheels(*event["wheels"])._asdict(),
-                "neighbour_places": json.dumps(event["neighbours"], separators=(",", ":")),
+                "time": event.time,
+                **self._state(event),
+                **Readings(*event.readings)._asdict(),
+                **{f"draw_{k}": draw for k, draw in enumerate(event.draws)},
+                **dict(zip(Wheels._fields, event.wheels, strict=True)),
+                "neighbour_places": json.dumps(event.neighbours, separators=(",", ":")),
                 **{
                     f"sensed_{name}_{key}": _cell(value)
-                    for name, values in event["sensed"].items()
+                    for name, values in _sensed(event).items()
                     for key, value in values.items()
                 },
                 **{
                     f"line_{name}_{key}": value
-                    for name, values in event["lines"].items()
+                    for name, values in _lines(event).items()
                     for key, value in values.items()
                 },
             }
 
-    def messages(self, event: Event) -> Iterator[Message]:
+    def messages(self, event: LogEvent) -> Iterator[Message]:
         yield from super().messages(event)
-        if event["event"] == "cycle":
-            yield "/state", {name: event[name] for name in _CYCLE}
-            yield "/readings", Readings(*event["readings"])._asdict()
-            yield "/draws", {"draws": event["draws"]}
-            yield "/wheels", _present(Wheels(*event["wheels"])._asdict())
-            places = [{"distance": distance, "bearing": bearing} for distance, bearing in event["neighbours"]]
+        if isinstance(event, CycleDone):
+            yield "/state", self._state(event)
+            yield "/readings", Readings(*event.readings)._asdict()
+            yield "/draws", {"draws": event.draws}
+            yield "/wheels", _present(dict(zip(Wheels._fields, event.wheels, strict=True)))
+            places = [{"distance": distance, "bearing": bearing} for distance, bearing in event.neighbours]
             yield "/neighbours", {"places": places}
-            for name, values in event["sensed"].items():
-                yield f"/sensors/{name}", _present(values)
-            for name, values in event["lines"].items():
+            sensed = {name: _present(values) for name, values in _sensed(event).items()}
+            for name, present in sensed.items():
+                yield f"/sensors/{name}", present
+            for name, values in _lines(event).items():
                 yield f"/lines/{name}", values
-            if {"position", "attitude"} <= event["sensed"].keys():
-                position, yaw = event["sensed"]["position"], event["sensed"]["attitude"]["yaw"]
+            if {"position", "attitude"} <= sensed.keys():
+                position, yaw = sensed["position"], sensed["attitude"]["yaw"]
                 yield from _stands(self.time - position["age"], position["x"], position["y"], yaw)
 
 
 class _Recording(ExportedLog):
     columns = ("robot", "clock", "time", "sensor", *(f"value_{k}" for k in range(max(map(len, _SENSED.values())))))
-    counted = ("sample", "turn")
+    counted = (SampleTaken, TurnTaken)
     unit = "samples and turns"
     _yaw: float | None = None  # the latest
 
-    def rows(self, event: Event) -> Iterator[Row]:
-        match event["event"]:
-            case "sample":
-                sensor, rows = event["sensor"], [event["values"]]
-            case "turn":
-                sensor, rows = "lidar", event["readings"]
-            case "wheels":
-                sensor, rows = "wheels", [[event[side] for side in Wheels._fields]]
+    def rows(self, event: LogEvent) -> Iterator[Row]:
+        rows: Iterable[Sequence[float | None]]
+        match event:
+            case SampleTaken():
+                sensor, rows = event.sensor, [event.values]
+            case TurnTaken():
+                sensor, rows = "lidar", event.readings
+            case WheelsDriven():
+                sensor, rows = "wheels", [(event.left, event.right)]
             case _:
                 return
-        cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event["time"], "sensor": sensor}
+        cells = {"robot": self.robot, "clock": round(self.time, 6), "time": event.time, "sensor": sensor}
         for values in rows:
             yield cells | {f"value_{k}": _cell(value) for k, value in enumerate(values)}
 
-    def messages(self, event: Event) -> Iterator[Message]:
+    def messages(self, event: LogEvent) -> Iterator[Message]:
         yield from super().messages(event)
-        match event["event"]:
-            case "sample":
-                sensor, values = event["sensor"], event["values"]
-                yield f"/sensors/{sensor}", _present(_named(sensor, values))
-                if sensor == "attitude":
-                    _, _, self._yaw = values
-                if sensor == "position" and self._yaw is not None:
-                    x, y = values
-                    yield from _stands(self.time, x, y, self._yaw)
-            case "turn":
+        match event:
+            case SampleTaken():
+                present = _present(_named(event.sensor, event.values))
+                yield f"/sensors/{event.sensor}", present
+                if event.sensor == "attitude":
+                    self._yaw = present["yaw"]
+                if event.sensor == "position" and self._yaw is not None:
+                    yield from _stands(self.time, present["x"], present["y"], self._yaw)
+            case TurnTaken():
                 yield (
                     "/lidar",
                     {
@@ -260,12 +266,12 @@ class _Recording(ExportedLog):
                         "pose": _pose(0.0, 0.0, 0.0),
                         "start_angle": 0.0,
                         "end_angle": (BINS - 1) * STEP,
-                        "ranges": _even(event["readings"]),
+                        "ranges": _even(event.readings),
                         "intensities": [],
                     },
                 )
-            case "wheels":
-                yield "/treads", {side: event[side] for side in Wheels._fields}
+            case WheelsDriven():
+                yield "/treads", {"left": event.left, "right": event.right}
 
 
 _KINDS: Mapping[str, type[ExportedLog]] = {"run": _Run, "recording": _Recording}
@@ -284,7 +290,7 @@ def write_mcap(path: Path, file: BinaryIO) -> str:
     with understanding(path):
         log = open_log(path)
         writer.start(library=f"mercator-design {__version__}")
-        start = {name: value for name, value in log.start.items() if name != "event"}
+        start = {name: value for name, value in to_json(log.start).items() if name != "event"}
         writer.add_metadata(
             "start", {name: value if isinstance(value, str) else json.dumps(value) for name, value in start.items()}
         )
@@ -304,7 +310,18 @@ def open_log(path: Path) -> ExportedLog:
     """A log of any kind; errors are those of `read`."""
     events = read(path, None)
     start = next(events)
-    return _KINDS[start["kind"]](start, events)
+    assert isinstance(start, LogStart)  # noqa: S101 - as `read` has seen
+    return _KINDS[start.kind](start, events)
+
+
+def _sensed(event: CycleDone) -> dict[str, dict[str, float | None]]:
+    """By sensor, the age and the values of its latest sample by name."""
+    return {name: {"age": age, **_named(name, values)} for name, (age, *values) in event.sensed.items()}
+
+
+def _lines(event: CycleDone) -> dict[str, dict[str, float]]:
+    """By device, the numbers of its line by name."""
+    return {name: dict(zip(LINES[name], each, strict=False)) for name, each in (event.lines or {}).items()}
 
 
 def _named(sensor: str, values: Sequence[float | None]) -> dict[str, float | None]:
@@ -316,7 +333,7 @@ def _cell(value: float | None) -> float:
     return math.inf if value is None else value
 
 
-def _present(values: Mapping[str, float | None]) -> dict[str, float | None]:
+def _present(values: Mapping[str, float | None]) -> dict[str, float]:
     """Values as a message has them: without those of nothing."""
     return {name: value for name, value in values.items() if value is not None}
 

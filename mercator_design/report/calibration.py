@@ -48,8 +48,8 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
     """A robot model that says no more than the noise, and in comments where that is from."""
     lines = ["# Noise measured on a robot at rest, by `mdesign calibrate` from"]
     for recording in calibration.recordings:
-        robot, when = recording.start.get("robot", "?"), recording.start.get("time", "?")
-        lines.append(f"#   {recording.path.name}: {robot}, {when}, {recording.duration:.0f} s")
+        start = recording.start
+        lines.append(f"#   {recording.path.name}: {start.robot}, {start.time}, {recording.duration:.0f} s")
     lines += [
         f"# In brackets: the interval at {CONFIDENCE:.0%}; p, by {SIMULATIONS} simulations, of a fit as bad by chance.",
         "# All that is not said here is as in the base.",

@@ -20,7 +20,7 @@ from mercator_design.config.loading import dump
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings
-from mercator_design.robot.logs.log import now as time_of_day
+from mercator_design.robot.logs.events import now as time_of_day
 from mercator_design.twin.twin import Log, Twin
 
 ROBOT = "robot.yaml"

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
-from mercator_design.robot.logs.log import FORMAT, plain, to_lines
+from mercator_design.robot.logs.events import FORMAT
+from mercator_design.robot.logs.log import plain, to_lines
 from mercator_design.robot.protocols.ydlidar import correction
 
 BEAMS = 120
@@ -77,6 +78,7 @@ def write(path, found, **start):
         "event": "start",
         "kind": "recording",
         "format": FORMAT,
+        "version": "0.1.0",
         "robot": "tester",
         "time": "2026-01-01T12:00:00+00:00",
         "lidar_angle": 0.0,

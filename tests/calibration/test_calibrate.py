@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mercator_design.calibration.scenes import read_recording
-from mercator_design.robot.logs.log import FORMAT, to_lines
+from mercator_design.robot.logs.events import FORMAT
+from mercator_design.robot.logs.log import to_lines
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Uniform
 from tests.calibration import recordings
@@ -288,13 +289,13 @@ def test_what_is_no_recording(mdesign, tmp_path):
     run.write_text("".join(to_lines([{"event": "start", "kind": "run", "format": FORMAT}])))
     other = tmp_path / "other.jsonl"
     start = {"event": "start", "kind": "recording", "format": FORMAT, "robot": "tester", "lidar_angle": 0.0}
-    start["time"] = "2026-01-01T12:00:00+00:00"
+    start |= {"time": "2026-01-01T12:00:00+00:00", "version": "0.1.0"}
     other.write_text("".join(to_lines([start, {"event": "sample", "sensor": "ground"}])))
     empty = tmp_path / "empty.jsonl"
     empty.write_text("".join(to_lines([start])))
     for file, words in (
         (run, "line 1: expected the log of a recording, found that of a run"),
-        (other, "line 2: sample.time: expected seconds from 0 to 1e+06, found none"),
+        (other, "line 2: sample.time: missing key; expected a number >= 0 and <= 1e+06"),
         (empty, "expected a recording of sensors, found no sample"),
         (tmp_path / "none.jsonl", "cannot be read: No such file or directory"),
     ):

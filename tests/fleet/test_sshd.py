@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design import __version__
-from mercator_design.robot.logs.log import read
+from tests.robot.log_events import read
 from tests.robot.ways import ATTEMPTS
 from tests.twin.processes import events, twin
 

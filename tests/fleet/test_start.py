@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.robot.logs.log import read
 from tests.fleet.fakes import settings
 from tests.robot.devices import Devices
+from tests.robot.log_events import read
 from tests.robot.ways import ATTEMPTS, LAST
 
 ROOT = Path(__file__).parents[2]

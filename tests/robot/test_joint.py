@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from mercator_design.robot.logs.log import read
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
+from tests.robot.log_events import read
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
 
 PATIENT = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 60.0\n"

@@ -22,8 +22,10 @@ from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
 from mercator_design.robot.cli import cli
 from mercator_design.robot.logs import log as log_module
-from mercator_design.robot.logs.log import Log, controller_of, read, replay, to_lines
+from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted
+from mercator_design.robot.logs.log import Log, controller_of, replay, to_lines
 from tests.fsm.test_parity import program_arrays
+from tests.robot.log_events import read
 
 FSM = (  # all that a Mercator can run
     "--nstates 4 "
@@ -33,6 +35,7 @@ FSM = (  # all that a Mercator can run
     "--s3 3 --rep3 4 --n3 2 --n3x0 0 --c3x0 6 --p3x0 0.6 --l3x0 0 --n3x1 2 --c3x1 5 --p3x1 0.1"
 )
 CYCLES = 300
+START = RecordingStarted(robot="mercator", lidar_angle=0.0)
 
 
 @pytest.fixture
@@ -41,8 +44,7 @@ def log(tmp_path):
     draw = random.Random(5)
     controller = Controller(parse(FSM))
     with Log(tmp_path / "log.jsonl") as log:
-        model = ReferenceModel()._asdict()
-        log.begin("run", "mercator", fsm=FSM, flavour="watermelon", reference_model=model)
+        log.begin(RunStarted(robot="mercator", fsm=FSM, flavour="watermelon", reference_model=ReferenceModel()))
         for cycle in range(CYCLES):
             obstacles, robots = [draw.uniform(-1, 1) for _ in range(2)], draw.choice([0.0, 1.0, 2.0])
             pull, ground = [draw.uniform(-2, 2) for _ in range(2)], draw.choice([*COLOURS.values()])
@@ -50,8 +52,7 @@ def log(tmp_path):
             draws = [draw.random() for _ in range(DRAWS)]
             state = controller.state
             wheels = controller.step(readings, draws)
-            log.note(
-                "cycle",
+            event = CycleDone(
                 cycle=cycle,
                 time=0.1 * cycle,
                 state=state,
@@ -60,9 +61,10 @@ def log(tmp_path):
                 draws=draws,
                 wheels=wheels,
                 cpu=0.001,
-                neighbours=[],
+                neighbours=(),
                 sensed={},
             )
+            log.note(event)
     return tmp_path / "log.jsonl"
 
 
@@ -85,7 +87,7 @@ def test_it_replays_identically(log):
 
 def test_the_simulator_s_kernel_decides_the_same(log):
     start, *events = read(log)
-    pfsm, _ = controller_of(start)
+    pfsm, _ = controller_of(next(log_module.read(log)))
     program, memory = program_arrays(pfsm), np.zeros(MEMORY)
     model = ReferenceModel(**start["reference_model"])
     for event in events[:-1]:
@@ -161,7 +163,7 @@ def test_damage_before_the_end_is_named(log, number):
             'line 1: expected the start of a robot\'s log, of format 2, found "start" of format 1',
         ),
         (to_line({"event": "end"}), 'of format 2, found "end" of format none'),
-        (to_line({"event": "start", "format": 2, "kind": "run"}), "line 1: start.robot: expected text, found none"),
+        (to_line({"event": "start", "format": 2, "kind": "run"}), "start.robot: missing key; expected text"),
     ],
 )
 def test_what_is_no_log(tmp_path, robot_command, text, words):
@@ -177,19 +179,36 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         (1, {"fsm": 7}, "start.fsm: expected text, found 7"),
         (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
         (1, {"time": "1970-01-01T00:00:00+01:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
-        (1, {"reference_model": {"hue_period": 0.0}}, "start.reference_model: expected a reference model's constants"),
+        (
+            1,
+            {"reference_model": {"hue_period": 0.0}},
+            "start.reference_model.hue_period: expected a number >= 1e-06",
+        ),
         (1, {"kind": "walk"}, "expected the log of a run, found one of another program"),
         (2, {"event": "circle"}, 'event: expected one of cycle, note, end, found "circle"'),
         (2, {"event": "start"}, 'event: expected one of cycle, note, end, found "start"'),
-        (3, {"time": [0.1]}, "cycle.time: expected seconds from 0 to 1e+06, found another list"),
+        (3, {"time": [0.1]}, "cycle.time: expected a number >= 0 and <= 1e+06, found a list of 1"),
         (4, {"time": 0.05}, "cycle.time: expected at least 0.1, found 0.05"),
-        (3, {"time": -0.1}, "cycle.time: expected seconds from 0 to 1e+06, found -0.1"),
-        (3, {"cycle": "1"}, 'cycle.cycle: expected a whole number from 0 on, found "1"'),
-        (3, {"readings": [0.5] * 11}, "cycle.readings: expected a list of 10 numbers, found another list"),
-        (3, {"draws": [1.0] * DRAWS}, "cycle.draws: expected"),
-        (3, {"sensed": {"position": [0.1, None, 0.0]}}, "cycle.sensed: expected the age and values of samples"),
-        (3, {"lines": {"rvr": [1.0] * 5}}, "cycle.lines: expected numbers by line"),
-        (CYCLES + 2, {"why": None}, "end.why: expected text, found none"),
+        (3, {"time": -0.1}, "cycle.time: expected a number >= 0 and <= 1e+06, found -0.1"),
+        (3, {"cycle": "1"}, 'cycle.cycle: expected a whole number >= 0 and <= 1e+09, found "1"'),
+        (
+            3,
+            {"readings": [0.5] * 11},
+            "cycle.readings: expected a list of at least 10 and at most 10, found",
+        ),
+        (3, {"draw": 0.5}, "cycle.draw: unknown key; did you mean 'draws'?"),
+        (3, {"draws": [1.0] * DRAWS}, "cycle.draws[0]: expected a number from 0 to below 1, found 1.0"),
+        (
+            3,
+            {"sensed": {"position": [0.1, None, 0.0]}},
+            "cycle.sensed: expected a mapping of keys with lists of numbers (acceler",
+        ),
+        (
+            3,
+            {"lines": {"rvr": [1.0] * 5}},
+            "cycle.lines: expected a mapping of keys with lists of numbers (rvr: 4",
+        ),
+        (CYCLES + 2, {"why": None}, "end.why: expected text, found null"),
     ],
 )
 def test_a_value_that_no_log_has_is_named(log, robot_command, number, change, words):
@@ -252,7 +271,7 @@ def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:
         assert forced == ["folder"]
-        log.begin("run", "mercator")
+        log.begin(START)
         until = time.monotonic() + 10.0
         while len(forced) < 2:
             assert time.monotonic() < until
@@ -264,7 +283,7 @@ def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
 def test_it_can_be_read_while_it_is_written(tmp_path):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:
-        log.begin("recording", "mercator", lidar_angle=0.0)
+        log.begin(START)
         while not path.stat().st_size:
             pass
         assert [event["event"] for event in read(path, "recording")] == ["start"]
@@ -273,7 +292,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path):
 def test_why_it_ended(tmp_path):
     def fail():
         with Log(tmp_path / "log.jsonl") as log:
-            log.begin("recording", "mercator", lidar_angle=0.0)
+            log.begin(START)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -296,7 +315,7 @@ def test_every_verb_has_help(robot_command):
 )
 def test_whatever_keeps_a_log_from_being_written_is_its_failure(tmp_path, what, words):
     with Log(tmp_path / "log.jsonl") as log:
-        log.note("start", what=what)
+        log.note(NoteTaken(time=0.0, text=what))
     assert f"log.jsonl: cannot be written: {words}" in log.failure
 
 
@@ -314,9 +333,9 @@ def test_a_disk_that_hangs(waits, tmp_path, monkeypatch):
     try:
         with Log(tmp_path / "log.jsonl") as log:
             for _ in range(3):  # one is being written, the others wait
-                log.note("cycle")
+                log.note(NoteTaken(time=0.0, text="battery"))
             time.sleep(waits)
-            log.note("cycle")
+            log.note(NoteTaken(time=0.0, text="battery"))
             assert bool(log.failure) == (waits > 0.5)
         assert log.failure.endswith("log.jsonl: cannot be written: the disk hangs")
     finally:

@@ -12,9 +12,9 @@ from contextlib import contextmanager
 import pytest
 
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
-from mercator_design.robot.logs.log import read
 from mercator_design.robot.run.network import Speaker
 from tests.robot.devices import CLEAR, Devices
+from tests.robot.log_events import read
 from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
 RATES = {

@@ -20,12 +20,12 @@ import pytest
 from mercator_design.robot.cli import teleop as command
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME
 from mercator_design.robot.devices.settings import Limits, Settings
-from mercator_design.robot.logs.log import read
 from mercator_design.robot.run.mercator import COMMANDS_END
 from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.robot.devices import CLEAR, Devices
+from tests.robot.log_events import read
 from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles

@@ -16,9 +16,9 @@ from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, WINDOW
 from mercator_design.robot.devices.settings import Limits
-from mercator_design.robot.logs.log import read
 from mercator_design.robot.run.mercator import COMMANDS_END, POLL
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
+from tests.robot.log_events import read
 from tests.robot.ways import (
     ALL,
     ATTEMPTS,

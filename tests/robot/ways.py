@@ -13,8 +13,8 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from mercator_design.robot.logs.log import read
 from tests.robot.devices import Devices
+from tests.robot.log_events import read
 
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""

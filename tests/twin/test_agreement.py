@@ -4,7 +4,9 @@ import pytest
 
 from benchmarks.twin_perception import decisions, perception, run
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.robot.logs.log import controller_of, read, to_lines
+from mercator_design.robot.logs import log as log_module
+from mercator_design.robot.logs.log import controller_of, to_lines
+from tests.robot.log_events import read
 from tests.twin.recorded import ROBOTS, unpack
 
 
@@ -18,7 +20,7 @@ def check(folder, cycles, changes):
     behaviours = set()
     for robot in range(ROBOTS):
         log = folder / f"run{robot}.jsonl"
-        behaviours |= {state.behaviour for state in controller_of(next(read(log)))[0].states}
+        behaviours |= {state.behaviour for state in controller_of(next(log_module.read(log)))[0].states}
         decided, seen = decisions(log), perception(folder, robot)
         assert decided.cycles == seen.cycles >= cycles
         assert decided.changes >= changes

@@ -25,16 +25,25 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from mercator_design import __version__
-from mercator_design.config.checked_lines import Event, from_line, to_line
+from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import FsmError, RobotError
-from mercator_design.fsm import Controller, Pfsm, Readings, ReferenceModel, Wheels, parse
-from mercator_design.robot.logs.log_events import FORMAT, Checker, Kind
+from mercator_design.fsm import Controller, Pfsm, Readings, Wheels, parse
+from mercator_design.robot.logs.events import (
+    CycleDone,
+    EventReader,
+    LogEnded,
+    LogEvent,
+    LogKind,
+    LogStart,
+    NoteTaken,
+    RunStarted,
+    now,
+    to_json,
+)
 from mercator_design.system.files import sync_folder
 
 SYNC_EVERY = 1.0
@@ -67,7 +76,7 @@ class Log:
         self.path, self._ending = path, ending
         self.began = math.nan
         self.failure = ""
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[LogEvent | None] = queue.SimpleQueue()
         self._waits_since = math.inf
         self._thread = threading.Thread(target=self._write_all, daemon=True)
 
@@ -92,7 +101,7 @@ class Log:
         why = self._ending if error is None else str(error) or type(error).__name__
         has_begun = math.isfinite(self.began)
         if has_begun:
-            self.note("end", why=why, time=now())
+            self.note(LogEnded(why=why, time=now()))
         self._events.put(None)
         self._thread.join(_HANGS)
         if self._thread.is_alive():
@@ -102,31 +111,35 @@ class Log:
         if not has_begun:
             self.path.unlink(missing_ok=True)
 
-    def begin(self, kind: Kind, robot: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
-        """Append the start, the first event: which robot it is, and values."""
+    def begin(self, start: LogStart) -> None:
+        """Append the start, the first event."""
         self.began = time.monotonic()
-        self.note("start", kind=kind, format=FORMAT, version=__version__, time=now(), robot=robot, **values)
+        self.note(start)
 
-    def note(self, event: str, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
+    def note(self, event: LogEvent) -> None:
         """Append an event."""
         at = time.monotonic()
         if self._events.empty():
             self._waits_since = at
-        self._events.put({"event": event, **values})
+        self._events.put(event)
         if at - self._waits_since > _HANGS and not self.failure:
             self._fail("the disk hangs")
 
     def remark(self, text: str) -> None:
-        """Append what a device told just now."""
-        self.note("note", time=round(time.monotonic() - self.began, 4), text=text)
+        """Append a note on what happened just now."""
+        self.note(NoteTaken(time=round(time.monotonic() - self.began, 4), text=text))
 
     def _fail(self, why: str) -> None:
         self.failure = f"{self.path}: cannot be written: {why}"
 
+    def _queued(self) -> Iterator[LogEvent]:
+        while (event := self._events.get()) is not None:
+            yield event
+
     def _write_all(self) -> None:
         synced = time.monotonic()
         try:
-            for text in to_lines(iter(self._events.get, None)):
+            for text in to_lines(map(to_json, self._queued())):
                 line = text.encode()
                 while line:
                     line = line[os.write(self._file, line) :]
@@ -138,11 +151,6 @@ class Log:
             self._fail(getattr(error, "strerror", None) or repr(error))
 
 
-def now() -> str:
-    """The time of day."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")
-
-
 def plain(value: float) -> float | None:
     """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
     if math.isinf(value):
@@ -150,18 +158,19 @@ def plain(value: float) -> float | None:
     return round(value, 6) + 0.0  # not -0.0
 
 
-def finite(wheels: Wheels) -> list[float | None]:
-    """Speeds as JSON has them: null if no finite number."""
-    return [speed if math.isfinite(speed) else None for speed in wheels]
+def finite(wheels: Wheels) -> tuple[float | None, float | None]:
+    """Speeds as a log has them: None if no finite number."""
+    left, right = (speed if math.isfinite(speed) else None for speed in wheels)
+    return left, right
 
 
-def to_lines(events: Iterable[Event]) -> Iterator[str]:
-    """A log's lines, of its events from the first on."""
+def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """A log's lines, of its events in JSON from the first on."""
     for number, event in enumerate(events, start=1):
-        yield to_line(event | {"line": number})
+        yield to_line({**event, "line": number})
 
 
-def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
+def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
     """The events of a log; half a line at its end, which is being written or never will be, is passed over.
 
     Args:
@@ -176,18 +185,18 @@ def read(path: Path, kind: Kind | None = "run") -> Iterator[Event]:
         if path.exists() and not path.is_file():  # opening a pipe would wait, reading a device might never end
             raise RobotError(f"{path}: expected a robot's log, found a folder, device or pipe")
         with path.open("rb") as file:
-            checker = Checker(kind)
+            reader = EventReader(kind)
             lines = iter(lambda: file.readline(_LONGEST), b"")
             for number, line in enumerate(lines, start=1):
                 try:
-                    event = from_line(line)
+                    data = from_line(line)
                 except ValueError as error:
                     if number > 1 and not line.endswith(b"\n") and next(lines, None) is None:
                         return
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 try:
-                    checker.check(event)
-                except ValueError as error:
+                    event = reader.read(data)
+                except RobotError as error:
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 yield event
             if file.tell() == 0:
@@ -228,14 +237,15 @@ class Decision:
     differs: str
 
 
-def controller_of(start: Mapping[str, Any]) -> tuple[Pfsm, Controller]:
-    """What the start of a log says was run.
+def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:
+    """What the start of a run's log says was run.
 
     Raises:
         FsmError: if that is no PFSM.
     """
-    pfsm = parse(start["fsm"], start["flavour"], tolerate=lambda _: None)
-    return pfsm, Controller(pfsm, ReferenceModel(**start["reference_model"]))
+    assert isinstance(start, RunStarted)  # noqa: S101 - as `read` has seen
+    pfsm = parse(start.fsm, start.flavour, tolerate=lambda _: None)
+    return pfsm, Controller(pfsm, start.reference_model)
 
 
 def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
@@ -253,17 +263,17 @@ def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterato
         event = next(events)
         pfsm, controller = controller_of(event)
         for event in events:
-            if event["event"] == "cycle":
+            if isinstance(event, CycleDone):
                 yield pfsm, _decide(controller, event)
-        if event["event"] != "end":
+        if not isinstance(event, LogEnded):
             doubt(NO_END)
 
 
-def condition_met(controller: Controller, event: Event) -> str:
+def condition_met(controller: Controller, event: CycleDone) -> str:
     """The condition of the transition that was taken in a cycle; empty if none was."""
-    if event["next_state"] == event["state"]:
+    if event.next_state == event.state:
         return ""
-    taken = controller.transition(event["state"], Readings(*event["readings"]), event["draws"])
+    taken = controller.transition(event.state, Readings(*event.readings), event.draws)
     return "" if taken is None else taken.condition
 
 
@@ -274,21 +284,21 @@ def _is_near(decided: float | None, logged: float | None) -> bool:
     return math.isclose(decided, logged, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
 
 
-def _decide(controller: Controller, event: Event) -> Decision:
-    readings = Readings(*event["readings"])
+def _decide(controller: Controller, event: CycleDone) -> Decision:
+    readings = Readings(*event.readings)
     state = controller.state
-    decided = controller.step(readings, event["draws"])
-    found, logged = (state, controller.state), (event["state"], event["next_state"])
-    speeds, told = finite(decided), event["wheels"]
+    decided = controller.step(readings, event.draws)
+    found, logged = (state, controller.state), (event.state, event.next_state)
+    speeds = finite(decided)
     return Decision(
-        cycle=event["cycle"],
-        time=event["time"],
+        cycle=event.cycle,
+        time=event.time,
         state=state,
         next_state=controller.state,
         condition=condition_met(controller, event),
         readings=readings,
         wheels=decided,
         differs=""
-        if found == logged and all(map(_is_near, speeds, told))
-        else f"decides {(*found, *speeds)}, the log has {(*logged, *told)}",
+        if found == logged and all(map(_is_near, speeds, event.wheels))
+        else f"decides {(*found, *speeds)}, the log has {(*logged, *event.wheels)}",
     )

@@ -5,9 +5,10 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from mercator_design.errors import RobotStopped
+from mercator_design.robot.logs.events import ClockOffset
 from mercator_design.robot.protocols.joint_start import Follower
 from mercator_design.robot.run.channel import Channel
 from mercator_design.robot.run.control import Control
@@ -35,7 +36,7 @@ class AtOnce:
         """The run, from when the robot has started up until it ends."""
         yield
 
-    def clock(self) -> dict[str, Any] | None:
+    def clock(self) -> ClockOffset | None:
         """What the log is to have of this computer's clock; None if nothing was measured."""
         return None
 
@@ -89,17 +90,13 @@ class Joint(AtOnce):
                 self._say(self._follower.fail(str(error) or type(error).__name__))
             raise
 
-    def clock(self) -> dict[str, Any] | None:
+    def clock(self) -> ClockOffset | None:
         """How far this computer's clock of the day is ahead of the leader's [s], now, and how well that is known."""
         reference = self._follower.reference
         if reference is None:
             return None
         ahead = time.time() - (time.monotonic() + reference.offset)
-        return {
-            "reference": reference.host,
-            "ahead": round(ahead, 6),
-            "uncertainty": round(reference.uncertainty, 6),
-        }
+        return ClockOffset(reference.host, ahead=round(ahead, 6), uncertainty=round(reference.uncertainty, 6))
 
     def wait(self, control: Control) -> None:
         """As `AtOnce.wait`; raises as `taking_part`."""

@@ -3,11 +3,10 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Any
 
 from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.config.colours import STATE_COLOURS
@@ -18,6 +17,7 @@ from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
+from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
 from mercator_design.robot.logs.log import Log, finite, plain
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
@@ -107,12 +107,11 @@ def _begin(
     what: Run,
     robot: Mercator,
     tell: Callable[[str], None],
-    clock: Mapping[str, Any] | None,
+    clock: ClockOffset | None,
 ) -> None:
     pfsm = what.file.pfsm
-    log.begin(
-        "run",
-        settings.name,
+    start = RunStarted(
+        robot=settings.name,
         clock=clock,
         fsm=to_text(pfsm),
         flavour=pfsm.flavour,
@@ -123,9 +122,10 @@ def _begin(
         without=what.without,
         control_period=what.period,
         control_software=control_digest(),
-        reference_model=settings.reference_model._asdict(),
+        reference_model=settings.reference_model,
         facts=dict(robot.facts),
     )
+    log.begin(start)
     robot.report(log.remark, tell)
     robot.introduce(tell)
 
@@ -146,24 +146,24 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, begin
         draws = [random.random() for _ in range(DRAWS)]
         wheels = controller.step(readings, draws)
         before, program = program, time.process_time()
-        log.note(
-            "cycle",
+        event = CycleDone(
             cycle=cycle,
             time=round(begin - log.began, 6),
             state=state,
             next_state=controller.state,
-            readings=readings,
-            draws=draws,
+            readings=tuple(readings),
+            draws=tuple(draws),
             wheels=finite(wheels),
             cpu=round(time.thread_time() - thread, 6),
             program_cpu=round(program - before, 6),
-            neighbours=robot.senses.neighbours,
+            neighbours=tuple(robot.senses.neighbours),
             sensed={
-                name: [round(begin - sample.time, 4), *map(plain, sample.values)]
+                name: (round(begin - sample.time, 4), *map(plain, sample.values))
                 for name, sample in robot.senses.samples.items()
             },
-            lines=robot.lines(),
+            lines={device: tuple(numbers) for device, numbers in robot.lines().items()},
         )
+        log.note(event)
         robot.drive(wheels, is_dry=what.is_dry)
         notify(WATCHDOG=1)
         robot.poll()

@@ -16,11 +16,11 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.samples import converted
 from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import Log, plain
 from mercator_design.robot.protocols.ydlidar import Packet, Turns
 from mercator_design.robot.run.control import held_up, in_control
@@ -40,27 +40,32 @@ class Recorder:
     def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
         self._log, self._turns, self._front = log, Turns(), settings.lidar_angle
         self.count = 0
-        log.begin(
-            "recording",
-            settings.name,
+        start = RecordingStarted(
+            robot=settings.name,
             facts=dict(robot.facts),
             proximity_angles=settings.proximity_angles,
             proximity_offsets=settings.proximity_offsets,
             lidar_angle=settings.lidar_angle,
         )
+        log.begin(start)
         robot.listen = self._hear
 
-    def note(self, event: str, now: float, **values: Any) -> None:  # noqa: ANN401 - what JSON can hold
-        """Write an event that happened at a time [s, of time.monotonic()]."""
-        self._log.note(event, time=round(now - self._log.began, 4), **values)
+    def note_wheels(self, now: float, left: float, right: float) -> None:
+        """Write what the wheels [m/s] were told at a time [s, of time.monotonic()]."""
+        self._log.note(WheelsDriven(time=self._since_start(now), left=left, right=right))
+
+    def _since_start(self, now: float) -> float:
+        return round(now - self._log.began, 4)
 
     def _hear(self, event: Event, now: float) -> None:
         for name, sample in converted(event, now):
             self.count += 1
-            self.note("sample", now, sensor=name, values=[*map(plain, sample.values)])
+            values = tuple(map(plain, sample.values))
+            self._log.note(SampleTaken(time=self._since_start(now), sensor=name, values=values))
         if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
             self.count += 1
-            self.note("turn", now, readings=[(self._turned(angle), round(reach, 5)) for angle, reach in turn])
+            readings = tuple((self._turned(angle), round(reach, 5)) for angle, reach in turn)
+            self._log.note(TurnTaken(time=self._since_start(now), readings=readings))
 
     def _turned(self, angle: float) -> float:
         return round((angle + self._front) % math.tau, 5)

@@ -86,7 +86,7 @@ def teleop(
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
                 control.robot.report(note, tell)
                 if recorder is not None:
-                    recorder.note("wheels", time.monotonic(), left=0.0, right=0.0)
+                    recorder.note_wheels(time.monotonic(), 0.0, 0.0)
 
 
 def _drive(
@@ -115,7 +115,7 @@ def _drive(
         robot.brake.drive(left, right)
         robot.poll()
         if recorder is not None:
-            recorder.note("wheels", now, left=left, right=right)
+            recorder.note_wheels(now, left, right)
         if period % _STATUS == 0:
             keys.show(f"{doing:<8} {_status(robot, settings, now)}")
 

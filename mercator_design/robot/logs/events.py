@@ -1,0 +1,302 @@
+"""The events of logs and recordings: what their lines hold, and how they are read.
+
+What they mean: log.py, recording.py.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+
+from mercator_design import __version__
+from mercator_design.config import checked_lines, schema
+from mercator_design.config.json_data import from_json
+from mercator_design.config.schema import Length, OneOf, Range
+from mercator_design.errors import RobotError, excerpt
+from mercator_design.fsm import Readings, ReferenceModel
+from mercator_design.fsm.control import DRAWS
+from mercator_design.robot.devices.samples import FIELDS
+
+LogKind: TypeAlias = Literal["run", "recording"]
+
+FORMAT: Literal[2] = 2
+LINES: Mapping[str, tuple[str, ...]] = {
+    "rvr": ("whole", "received", "lost", "refused", "answered", "commands", "unanswered", "repeated"),
+    "lidar": ("whole", "received", "lost", "refused", "readings"),
+    "proximity": ("whole", "received", "lost", "refused"),
+}
+"""What is told of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
+no sound frame, beginnings of frames among these; readings of the last turn. Of the RVR the share of commands that it
+answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
+_FEWEST_OF_RVR = 4  # numbers of its line: logs of older versions do not have how the RVR answered
+_YEARS = range(1970, 2100)
+
+
+@dataclass(frozen=True, slots=True)
+class _BelowOne:
+    """A number is one that `random()` draws."""
+
+    def allows(self, value: float) -> bool:
+        return 0.0 <= value < 1.0
+
+    def says(self, noun: str) -> str:
+        return f"{noun} from 0 to below 1"
+
+
+@dataclass(frozen=True, slots=True)
+class _DateTime:
+    """A text is a date and time of UTC."""
+
+    def allows(self, value: str) -> bool:
+        try:
+            moment = datetime.fromisoformat(value)
+        except ValueError:
+            return False
+        return moment.utcoffset() == timedelta(0) and moment.year in _YEARS
+
+    def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
+        return f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lengths:
+    """Each list of a mapping has one of the lengths of its name; null stands in some, but not first."""
+
+    lengths: Mapping[str, Sequence[int]]
+    may_have_null: Sequence[str] = ()
+
+    def allows(self, value: Mapping[str, Sequence[float | None]]) -> bool:
+        return all(
+            len(values) in self.lengths.get(name, ())
+            and None not in (values[:1] if name in self.may_have_null else values)
+            for name, values in value.items()
+        )
+
+    def says(self, noun: str) -> str:
+        lengths = (f"{name}: {' or '.join(map(str, each))}" for name, each in self.lengths.items())
+        return f"{noun} with lists of numbers ({', '.join(lengths)})"
+
+
+class _OneSample:
+    """The values of a sample fit to its sensor."""
+
+    def allows(self, value: "SampleTaken") -> bool:
+        return len(value.values) == len(FIELDS[value.sensor]) and (
+            value.sensor == "proximity" or None not in value.values
+        )
+
+    def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
+        return "as many values as the sensor has"
+
+
+Number = Annotated[float, Range(-1e9, 1e9)]
+Count = Annotated[int, Range(0, 1e9)]
+Seconds = Annotated[float, Range(0.0, 1e6)]
+"""Since the start of the log; up to eleven days."""
+Draw = Annotated[float, _BelowOne()]
+DateTime = Annotated[str, _DateTime()]
+Pairs: TypeAlias = tuple[tuple[Number, Number], ...]
+Values: TypeAlias = tuple[Number | None, ...]
+SensedValues = Annotated[
+    Mapping[str, Values],
+    _Lengths({**{name: [1 + len(each)] for name, each in FIELDS.items()}, "lidar": [1]}, ["proximity"]),
+]
+"""By sensor: the age of the latest sample [s], then its values."""
+LineValues = Annotated[
+    Mapping[str, tuple[Number, ...]],
+    _Lengths({name: [len(each)] if name != "rvr" else [_FEWEST_OF_RVR, len(each)] for name, each in LINES.items()}),
+]
+"""By device: the numbers of LINES."""
+
+
+def now() -> str:
+    """The time of day."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+class ClockOffset(NamedTuple):
+    """How far this computer's clock of the day was ahead of another's [s]."""
+
+    reference: str  # the host that has the other clock
+    ahead: Annotated[float, Range(-1e10, 1e10)]
+    uncertainty: Annotated[float, Range(-1e10, 1e10)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunStarted:
+    """The start of a run's log."""
+
+    kind: Literal["run"] = "run"
+    format: Literal[2] = FORMAT
+    version: str = field(default_factory=lambda: __version__)  # of mercator_design, that wrote it
+    time: DateTime = field(default_factory=now)
+    robot: str
+    clock: ClockOffset | None = None  # None: nothing was measured
+    fsm: str
+    flavour: str
+    header: Mapping[str, str] | None = None
+    seed: int | None = None
+    duration: float | None = None  # [s]
+    dry_run: bool = False
+    without: tuple[str, ...] = ()  # devices
+    control_period: Number | None = None  # [s]
+    control_software: str = ""  # its digest
+    reference_model: ReferenceModel
+    facts: Mapping[str, object] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingStarted:
+    """The start of a recording."""
+
+    kind: Literal["recording"] = "recording"
+    format: Literal[2] = FORMAT
+    version: str = field(default_factory=lambda: __version__)  # of mercator_design, that wrote it
+    time: DateTime = field(default_factory=now)
+    robot: str
+    facts: Mapping[str, object] | None = None
+    proximity_angles: tuple[Number, ...] = ()  # [rad]
+    proximity_offsets: tuple[Number, ...] = ()  # [m]
+    lidar_angle: Number  # [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleDone:
+    """A control cycle of a run."""
+
+    cycle: Count
+    time: Seconds
+    state: Count
+    next_state: Count
+    readings: Annotated[tuple[Number, ...], Length(len(Readings._fields), len(Readings._fields))]
+    draws: Annotated[tuple[Draw, ...], Length(DRAWS, DRAWS)]
+    wheels: tuple[Number | None, Number | None]  # None: no finite number
+    cpu: Number  # [s]
+    program_cpu: Number | None = None  # [s]
+    neighbours: Pairs  # distance [m], bearing [rad]
+    sensed: SensedValues
+    lines: LineValues | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleTaken:
+    """A sample of a sensor, in a recording."""
+
+    time: Seconds
+    sensor: Annotated[str, OneOf(tuple(FIELDS))]
+    values: Values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurnTaken:
+    """A turn of the lidar, in a recording."""
+
+    time: Seconds
+    readings: Pairs  # angle [rad], range [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WheelsDriven:
+    """A command to the wheels, in a recording [m/s]."""
+
+    time: Seconds
+    left: Number
+    right: Number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoteTaken:
+    """A report of a device or of the program."""
+
+    time: Seconds
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogEnded:
+    """The end of a log."""
+
+    why: str
+    time: str | None = None  # of day
+
+
+LogStart: TypeAlias = RunStarted | RecordingStarted
+LogEvent: TypeAlias = LogStart | CycleDone | SampleTaken | TurnTaken | WheelsDriven | NoteTaken | LogEnded
+
+_STARTS: Mapping[str, schema.Kind] = {"run": RunStarted, "recording": RecordingStarted}
+_ENDS: Mapping[str, schema.Kind] = {"note": NoteTaken, "end": LogEnded}
+_EVENTS: Mapping[str, Mapping[str, schema.Kind]] = {
+    "run": {"cycle": CycleDone, **_ENDS},
+    "recording": {
+        "sample": Annotated[SampleTaken, _OneSample()],
+        "turn": TurnTaken,
+        "wheels": WheelsDriven,
+        **_ENDS,
+    },
+}
+_WORDS: Mapping[schema.Kind, str] = {
+    **dict.fromkeys(_STARTS.values(), "start"),
+    **{schema.unwrapped(kind)[0]: word for events in _EVENTS.values() for word, kind in events.items()},
+}
+
+
+def to_json(event: LogEvent) -> dict[str, Any]:
+    """The form of an event in JSON."""
+    kind = type(event)
+    values = {name: getattr(event, name) for name in kind.__slots__}
+    for name, value in values.items():
+        if isinstance(value, ReferenceModel | ClockOffset):
+            values[name] = value._asdict()
+    return {"event": _WORDS[kind], **values}
+
+
+class EventReader:
+    """Reads the events of a log one after the other."""
+
+    def __init__(self, kind: LogKind | None) -> None:
+        """Of a log of this kind; None: of any."""
+        self._kind = kind
+        self._events: Mapping[str, schema.Kind] = {}  # that may come
+        self._lines = 0
+        self._latest: dict[str, float] = {}  # time of each event: only those of a name come in their order
+
+    def read(self, data: checked_lines.Event) -> LogEvent:
+        """The event of a line.
+
+        Raises:
+            RobotError: with the key, what was expected and what was found.
+        """
+        self._lines += 1
+        word, line = data.pop("event", None), data.pop("line", None)
+        if not self._events:
+            return self._start(word, data)
+        if line != self._lines:
+            found = f"line {_found(line)}"
+            raise RobotError(f"expected line {self._lines}, found {found}: lines are missing, or not in their order")
+        if not isinstance(word, str) or word not in self._events:
+            raise RobotError(f"event: expected {schema.one_of([*self._events])}, found {_found(word)}")
+        event: LogEvent = from_json(data, self._events[word], error=RobotError, path=word)
+        if not isinstance(event, LogStart | LogEnded):
+            latest, self._latest[word] = self._latest.get(word, 0.0), event.time
+            if event.time < latest:
+                raise RobotError(f"{word}.time: expected at least {latest}, found {event.time}")
+        return event
+
+    def _start(self, word: object, data: checked_lines.Event) -> LogStart:
+        if (word, data.get("format")) != ("start", FORMAT):
+            found = f"{_found(word)} of format {_found(data.get('format'))}"
+            raise RobotError(f"expected the start of a robot's log, of format {FORMAT}, found {found}")
+        kinds = [*_STARTS] if self._kind is None else [self._kind]
+        kind = str(data.get("kind"))
+        if kind not in kinds:
+            found = f"that of a {kind}" if kind in [*_STARTS] else "one of another program"
+            raise RobotError(f"expected the log of a {' or '.join(kinds)}, found {found}")
+        start: LogStart = from_json(data, _STARTS[kind], error=RobotError, path="start")
+        self._events = _EVENTS[kind]
+        return start
+
+
+def _found(value: object) -> str:
+    if isinstance(value, list | dict):
+        return "another list" if isinstance(value, list) else "another mapping"
+    return "none" if value is None else excerpt(f'"{value}"' if isinstance(value, str) else str(value))

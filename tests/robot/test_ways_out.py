@@ -604,7 +604,7 @@ def test_a_full_disk(tmp_path):
 
 def test_a_disk_that_hangs(tmp_path):
     """Such a run goes on for a while, in which others would recover."""
-    soon = "from mercator_design.robot import log; log._HANGS = 0.5; log.SYNC_EVERY = 0"
+    soon = "from mercator_design.robot.logs import log; log._HANGS = 0.5; log.SYNC_EVERY = 0"
     hangs = f"{soon}; os.fsync = lambda _: time.sleep(60)"
 
     def attempt(number):

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from mercator_design.config.loading import dump
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, read_settings
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
-from mercator_design.twin.terminals import LOG
+from mercator_design.twin.folder import LOG
 
 Floats: TypeAlias = NDArray[np.float64]
 

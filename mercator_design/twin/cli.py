@@ -14,8 +14,8 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import robot_model_of
 from mercator_design.twin.arena import TwinArena, without_noise
 from mercator_design.twin.faults import Script, read_script
-from mercator_design.twin.folder import usual_folder
-from mercator_design.twin.terminals import Terminals, open_log
+from mercator_design.twin.folder import open_log, usual_folder
+from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
 
 _PRIORITY = 3

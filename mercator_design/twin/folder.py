@@ -1,13 +1,26 @@
-"""The folder of a twin whose user names none: one that is the user's own."""
+"""The folder of a twin, and its log there; where the user names no folder, one that is the user's own."""
 
+import contextlib
+import fcntl
+import json
 import os
 import stat
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any, TextIO
 
 import platformdirs
 
 from mercator_design.errors import RobotError
+from mercator_design.robot.devices.ports import DEVICES
+from mercator_design.twin.twin import Log
 
+ROBOT = "robot.yaml"
+LOG = "twin.jsonl"
+BEGINS = {ROBOT: b"# A twin's, which takes this file away when it ends.\n", LOG: b'{"time": 0.0, "event": "'}
+"""By which the files of a twin that was killed are known."""
+FRESH = ".new"
+"""What the name of a link ends in until it takes the place of the one before."""
 _NAME = "mercator-twin"
 
 
@@ -49,3 +62,59 @@ def _runtime_directory() -> Path | None:
 def _is_own(found: os.stat_result) -> bool:
     """Whether it is a folder of this user's that is closed to others."""
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) & 0o077 == 0
+
+
+@contextlib.contextmanager
+def open_log(folder: Path) -> Iterator[Log]:
+    """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
+
+    Raises:
+        RobotError: if another twin has the folder, somebody else's file is in the place of the log, or nothing can be
+            written there.
+    """
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        check_free(folder / LOG)
+        stream = (folder / LOG).open("a", encoding="utf-8")
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
+        stream.truncate(0)
+        yield lambda event: _write(stream, event)
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """What cannot be written to a folder is told with its name."""
+    try:
+        yield
+    except OSError as error:
+        raise RobotError(f"{folder}: expected a folder that can be written to: {error.strerror}") from None
+
+
+def check_free(path: Path) -> None:
+    """Make sure that a twin may write or replace a file, because there is none, or a twin has left it.
+
+    Raises:
+        RobotError: if it may not.
+    """
+    if os.path.lexists(path) and not _is_left(path):
+        raise RobotError(f"{path} is there, and is no twin's; move it, or choose another folder")
+
+
+def _is_left(path: Path) -> bool:
+    """Whether a file is a twin's."""
+    if path.is_symlink():
+        return path.name.removesuffix(FRESH) in DEVICES and str(path.readlink()).startswith("/dev/pts/")
+    if not path.is_file() or path.name not in BEGINS:
+        return False
+    begins = BEGINS[path.name]
+    with path.open("rb") as file:
+        return file.read(len(begins)) in (begins, b"")
+
+
+def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
+    stream.write(json.dumps(event) + "\n")
+    stream.flush()

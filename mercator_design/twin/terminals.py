@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import fcntl
-import json
 import math
 import os
 import select
@@ -11,24 +10,19 @@ import socket
 import termios
 import time
 import tty
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TextIO
+from typing import Self
 
 from mercator_design.config.loading import dump
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings
 from mercator_design.robot.logs.events import now as time_of_day
-from mercator_design.twin.twin import Log, Twin
+from mercator_design.twin.folder import BEGINS, FRESH, ROBOT, check_free, writing
+from mercator_design.twin.twin import Twin
 
-ROBOT = "robot.yaml"
-LOG = "twin.jsonl"
-_BEGINS = {ROBOT: b"# A twin's, which takes this file away when it ends.\n", LOG: b'{"time": 0.0, "event": "'}
-"""By which the files of a twin that was killed are known."""
-_FRESH = ".new"
-"""What the name of a link ends in until it takes the place of the one before."""
 _CHUNK = 4096
 _RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
@@ -51,62 +45,6 @@ class Timing:
     cpu: float
     latest: float
     dropped: int
-
-
-@contextlib.contextmanager
-def open_log(folder: Path) -> Iterator[Log]:
-    """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
-
-    Raises:
-        RobotError: if another twin has the folder, somebody else's file is in the place of the log, or nothing can be
-            written there.
-    """
-    with _writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        _check_free(folder / LOG)
-        stream = (folder / LOG).open("a", encoding="utf-8")
-    with stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
-        stream.truncate(0)
-        yield lambda event: _write(stream, event)
-
-
-@contextlib.contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    """What cannot be written to a folder is told with its name."""
-    try:
-        yield
-    except OSError as error:
-        raise RobotError(f"{folder}: expected a folder that can be written to: {error.strerror}") from None
-
-
-def _check_free(path: Path) -> None:
-    """Make sure that a twin may write or replace a file, because there is none, or a twin has left it.
-
-    Raises:
-        RobotError: if it may not.
-    """
-    if os.path.lexists(path) and not _is_left(path):
-        raise RobotError(f"{path} is there, and is no twin's; move it, or choose another folder")
-
-
-def _is_left(path: Path) -> bool:
-    """Whether a file is a twin's."""
-    if path.is_symlink():
-        return path.name.removesuffix(_FRESH) in DEVICES and str(path.readlink()).startswith("/dev/pts/")
-    if not path.is_file() or path.name not in _BEGINS:
-        return False
-    begins = _BEGINS[path.name]
-    with path.open("rb") as file:
-        return file.read(len(begins)) in (begins, b"")
-
-
-def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
-    stream.write(json.dumps(event) + "\n")
-    stream.flush()
 
 
 class _Wire:
@@ -135,7 +73,7 @@ class Terminals:
             RobotError: on entering, if somebody else's file is in the place of one of them.
         """
         self._twin, self._folder = twin, folder.resolve()
-        self._head = _BEGINS[ROBOT] + f"# It is process {os.getpid()}.\n".encode()
+        self._head = BEGINS[ROBOT] + f"# It is process {os.getpid()}.\n".encode()
         self._links: dict[Path, str] = {}  # where those lead that it has made
         self._fds: dict[tuple[int, DeviceName], int] = {}
         self._ports: dict[int, tuple[int, DeviceName]] = {}
@@ -160,15 +98,15 @@ class Terminals:
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
                 raise RobotError(f"{file.parent} is there, and is no folder; move it, or choose another folder")
-            with _writing(file.parent):
-                for left in map(file.with_name, (*DEVICES, *(device + _FRESH for device in DEVICES), ROBOT)):
-                    _check_free(left)
+            with writing(file.parent):
+                for left in map(file.with_name, (*DEVICES, *(device + FRESH for device in DEVICES), ROBOT)):
+                    check_free(left)
 
     def __enter__(self) -> Self:
         self.check()
         try:
             for number, (file, port) in enumerate(zip(self.robots, _free_ports(len(self.robots)), strict=True)):
-                with _writing(file.parent):
+                with writing(file.parent):
                     self._make(number, file, port)
         except BaseException:
             self.__exit__()
@@ -180,7 +118,7 @@ class Terminals:
         file.parent.mkdir(exist_ok=True)
         for device in DEVICES:
             link = self._link(number, device)
-            for left in (link, link.with_name(device + _FRESH)):
+            for left in (link, link.with_name(device + FRESH)):
                 left.unlink(missing_ok=True)
             self._plug_in(number, device)
         file.write_bytes(self._head + dump(self._settings(number, port)).encode())
@@ -368,7 +306,7 @@ class Terminals:
         self._fds[number, device] = fd
         self._ports[fd] = number, device
         self._closed.register(fd, select.POLLIN)
-        fresh = link.with_name(device + _FRESH)
+        fresh = link.with_name(device + FRESH)
         try:
             fresh.symlink_to(name)
             fresh.replace(link)

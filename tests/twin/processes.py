@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mercator_design.twin.terminals import LOG
+from mercator_design.twin.folder import LOG
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -28,7 +28,8 @@ from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 from mercator_design.robot.protocols.ydlidar import Packet
 from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.faults import PortLoss, Script
-from mercator_design.twin.terminals import LOG, Terminals, _free_ports, open_log
+from mercator_design.twin.folder import LOG, open_log
+from mercator_design.twin.terminals import Terminals, _free_ports
 from mercator_design.twin.twin import Twin
 from tests.twin.arenas import arena
 

@@ -138,8 +138,32 @@ def local_cluster():
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
         ) as cluster,
+        kept_alive(cluster),
     ):
         yield cluster
+
+
+@contextlib.contextmanager
+def kept_alive(cluster):
+    """Start a worker when there has been none for some seconds: Dask gives up one that dies while it starts."""
+    over = threading.Event()
+
+    def watch():
+        since = time.monotonic()
+        while not over.wait(0.5):
+            if cluster.scheduler.workers:
+                since = time.monotonic()
+            elif time.monotonic() - since > 10.0:
+                cluster.scale(len(cluster.worker_spec) + 1)
+                since = time.monotonic()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @pytest.fixture(scope="module")

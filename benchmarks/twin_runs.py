@@ -140,7 +140,7 @@ def _heartbeats(ports: Sequence[int]) -> Iterator[None]:
     def beat(speakers: Sequence[Speaker]) -> None:
         while not is_over.wait(_BEAT):
             for speaker in speakers:
-                speaker.tell(HEARTBEAT)
+                speaker.send(HEARTBEAT)
 
     with contextlib.ExitStack() as stack:
         speakers = [stack.enter_context(Speaker(["127.0.0.1"], port)) for port in ports]

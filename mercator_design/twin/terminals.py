@@ -82,7 +82,7 @@ class Terminals:
         self._under_way: dict[int, _Wire] = {}
         self._latest, self._dropped = 0.0, 0
         self._lateness_told = _LATE  # what is not later than that is not told
-        self._tell: Callable[[str], None] = lambda _: None
+        self._report: Callable[[str], None] = lambda _: None
 
     @property
     def robots(self) -> list[Path]:
@@ -135,17 +135,17 @@ class Terminals:
     def run(
         self,
         is_over: Callable[[float], bool],
-        tell: Callable[[str], None] = lambda _: None,
+        report: Callable[[str], None] = lambda _: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> Timing:
         """Keep the twin in step with the clock until it is over.
 
         Args:
             is_over: Whether it is, by the time [s].
-            tell: Is told when the twin is late, and again when it is more than twice as late.
+            report: Is told when the twin is late, and again when it is more than twice as late.
             clock: The time [s].
         """
-        self._tell = tell
+        self._report = report
         start, at, began = clock(), time_of_day(), time.process_time()
         self._twin.note("clock", start=start, at=at)
         due = self._twin.next_tick
@@ -166,7 +166,7 @@ class Terminals:
         self._latest = max(self._latest, now - self._twin.next_tick)
         if self._latest > self._lateness_told:
             self._lateness_told = 2.0 * self._latest
-            self._tell(
+            self._report(
                 f"Warning: the twin was {1000 * self._latest:.0f} ms late, as this computer is too busy; programs may "
                 "find its devices silent"
             )

@@ -85,7 +85,7 @@ class TwinRobot:
         """Somebody has opened a device's port, or closed it."""
         if device == "lidar":
             self.lidar.set_motor(on=is_open, now=now)
-        self._tell(now, "port", device=device, open=is_open)
+        self._report(now, "port", device=device, open=is_open)
         if device == "rvr" and not is_open:
             self.rvr.hang_up(now)
             self._note(now)
@@ -96,7 +96,7 @@ class TwinRobot:
         self._on = on
         for fault in begun + ended:
             device = getattr(fault, "device", "rvr")
-            self._tell(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
+            self._report(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
         if any(isinstance(fault, Battery) for fault in begun + ended):
             self.rvr.level = min((fault.level for fault in on if isinstance(fault, Battery)), default=100.0)
         self.rvr.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
@@ -114,9 +114,9 @@ class TwinRobot:
     def _note_one(self, now: float, event: str, value: object, **details: Any) -> None:  # noqa: ANN401 - of events
         if self._seen.get(event) != value:
             self._seen[event] = value
-            self._tell(now, event, **details)
+            self._report(now, event, **details)
 
-    def _tell(self, now: float, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
+    def _report(self, now: float, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
         self._log({"time": round(now, 6), "event": event, "robot": self._number, **details})
 
 

@@ -19,7 +19,7 @@ from mercator_design.robot.devices.ports import open_ports
 from mercator_design.robot.devices.settings import Settings, read_settings
 from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.setup import ground_calibration, prompt, proximity_calibration
-from mercator_design.robot.setup.ground_calibration import check_light, confused, doubts, ground_sensor
+from mercator_design.robot.setup.ground_calibration import check_light, confused, ground_sensor, warnings
 from mercator_design.robot.setup.proximity_calibration import direction, hub
 from mercator_design.twin.devices import hub as twin_hub
 from tests.robot.devices import CLEAR, Devices
@@ -194,11 +194,11 @@ class TestColor:
         def gray(level, n=60):
             return [(level, level, level)] * n
 
-        assert list(doubts("gray", gray(93.0))) == []
-        assert "stand still" in next(doubts("gray", gray(80.0, 30) + gray(120.0, 30)))
-        assert "darker than usual: brightness 100, not 255" in next(doubts("white", gray(100.0)))
-        assert "brighter than usual: brightness 99, not 0" in next(doubts("black", gray(99.0)))
-        assert list(doubts("black", gray(0.0))) == []
+        assert list(warnings("gray", gray(93.0))) == []
+        assert "stand still" in next(warnings("gray", gray(80.0, 30) + gray(120.0, 30)))
+        assert "darker than usual: brightness 100, not 255" in next(warnings("white", gray(100.0)))
+        assert "brighter than usual: brightness 99, not 0" in next(warnings("black", gray(99.0)))
+        assert list(warnings("black", gray(0.0))) == []
 
     def test_without_light(self):
         check_light("black", [(0.0, 0.0, 0.0)] * 60)

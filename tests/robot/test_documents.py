@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, FEWEST_ANSWERS, IN_TIME, WINDOW, matters_below
+from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, MIN_ANSWERS, WINDOW, matters_below
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, Limits, parse_settings
 from mercator_design.robot.protocols.joint_start import LEAD, SILENCE
 from mercator_design.robot.run.mercator import COMMANDS_END, POLL
@@ -64,7 +64,7 @@ def test_what_stops_the_wheels(words, expected):
             f"RVR and lidar {100 * matters_below(LIMITS.rvr_whole):g} %, hub "
             f"{100 * matters_below(LIMITS.proximity_whole):g} %",
         ),
-        (LINES, f"if there were fewer than {FEWEST_ANSWERS}, the others count"),
+        (LINES, f"if there were fewer than {MIN_ANSWERS}, the others count"),
         (GUIDE, f"makes its commands end after {1000 * COMMANDS_END:g} ms"),
         (JOINT, f"3. All robots receive a start time, {LEAD:g} s ahead"),
         (JOINT, f"after {SILENCE:g} s of silence, or when the connection ends"),

@@ -7,8 +7,8 @@ import pytest
 from mercator_design.errors import RobotStopped
 from mercator_design.robot.devices.health import (
     ANSWERS_WINDOW,
-    FEWEST_ANSWERS,
     IN_TIME,
+    MIN_ANSWERS,
     WINDOW,
     Answers,
     LineHealth,
@@ -135,18 +135,18 @@ class TestAnswers:
 
     def test_one_command_in_twenty_may_be_lost_for_ten_minutes(self):
         """Of 70 in a window 15 would have to be: a chance of 2e-6 a window, of which there are 120."""
-        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        line = LineHealth(0.8, ANSWERS_WINDOW, MIN_ANSWERS)
         assert self.run(600.0, 0.05, random.Random(3), line)[0] == 600.0
 
     @pytest.mark.parametrize(("lost", "within"), [(1.0, 1.1), (0.5, 3.5), (0.3, 10.0)])
     def test_a_robot_that_hears_too_little_is_stopped(self, lost, within):
         """The commands that are lost are those of the seed."""
-        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        line = LineHealth(0.8, ANSWERS_WINDOW, MIN_ANSWERS)
         assert self.run(60.0, lost, random.Random(3), line)[0] < within
 
     def test_a_few_lost_commands_of_few_say_little(self):
         """Three a second, as of a robot at rest: not those that one question after the battery makes."""
-        line = LineHealth(0.8, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        line = LineHealth(0.8, ANSWERS_WINDOW, MIN_ANSWERS)
         for second in range(20):
             assert line.look(second, 3.0 * (second >= 10), 3.0 * second) is None
         assert not line.is_broken

@@ -259,8 +259,8 @@ def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
         running(tmp_path, GO, ", heartbeat: 5", "", *options, lead=PATIENT, stdin=subprocess.PIPE) as robot,
         Speaker(["127.0.0.1"], robot.port) as speaker,
     ):
-        robot.devices.when(lambda: speaker.tell(HEARTBEAT) or "scan" in robot.devices.lidar_commands)
-        speaker.tell(HEARTBEAT)
+        robot.devices.when(lambda: speaker.send(HEARTBEAT) or "scan" in robot.devices.lidar_commands)
+        speaker.send(HEARTBEAT)
         leader = Leader(robot)
         leader.hear("ready")
         leader.hang_up()

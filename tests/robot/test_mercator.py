@@ -251,7 +251,7 @@ class TestStart:
         with robot_on(devices, ()) as robot:
             robot.introduce(told.append)
             assert robot.facts["commands_end"] == ("seen after 0.3 s" if is_seen else "not seen")
-        warning = "Warning: it was not seen that the RVR stops by itself 0.3 s after the last command"
+        warning = "Warning: not confirmed that the RVR stops by itself 0.3 s after the last command"
         assert told[1:] == ([] if is_seen else [warning])
 
     @pytest.mark.usefixtures("whole_start")
@@ -328,8 +328,8 @@ def test_the_end(devices, monkeypatch):
         ended.append(name)
         raise RobotError(name)
 
-    monkeypatch.setattr(mercator, "rest_rvr", lambda _talk: end("rvr"))
-    monkeypatch.setattr(mercator, "stop_lidar", lambda _talk, _line: end("lidar"))
+    monkeypatch.setattr(mercator, "stop_rvr", lambda _link: end("rvr"))
+    monkeypatch.setattr(mercator, "stop_lidar", lambda _link, _line: end("lidar"))
     with robot_on(devices, ()) as robot:
         robot.drive(Wheels(0.5, 0.5))
         devices.when(devices.drives)

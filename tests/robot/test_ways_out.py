@@ -285,7 +285,7 @@ def test_a_robot_that_does_not_obey_in_the_end_is_told(tmp_path):
     with running(tmp_path, GO, "", "", "--duration", "1") as robot:
         robot.drives()
         robot.devices.deaf.add("rvr")
-        error = check(robot, 1, "Error: it was not seen that the RVR stopped: rvr: no answer;", zeros=False)
+        error = check(robot, 1, "Error: RVR stop not confirmed: rvr: no answer;", zeros=False)
         *_, note, end = read(tmp_path / "log.jsonl")
         assert note["text"] in error
         assert end["why"] == "The duration is over"
@@ -297,7 +297,7 @@ def test_whatever_ended_the_run_a_robot_that_does_not_obey_is_told(tmp_path):
         robot.drives()
         robot.devices.deaf.add("rvr")
         robot.process.terminate()
-        check(robot, 143, "Stopped by SIGTERM.; it was not seen that the RVR stopped: rvr: no answer;", zeros=False)
+        check(robot, 143, "Stopped by SIGTERM.; RVR stop not confirmed: rvr: no answer;", zeros=False)
 
 
 @pytest.mark.parametrize("settings", ["", ", heartbeat: 2"])
@@ -311,7 +311,7 @@ def test_who_was_held_up_before_the_drive_looks_anew(settings, seconds, tmp_path
     def looks_anew(number):
         folder = tmp_path / str(number)
         with running(folder, GO, settings, lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
-            robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.devices.driven() > 2)
+            robot.devices.when(lambda: speaker.send(HEARTBEAT) or robot.devices.driven() > 2)
             notes = [event["text"] for event in read(folder / "log.jsonl") if event["event"] == "note"]
             return any(note.startswith("held up for ") for note in notes)
 
@@ -638,7 +638,7 @@ class TestSwarm:
             while robot.process.poll() is None:
                 assert time.monotonic() < began + 10.0
                 for _ in range(100):
-                    speaker.tell(STOP)
+                    speaker.send(STOP)
             took = time.monotonic() - began
             check(robot, 4, "swarm: told to stop by 127.0.0.1")
             robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
@@ -674,7 +674,7 @@ class TestSwarm:
 
                 def beat():
                     while not over.wait(0.05):
-                        speaker.tell(HEARTBEAT)
+                        speaker.send(HEARTBEAT)
 
                 beating = threading.Thread(target=beat)
                 beating.start()
@@ -740,7 +740,7 @@ class TestSwarm:
             running(tmp_path, GO, ", heartbeat: 2", "", "--duration", "1") as robot,
             Speaker(["127.0.0.1"], robot.port) as speaker,
         ):
-            robot.devices.when(lambda: speaker.tell(HEARTBEAT) or robot.process.poll() is not None)
+            robot.devices.when(lambda: speaker.send(HEARTBEAT) or robot.process.poll() is not None)
             error = check(
                 robot, 0, "Warning: heartbeats are not signed: anybody in the network can keep this robot runn"
             )

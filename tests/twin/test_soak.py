@@ -161,7 +161,7 @@ class Soak:
         if now - self._beats > 0.05:
             self._beats = now
             if 1 not in self.now or "heartbeat" not in dict(self.now[1].done):
-                self.speakers[1].tell(HEARTBEAT)
+                self.speakers[1].send(HEARTBEAT)
         if now - self._sampled > 1.0:
             self._sampled = now
             self._measure(now)
@@ -217,7 +217,7 @@ class Soak:
     def _do(self, life, what):
         match what:
             case "stop":
-                self.speakers[life.number].tell(STOP)
+                self.speakers[life.number].send(STOP)
             case "disk":
                 size = life.log.stat().st_size
                 with suppress(ProcessLookupError):

@@ -32,12 +32,12 @@ def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) ->
     The wheels are not touched; the lidar turns for some seconds. Exit code 1 if something is wrong.
     """
     if as_json:
-        _tell(findings(settings, without))
+        _print(findings(settings, without))
     else:
         show(findings(settings, without))
 
 
-def _tell(found: Iterable[Finding]) -> None:
+def _print(found: Iterable[Finding]) -> None:
     def hear(lines: Iterable[bytes] | None, now: float) -> None:
         for line in lines or ():
             said = from_line(line)

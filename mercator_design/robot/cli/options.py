@@ -49,7 +49,7 @@ def new_file(given: str | None, kind: str, robot: str) -> Path:
 
 
 @contextlib.contextmanager
-def naming_in_the_end(path: Path, what: str, tell: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
+def naming_in_the_end(path: Path, what: str, report: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
     """Say where a file is that was made in this context, whatever ended it; gives whether there is one."""
     existed = path.exists()
 
@@ -60,7 +60,7 @@ def naming_in_the_end(path: Path, what: str, tell: Callable[[str], None]) -> Ite
         yield is_made
     finally:
         if is_made():
-            tell(f"The {what} is {path}")
+            report(f"The {what} is {path}")
 
 
 def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:

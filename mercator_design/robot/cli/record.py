@@ -29,9 +29,9 @@ def record(settings: Settings, duration: float | None, output: str | None) -> No
     Ctrl-C is the end to be expected, with exit code 0.
     """
     path = new_file(output, "recording", settings.name)
-    with naming_in_the_end(path, "recording", _tell) as is_made:
+    with naming_in_the_end(path, "recording", _print) as is_made:
         try:
-            write(settings, path, duration, _tell, _show)
+            write(settings, path, duration, _print, _show)
         except Signalled as signalled:
             if not is_made() or duration is not None or signalled.exit_code != 128 + signal.SIGINT:
                 raise
@@ -42,7 +42,7 @@ def _show(seconds: float, count: int) -> None:
         click.echo(f"\r{seconds:.0f} s, {count} samples and turns ", nl=False, err=True)
 
 
-def _tell(message: str) -> None:
+def _print(message: str) -> None:
     """Say something in the place of what `_show` has written."""
     if sys.stderr.isatty():
         click.echo(f"\r{'':50}\r", nl=False, err=True)

@@ -21,7 +21,7 @@ def replay(log: Path) -> None:
     The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. A log that
     has no end is told of.
     """
-    found = [*map(_show, decisions(log, lambda doubt: print_message(f"{log}: {doubt}")))]
+    found = [*map(_show, decisions(log, lambda warning: print_message(f"{log}: {warning}")))]
     if differing := [*filter(None, found)]:
         raise RobotError(f"{log}: {differing[0]}; {len(differing)} of {len(found)} cycles differ")
     print_message(f"{len(found)} cycles, all decided the same")

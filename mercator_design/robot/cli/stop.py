@@ -13,7 +13,7 @@ from mercator_design.robot.cli.options import ROBOT
 from mercator_design.robot.cli.rows import show
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, check_key
 from mercator_design.robot.run.network import Speaker
-from mercator_design.robot.run.safe_stop import rest
+from mercator_design.robot.run.safe_stop import safe_stop
 from mercator_design.robot.run.safety import Signals
 
 _BEATS = 0.1
@@ -41,7 +41,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     if port is not None:
         settings = replace(settings, swarm=replace(settings.swarm, port=port))
     if not hosts:
-        show(rest(settings))
+        show(safe_stop(settings))
         return
     if settings.swarm.port is None:
         raise click.UsageError("expected --port, as ROBOT.yaml has none")

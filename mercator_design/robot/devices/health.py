@@ -17,7 +17,7 @@ _CALM = 5.0  # [s] for which a line must be well again
 _STEP = 0.1  # [s] between looks that are remembered
 ANSWERS_WINDOW = 5.0
 """[s] over which it is counted which commands are answered: longer, as there are some 14 a second."""
-FEWEST_ANSWERS = 40
+MIN_ANSWERS = 40
 """Commands of a window that count as answered if there are fewer."""
 IN_TIME = 0.3
 """[s] after which a command that is not answered counts as lost."""

@@ -1,4 +1,4 @@
-"""Talk with the three devices: what they are told and asked, and all that is heard meanwhile."""
+"""The link to the three devices: commands, questions, and the events that arrive meanwhile."""
 
 import select
 import time
@@ -52,8 +52,8 @@ Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Even
 S = TypeVar("S", bound=Said)
 
 
-class Talk:
-    """The devices' lines.
+class Link:
+    """The lines to the devices.
 
     said: Answers and notifications, the latest last.
     answers: Of the RVR, to commands that are `counted`.
@@ -97,8 +97,8 @@ class Talk:
         self.answers.send(self._host.seq, time.monotonic())
         return command
 
-    def tell(self, name: str, target: Processor | None = None, /, **values: Value) -> None:
-        """Tell the RVR something; errors are those of `send`."""
+    def send_command(self, name: str, target: Processor | None = None, /, **values: Value) -> None:
+        """Send the RVR a command; errors are those of `send`."""
         self.send("rvr", self.command(name, target, **values))
 
     def ask(self, name: str, target: Processor | None = None, /, **values: Value) -> Mapping[str, Any]:

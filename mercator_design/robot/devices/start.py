@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.health import charge
-from mercator_design.robot.devices.link import Talk
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import Acknowledgement
@@ -64,95 +64,95 @@ def firmware_name(processor: Processor) -> str:
     return f"firmware_{processor.name.lower()}"
 
 
-def wake_rvr(talk: Talk) -> RvrIdentity:
+def wake_rvr(link: Link) -> RvrIdentity:
     """End what a former program has begun, and wake the RVR: its firmware and battery.
 
     Raises:
         RobotError: if it does not answer.
     """
-    talk.tell("disable_notifications_and_active_commands")
-    end_streaming(talk)
-    talk.tell("wake")
-    talk.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in talk.said), _WAKING)
+    link.send_command("disable_notifications_and_active_commands")
+    end_streaming(link)
+    link.send_command("wake")
+    link.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in link.said), _WAKING)
     firmware = {}
     for processor in Processor:
-        version = talk.ask("get_main_application_version", processor)
+        version = link.ask("get_main_application_version", processor)
         firmware[processor] = version["major"], version["minor"], version["revision"]
-    state = talk.ask("get_battery_voltage_state")["state"]
-    return RvrIdentity(firmware, talk.ask("get_battery_percentage")["percentage"], state)
+    state = link.ask("get_battery_voltage_state")["state"]
+    return RvrIdentity(firmware, link.ask("get_battery_percentage")["percentage"], state)
 
 
-def halt(talk: Talk) -> bytes:
+def halt(link: Link) -> bytes:
     """The commands that stop the wheels."""
-    return talk.command("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + talk.command("drive_stop")
+    return link.command("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + link.command("drive_stop")
 
 
-def rest_rvr(talk: Talk) -> None:
+def stop_rvr(link: Link) -> None:
     """Leave the RVR as if nobody had used it: wheels and lamps off, nothing streamed, commands as long as usual.
 
     Raises:
         RobotError: if it does not answer, or refuses to stop.
     """
-    end_streaming(talk)
-    talk.tell("enable_color_detection", is_enabled=False)
-    talk.tell("release_led_requests")
-    talk.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
-    talk.tell("restore_default_control_system_timeout")
-    talk.tell("disable_notifications_and_active_commands")
+    end_streaming(link)
+    link.send_command("enable_color_detection", is_enabled=False)
+    link.send_command("release_led_requests")
+    link.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
+    link.send_command("restore_default_control_system_timeout")
+    link.send_command("disable_notifications_and_active_commands")
 
 
-def start_lidar(talk: Talk, line: Line) -> Lidar:
+def start_lidar(link: Link, line: Line) -> Lidar:
     """Start the lidar's motor and its scan: what it says of itself.
 
     Raises:
         RobotError: if it does not answer, has an error, or its health cannot be read for sure.
     """
-    stop_lidar(talk, line)
+    stop_lidar(link, line)
     line.set_dtr(high=True)
-    health = _agreed(talk, "health", Health)
+    health = _agreed(link, "health", Health)
     if health is None:
-        raise RobotError(f"each time it answers another health; {talk.remedy_of_damage('lidar')}", device="lidar")
+        raise RobotError(f"each time it answers another health; {link.remedy_of_damage('lidar')}", device="lidar")
     if health.status == _ERROR:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
-    info = _agreed(talk, "device_info", DeviceInfo)
-    talk.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # one that scans hears only a stop
+    info = _agreed(link, "device_info", DeviceInfo)
+    link.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # one that scans hears only a stop
     return Lidar(info, health.error_code if health.status else None)
 
 
-def _agreed(talk: Talk, command: str, kind: type[S]) -> S | None:
+def _agreed(link: Link, command: str, kind: type[S]) -> S | None:
     """What the lidar answers to a command twice, as its answers have no checksum; None if no two are the same."""
     heard: list[S] = []
     for _ in range(_READS):
-        said = talk.exchange("lidar", partial(encode_command, command), kind)
+        said = link.exchange("lidar", partial(encode_command, command), kind)
         if said in heard:
             return said
         heard.append(said)
     return None
 
 
-def stop_lidar(talk: Talk, line: Line) -> None:
+def stop_lidar(link: Link, line: Line) -> None:
     """Stop its scan and its motor."""
-    talk.send("lidar", _STOP)
+    link.send("lidar", _STOP)
     line.set_dtr(high=False)
 
 
-def start_hub(talk: Talk) -> None:
+def start_hub(link: Link) -> None:
     """Let the hub tell the distances of all its sensors.
 
     Raises:
         RobotError: if it does not answer, or refuses.
     """
     for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
-        said = talk.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
+        said = link.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
         if not said.ok:
             raise RobotError(f"command {command.code:#x} was refused", device="proximity")
 
 
-def end_streaming(talk: Talk) -> None:
+def end_streaming(link: Link) -> None:
     """Let the RVR stream nothing any more."""
     for processor in Processor:
-        talk.tell("clear_streaming_service", processor)
+        link.send_command("clear_streaming_service", processor)
 
 
 def _acknowledges(command: multiflex.HubCommand, said: Acknowledgement) -> bool:

@@ -15,7 +15,7 @@ BINS = 1440
 """Of the ring: more than an X4 has samples in a turn, so that none takes another's place."""
 STEP = math.tau / BINS
 """[rad] from one to the next; the first is at the front."""
-LEAST_READINGS = 2
+MIN_READINGS = 2
 """In a turn of a lidar that sees something."""
 
 _TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree

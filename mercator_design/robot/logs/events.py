@@ -28,7 +28,7 @@ LINES: Mapping[str, tuple[str, ...]] = {
 """What is told of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
 no sound frame, beginnings of frames among these; readings of the last turn. Of the RVR the share of commands that it
 answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
-_FEWEST_OF_RVR = 4  # numbers of its line: logs of older versions do not have how the RVR answered
+_MIN_OF_RVR = 4  # numbers of its line: logs of older versions do not have how the RVR answered
 _YEARS = range(1970, 2100)
 
 
@@ -104,7 +104,7 @@ SensedValues = Annotated[
 """By sensor: the age of the latest sample [s], then its values."""
 LineValues = Annotated[
     Mapping[str, tuple[Number, ...]],
-    _Lengths({name: [len(each)] if name != "rvr" else [_FEWEST_OF_RVR, len(each)] for name, each in LINES.items()}),
+    _Lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
 ]
 """By device: the numbers of LINES."""
 

@@ -248,12 +248,12 @@ def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:
     return pfsm, Controller(pfsm, start.reference_model)
 
 
-def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
+def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
     """Run the controller of a log again on its readings and draws.
 
     Args:
         path: Of the log.
-        doubt: Called at last if the log has no end.
+        warn: Called at last if the log has no end.
 
     Raises:
         RobotError: as `read`, or if the log is not of this version's making.
@@ -266,7 +266,7 @@ def replay(path: Path, doubt: Callable[[str], None] = lambda _: None) -> Iterato
             if isinstance(event, CycleDone):
                 yield pfsm, _decide(controller, event)
         if not isinstance(event, LogEnded):
-            doubt(NO_END)
+            warn(NO_END)
 
 
 def condition_met(controller: Controller, event: CycleDone) -> str:

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from mercator_design.errors import ProtocolError
 from mercator_design.robot.protocols.rvr_messages import Processor
 
-LEAST_PERIOD = 33
+MIN_PERIOD = 33
 """Of streaming [ms]; the SDK asks for no less."""
 SLOT_SIZE = 5
 """Services in a slot at most."""
@@ -95,8 +95,8 @@ def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Proce
     services = list(services)
     if unknown := [name for name in services if name not in SERVICES]:
         raise ProtocolError(f"expected services among {', '.join(SERVICES)}, found {', '.join(unknown)}")
-    if period < LEAST_PERIOD:
-        raise ProtocolError(f"period: expected at least {LEAST_PERIOD} ms, found {period}")
+    if period < MIN_PERIOD:
+        raise ProtocolError(f"period: expected at least {MIN_PERIOD} ms, found {period}")
     for processor in Processor:
         for slot in _SLOTS:
             entries = [

@@ -33,7 +33,7 @@ _NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "
 
 SAMPLE_RATE = 5000
 """Samples/s of an X4 (data sheet)."""
-MOST_SAMPLES = 80
+MAX_SAMPLES = 80
 """Of a packet, by the SDK; an X4 sends 40."""
 LONGEST_TURN = 10_000
 """Samples without a ring start, two seconds of them, after which they are no turn."""
@@ -166,7 +166,7 @@ def _size(data: bytes, start: int) -> int:
     if head[0] == 0xA5:
         return next((size for answer, size in _ANSWERS.items() if answer.startswith(head[:7])), 0)
     possible = (
-        (len(head) < 4 or 1 <= head[3] <= MOST_SAMPLES)
+        (len(head) < 4 or 1 <= head[3] <= MAX_SAMPLES)
         and (len(head) < 5 or head[4] & 1)
         and (len(head) < 7 or head[6] & 1)
     )

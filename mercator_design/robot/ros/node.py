@@ -185,15 +185,15 @@ def _module(name: str) -> Any:  # noqa: ANN401 - ROS's have no types
 class Orders:
     """What others want, as their messages come, in threads of ROS; the control loop looks it up."""
 
-    def __init__(self, brake: Brake, silence: float, tell: Callable[[str], None]) -> None:
+    def __init__(self, brake: Brake, silence: float, report: Callable[[str], None]) -> None:
         """Begin at rest.
 
         Args:
             brake: Pulled by what cannot be obeyed.
             silence: How long [s] speeds last.
-            tell: Called with what is ignored.
+            report: Called with what is ignored.
         """
-        self._brake, self._silence, self._tell = brake, silence, tell
+        self._brake, self._silence, self._report = brake, silence, report
         self._speeds = (-math.inf, 0.0, 0.0)
         self._ignored = ""
         self.colours: dict[str, Levels] = dict.fromkeys(LIGHTS, (0, 0, 0))
@@ -232,7 +232,7 @@ class Orders:
     def _ignore(self, why: str) -> None:
         if why != self._ignored:
             self._ignored = why
-            self._tell(why)
+            self._report(why)
 
 
 class Reports:
@@ -264,7 +264,7 @@ class Reports:
             yield "ranges", messages.range_array(later + self._measured, distances, self._namespace)
 
 
-def serve(settings: Settings, node: RosNode, rate: float, silence: float, tell: Callable[[str], None]) -> None:
+def serve(settings: Settings, node: RosNode, rate: float, silence: float, report: Callable[[str], None]) -> None:
     """Be the robot's node, until something stops the wheels.
 
     Args:
@@ -272,7 +272,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, tell: 
         node: What it is in ROS.
         rate: At which the RVR's senses are published [Hz].
         silence: After which the wheels are at rest [s].
-        tell: Called with what people should know.
+        report: Called with messages for people.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
@@ -281,7 +281,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, tell: 
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
         robot = control.robot
-        robot.introduce(tell)
+        robot.introduce(report)
         sweep = Sweep(settings.lidar_angle)  # as the robot saw it, wherever it turned
 
         def listen(event: Event, _: float) -> None:
@@ -289,10 +289,10 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, tell: 
                 sweep.add(event)
 
         robot.listen = listen
-        orders, reports = Orders(robot.brake, silence, tell), Reports(robot.senses, sweep, node.namespace, rate)
-        robot.report(tell)
+        orders, reports = Orders(robot.brake, silence, report), Reports(robot.senses, sweep, node.namespace, rate)
+        robot.report(report)
         node.obey(robot.brake, orders)
-        tell(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
+        report(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
         control.arm()
         for now in control.cycles(PERIOD):
             robot.check_ages()

@@ -143,8 +143,8 @@ def in_control(
 
     Raises:
         Stopped: if something stopped the wheels, with what it was.
-        RobotError: if a device cannot be used, the log cannot be written, or it was not seen that the RVR stopped; of
-            other exceptions the latter is a note.
+        RobotError: if a device cannot be used, the log cannot be written, or the stop of the RVR is not
+            confirmed; of other exceptions the latter is a note.
         Signalled: if a signal came.
     """
     go_first(1)
@@ -163,8 +163,8 @@ def in_control(
                 control.start()
                 yield control
         except BaseException as error:
-            if robot.unrest:
-                error.add_note(robot.unrest)
+            if robot.stop_failure:
+                error.add_note(robot.stop_failure)
             raise
-    if wrong := "; ".join(filter(None, (log.failure if log is not None else "", robot.unrest))):
+    if wrong := "; ".join(filter(None, (log.failure if log is not None else "", robot.stop_failure))):
         raise RobotError(wrong)

@@ -11,13 +11,13 @@ from typing import Any
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, FEWEST_ANSWERS, LineHealth, RvrHealth, charge, percent
-from mercator_design.robot.devices.link import Event, Talk, words
+from mercator_design.robot.devices.health import ANSWERS_WINDOW, MIN_ANSWERS, LineHealth, RvrHealth, charge, percent
+from mercator_design.robot.devices.link import Event, Link, words
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.robot.devices.start import halt, rest_rvr, start_hub, start_lidar, stop_lidar, wake_rvr
-from mercator_design.robot.devices.sweep import LEAST_READINGS
+from mercator_design.robot.devices.start import halt, start_hub, start_lidar, stop_lidar, stop_rvr, wake_rvr
+from mercator_design.robot.devices.sweep import MIN_READINGS
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.rvr import Notification, Response
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, lights
@@ -46,7 +46,7 @@ class Mercator:
     facts: Versions and the like, for people.
     notes: What devices told that is neither a measurement nor an answer, and whether people should know of it at once,
         before they are `report`ed; the latest.
-    unrest: Why it may not be at rest, once it is closed; empty if it is.
+    stop_failure: Why its stop is not confirmed, once it is closed; empty if it is confirmed.
     listen: Is called with all that is heard, and when [s].
     """
 
@@ -66,51 +66,51 @@ class Mercator:
         """
         self.senses = Senses(settings, reads, labels)
         lines = {device: Line(device, port) for device, port in zip(DEVICES, ports, strict=True) if port is not None}
-        self._talk = Talk(lines.values(), self._take)
+        self._link = Link(lines.values(), self._take)
         self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
         self._settings = settings
         self._is_blind = self._do_commands_end = False
         self._polled = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self._health = RvrHealth(settings.limits)
-        self._answered = LineHealth(settings.limits.rvr_whole, ANSWERS_WINDOW, FEWEST_ANSWERS)
+        self._answered = LineHealth(settings.limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
         self.facts: dict[str, Any] = {}
-        self.unrest = ""
+        self.stop_failure = ""
         self.notes: deque[tuple[str, bool]] = deque(maxlen=_NOTES)
-        self._tell_of: tuple[Callable[[str], None], Callable[[str], None]] | None = None
+        self._reports: tuple[Callable[[str], None], Callable[[str], None]] | None = None
         self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(
-            partial(self._talk.send, "rvr"), self._drive_command, halt(self._talk), settings.limits.speed
+            partial(self._link.send, "rvr"), self._drive_command, halt(self._link), settings.limits.speed
         )
 
-    def introduce(self, tell: Callable[[str], None]) -> None:
-        """Tell people its name and facts, and a doubt."""
+    def introduce(self, report: Callable[[str], None]) -> None:
+        """Report its name and facts, and warnings."""
         facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
-        tell(f"{self._settings.name}: {facts}")
+        report(f"{self._settings.name}: {facts}")
         if not self._do_commands_end:
-            tell(f"Warning: it was not seen that the RVR stops by itself {COMMANDS_END:g} s after the last command")
+            report(f"Warning: not confirmed that the RVR stops by itself {COMMANDS_END:g} s after the last command")
         swarm = self._settings.swarm
         if swarm.heartbeat is not None and swarm.key is None:
             unsigned = "heartbeats are not signed: anybody in the network can keep this robot running"
-            tell(f"Warning: {unsigned}; swarm.key in robot.yaml")
+            report(f"Warning: {unsigned}; swarm.key in robot.yaml")
             self.note(unsigned)
 
-    def report(self, note: Callable[[str], None], tell: Callable[[str], None] = lambda _: None) -> None:
+    def report(self, note: Callable[[str], None], report: Callable[[str], None] = lambda _: None) -> None:
         """Have the notes written down, as they come from now on, and people told of those that matter to them."""
-        self._tell_of = note, tell
+        self._reports = note, report
         while self.notes:
             text, matters = self.notes.popleft()
             self.note(text, matters=matters)
 
     def note(self, text: str, *, matters: bool = False) -> None:
         """Have something written down, and people told of it if it matters to them."""
-        if self._tell_of is None:
+        if self._reports is None:
             self.notes.append((text, matters))
             return
-        note, tell = self._tell_of
+        note, report = self._reports
         note(text)
         if matters:
-            tell(text)
+            report(text)
 
     def attend(self, until: float) -> None:
         """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
@@ -118,13 +118,13 @@ class Mercator:
         Raises:
             Stopped: if a device says that the robot must not drive, or a port is lost.
         """
-        self._talk.attend(until)
+        self._link.attend(until)
         self._look(time.monotonic())
 
     def _look(self, now: float) -> None:
         """Look at a time [s] how much arrives whole of what the devices send and hear, and whether a tread is stuck."""
         for device, text, is_worse in self.senses.look(now, self._counts()):
-            remedy = f"; {self._talk.remedy_of_damage(device)}" if is_worse else ""
+            remedy = f"; {self._link.remedy_of_damage(device)}" if is_worse else ""
             self.note(f"{device}: {text}{remedy}", matters=True)
         self._look_at_answers(now)
         self._health.look(now)
@@ -135,18 +135,18 @@ class Mercator:
         Raises:
             Stopped: if too few are answered.
         """
-        answers, line = self._talk.answers, self._answered
+        answers, line = self._link.answers, self._answered
         answers.look(now)
         is_worse = line.look(now, answers.lost, answers.all)
         found, least = f"{percent(line.share)} of the commands to it are answered", percent(line.least)
         if line.is_broken:
-            raise RobotStopped(f"rvr: only {found}; the limit is {least}; {self._talk.remedy_of_damage('rvr')}")
+            raise RobotStopped(f"rvr: only {found}; the limit is {least}; {self._link.remedy_of_damage('rvr')}")
         if is_worse is not None:
-            worse = f"only {found}; below {least} the robot stops; {self._talk.remedy_of_damage('rvr')}"
+            worse = f"only {found}; below {least} the robot stops; {self._link.remedy_of_damage('rvr')}"
             self.note(f"rvr: {worse if is_worse else f'{found} again'}", matters=True)
 
     def _counts(self) -> dict[DeviceName, Counts]:
-        return {device: self._talk.counts(device) for device in self._devices}
+        return {device: self._link.counts(device) for device in self._devices}
 
     def lines(self) -> dict[DeviceName, list[float]]:
         """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
@@ -157,7 +157,7 @@ class Mercator:
         found: dict[DeviceName, list[float]] = {
             device: [round(self.senses.lines[device].share, 4), *count] for device, count in self._counts().items()
         }
-        answers = self._talk.answers
+        answers = self._link.answers
         found["rvr"] += [round(self._answered.share, 4), answers.all, answers.lost, answers.repeated]
         if "lidar" in found:
             found["lidar"].append(self.senses.sight)
@@ -186,8 +186,8 @@ class Mercator:
         return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
 
     def _remedy(self, found: Stale) -> str:
-        talk = self._talk
-        return talk.remedy_of_damage(found.device) if found.is_damaged else talk.remedy(found.device)
+        link = self._link
+        return link.remedy_of_damage(found.device) if found.is_damaged else link.remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
@@ -209,50 +209,50 @@ class Mercator:
         if time.monotonic() - self._polled > POLL:
             self._polled = time.monotonic()
             for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):
-                self._talk.send("rvr", self._talk.counted(name))
+                self._link.send("rvr", self._link.counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
         """Give lamps, of rvr_messages.LIGHTS, their colours."""
         now = time.monotonic()
         if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
             self._shown = now, colours
-            self._talk.send("rvr", self._talk.counted("set_all_leds", **lights(colours)))
+            self._link.send("rvr", self._link.counted("set_all_leds", **lights(colours)))
 
     def close(self) -> None:
-        """Stop the wheels, then all else; nothing is raised, but `unrest` says if the RVR does not obey any more."""
+        """Stop the wheels, then all else; nothing is raised, but `stop_failure` says why the stop is not confirmed."""
         self.brake.stop("the run has ended")
-        talk = self._talk
-        talk.is_ending = True
+        link = self._link
+        link.is_ending = True
         try:
-            rest_rvr(talk)
+            stop_rvr(link)
         except RobotError as error:
-            self.unrest = f"it was not seen that the RVR stopped: {error}"
+            self.stop_failure = f"RVR stop not confirmed: {error}"
         with contextlib.suppress(RobotError):
             if self._lidar is not None:
-                stop_lidar(talk, self._lidar)
-        if self.unrest:
-            self.note(self.unrest)
+                stop_lidar(link, self._lidar)
+        if self.stop_failure:
+            self.note(self.stop_failure)
 
     def start(self) -> None:
         """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
-        talk = self._talk
-        self.facts |= wake_rvr(talk).words()
+        link = self._link
+        self.facts |= wake_rvr(link).words()
         self._polled = time.monotonic()
-        talk.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
+        link.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
-        talk.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
+        link.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
         for notify in ("motor_fault", "motor_stall", "motor_thermal_protection_status"):
-            talk.ask(f"enable_{notify}_notify", is_enabled=True)
-        talk.ask("get_motor_thermal_protection_status")
-        talk.ask("reset_yaw")
-        talk.ask("reset_locator_x_and_y")
-        talk.ask("enable_color_detection", is_enabled=True)
+            link.ask(f"enable_{notify}_notify", is_enabled=True)
+        link.ask("get_motor_thermal_protection_status")
+        link.ask("reset_yaw")
+        link.ask("reset_locator_x_and_y")
+        link.ask("enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
-            talk.ask(name, processor, **values)
+            link.ask(name, processor, **values)
         if self._lidar is not None:
-            self.facts |= start_lidar(talk, self._lidar).words()
+            self.facts |= start_lidar(link, self._lidar).words()
         if self._has_hub:
-            start_hub(talk)
+            start_hub(link)
         self._until_all_is_told()
 
     def sense_anew(self) -> None:
@@ -262,12 +262,12 @@ class Mercator:
             RobotError: if it is not.
             Stopped: as `attend`.
         """
-        self._talk.catch_up()
+        self._link.catch_up()
         self._until_all_is_told()
 
     def _until_all_is_told(self) -> None:
         self.senses.forget()  # what the lines bring while devices are started may be of before
-        self._talk.answers.forget()
+        self._link.answers.forget()
         self._answered.forget()
 
         def is_told() -> bool:
@@ -275,7 +275,7 @@ class Mercator:
             self._look(now)
             return not self.stale(now)
 
-        self._talk.until(is_told, _BEGIN)
+        self._link.until(is_told, _BEGIN)
         for why in self.stale(time.monotonic()).values():
             raise RobotError(why)
 
@@ -292,9 +292,9 @@ class Mercator:
         told = time.monotonic()
         first = self._controller()
         self.attend(told + 0.5 * COMMANDS_END)
-        self._talk.said.clear()  # what has stopped by then did so because its speed is zero
+        self._link.said.clear()  # what has stopped by then did so because its speed is zero
         self.attend(told + COMMANDS_END + 0.1)
-        has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._talk.said)
+        has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._link.said)
         last = self._controller()
         self._do_commands_end = has_stopped or (first, last) == (_TANK, _BRAKING)
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
@@ -310,17 +310,17 @@ class Mercator:
     def _controller(self) -> int | None:
         """Which of the RVR's drives; None if it does not tell."""
         try:
-            return int(self._talk.ask("get_active_control_system_id")["controller_id"])
+            return int(self._link.ask("get_active_control_system_id")["controller_id"])
         except RobotStopped:
             raise
         except RobotError:
             return None
 
     def _drive_command(self, left: float, right: float) -> bytes:
-        return self._talk.counted(_DRIVE, left_velocity=left, right_velocity=right)
+        return self._link.counted(_DRIVE, left_velocity=left, right_velocity=right)
 
     def _take(self, event: Event, now: float) -> None:
-        if self._talk.is_ending:
+        if self._link.is_ending:
             return
         self.listen(event, now)
         if self.senses.take(event, now):
@@ -331,9 +331,9 @@ class Mercator:
                     self.note(f"{event.name} was refused: {words(event.error)}")
                 self._heed(event.name, event.values)
                 if event.name == _DRIVE and event.error in DAMAGED:
-                    self._talk.answers.repeated += self.brake.repeat()
+                    self._link.answers.repeated += self.brake.repeat()
                 elif event.name == _DRIVE and event.error:
-                    port = self._talk.port("rvr")
+                    port = self._link.port("rvr")
                     raise RobotStopped(
                         f"rvr: it does not drive: {words(event.error)}; switch it off and on (rvr on {port})"
                     )
@@ -344,7 +344,7 @@ class Mercator:
 
     def _note_sight(self) -> None:
         """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
-        was_blind, self._is_blind = self._is_blind, self.senses.sight < LEAST_READINGS
+        was_blind, self._is_blind = self._is_blind, self.senses.sight < MIN_READINGS
         if was_blind != self._is_blind:
             self.note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 

@@ -163,7 +163,7 @@ class Speaker:
         for each in self._sockets.values():
             each.close()
 
-    def tell(self, message: bytes) -> None:
+    def send(self, message: bytes) -> None:
         """Send a message to each that has been looked up; which one gets it, only an answer shows."""
         for host, address in self._addresses.copy().items():
             if address:
@@ -172,7 +172,7 @@ class Speaker:
 
     def beat(self, key: str | None, seconds: float) -> None:
         """Let robots run for a while, and sign what they want signed in the next seconds."""
-        self.tell(HEARTBEAT if key is None else ASK)
+        self.send(HEARTBEAT if key is None else ASK)
         waiting = select.poll()
         for each in self._sockets.values():
             waiting.register(each, select.POLLIN)
@@ -205,7 +205,7 @@ class Speaker:
         while (now := time.monotonic()) < end:
             if len(self._addresses) < len(self._sockets):
                 end = min(now + seconds, latest)
-            self.tell(STOP)
+            self.send(STOP)
             waiting.poll(50)
             for host, each in self._sockets.items():
                 with contextlib.suppress(ConnectionError):  # nobody listens there

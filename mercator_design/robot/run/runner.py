@@ -50,14 +50,16 @@ class Run:
         return control_period_of(self.file.header)
 
 
-def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], together: AtOnce | None = None) -> None:
+def run(
+    settings: Settings, what: Run, path: Path, report: Callable[[str], None], together: AtOnce | None = None
+) -> None:
     """Run a PFSM on the robot, until its duration is over.
 
     Args:
         settings: The robot.
         what: To run.
         path: Of the log, a new file.
-        tell: Called with what people should know.
+        report: Called with messages for people.
         together: When the run begins; None: at once.
 
     Raises:
@@ -69,7 +71,7 @@ def run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], 
     header = what.file.header
     settings = settings.as_raced(header)
     with _telling_who_is_needed(what.file.pfsm, settings):
-        _run(settings, what, path, tell, together or AtOnce())
+        _run(settings, what, path, report, together or AtOnce())
 
 
 @contextlib.contextmanager
@@ -84,17 +86,17 @@ def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
         raise
 
 
-def _run(settings: Settings, what: Run, path: Path, tell: Callable[[str], None], begins: AtOnce) -> None:
+def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], begins: AtOnce) -> None:
     log, pfsm, header = Log(path), what.file.pfsm, what.file.header
     labels = settings.labels_of(header)
     if header.get("control software", control_digest()) != control_digest():
-        tell(
+        report(
             "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
         )
     with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):
-            _begin(log, settings, what, control.robot, tell, begins.clock())
+            _begin(log, settings, what, control.robot, report, begins.clock())
             begins.wait(control)
             control.arm()
             notify(READY=1, STATUS=f"{settings.name} runs, {path}")
@@ -106,7 +108,7 @@ def _begin(
     settings: Settings,
     what: Run,
     robot: Mercator,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     clock: ClockOffset | None,
 ) -> None:
     pfsm = what.file.pfsm
@@ -126,8 +128,8 @@ def _begin(
         facts=dict(robot.facts),
     )
     log.begin(start)
-    robot.report(log.remark, tell)
-    robot.introduce(tell)
+    robot.report(log.remark, report)
+    robot.introduce(report)
 
 
 def _cycles(control: Control, controller: Controller, what: Run, log: Log, begins: AtOnce) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from mercator_design.command import LEFT_OUT
 from mercator_design.robot.devices.findings import Finding, Look, of_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, matters_below, percent
-from mercator_design.robot.devices.link import Event, Talk
+from mercator_design.robot.devices.link import Event, Link
 from mercator_design.robot.devices.ports import DeviceName, Line, PortNames, sharing
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
@@ -21,7 +21,7 @@ from mercator_design.robot.devices.start import (
     stop_lidar,
     wake_rvr,
 )
-from mercator_design.robot.devices.sweep import LEAST_READINGS, Sweep, Swept
+from mercator_design.robot.devices.sweep import MIN_READINGS, Sweep, Swept
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr import Response
@@ -39,8 +39,8 @@ _HEADER = {"serial0", "ttyS0", "ttyAMA0"}
 """Names of the UART on a Pi's header."""
 _RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
 _LISTEN = 2.0  # [s] to a lidar or hub
-_LEAST_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
-_LEAST_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
+_MIN_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
+_MIN_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, and how often [s]
 _OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
@@ -158,8 +158,8 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
         nonlocal echoes
         echoes += isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
 
-    talk = Talk([line], take)
-    found = wake_rvr(talk)
+    link = Link([line], take)
+    found = wake_rvr(link)
     words = found.words()
     for processor, oldest in _OLDEST.items():
         is_fine = found.firmware[processor] >= oldest
@@ -171,20 +171,20 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
     advice = f"; it is {'critical: no run starts' if is_critical else 'low'}: charge it" if is_low else ""
     yield Finding("battery", not is_low, words["battery"] + advice)
-    yield _of_motors(talk.ask("get_motor_thermal_protection_status"))
-    asked, before = round(_LISTEN / _ECHOES), talk.counts("rvr")
+    yield _of_motors(link.ask("get_motor_thermal_protection_status"))
+    asked, before = round(_LISTEN / _ECHOES), link.counts("rvr")
     try:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
-            talk.ask(name, processor, **values)
+            link.ask(name, processor, **values)
         for _ in range(asked):
-            talk.tell("echo", data=_ECHO)
-            talk.attend(time.monotonic() + _ECHOES)
+            link.send_command("echo", data=_ECHO)
+            link.attend(time.monotonic() + _ECHOES)
     finally:
-        end_streaming(talk)
-    yield _of_line("rvr", settings, talk, before)
+        end_streaming(link)
+    yield _of_line("rvr", settings, link, before)
     least = settings.limits.rvr_whole
     is_fine = echoes >= asked * matters_below(least)  # as a run tells of; commands are answered as these are
-    advice = "" if is_fine else f"; a run stops below {percent(least)}; {talk.remedy_of_damage('rvr')}"
+    advice = "" if is_fine else f"; a run stops below {percent(least)}; {link.remedy_of_damage('rvr')}"
     yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
 
 
@@ -195,15 +195,15 @@ def _of_motors(heat: Mapping[str, Any]) -> Finding:
     return Finding("motors", not hot, f"{temperatures} degrees{advice}")
 
 
-def _of_line(device: DeviceName, settings: Settings, talk: Talk, before: Counts, swept: Swept | None = None) -> Finding:
+def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None) -> Finding:
     """How much of what a device has said since a count has arrived whole."""
-    received, lost, refused = (later - earlier for earlier, later in zip(before, talk.counts(device), strict=True))
+    received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts(device), strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
     whole = 1.0 - missing / max(of_all, 1)
     least: float = getattr(settings.limits, f"{device}_whole")
     is_fine = whole >= matters_below(least)
     words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
-    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {talk.remedy_of_damage(device)}"
+    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.remedy_of_damage(device)}"
     return Finding(f"{device}'s line", is_fine, words + advice)
 
 
@@ -220,30 +220,30 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
             times.append(now)
             readings.append(sum(distance > 0.0 for _, distance in turn))
 
-    talk = Talk([line], take)
-    started = start_lidar(talk, line)
+    link = Link([line], take)
+    started = start_lidar(link, line)
     facts = started.words()
     yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
     if started.warning is not None:
         words = f"{facts['lidar_health']}; take its power away for a moment"
         yield Finding("lidar's health", is_fine=False, words=words)
     try:
-        talk.until(lambda: bool(times), _LISTEN)  # the motor starts
+        link.until(lambda: bool(times), _LISTEN)  # the motor starts
         times.clear()
         readings.clear()
-        before, begin = talk.counts("lidar"), sweep.swept
-        talk.attend(time.monotonic() + _LISTEN)
+        before, begin = link.counts("lidar"), sweep.swept
+        link.attend(time.monotonic() + _LISTEN)
     finally:
-        stop_lidar(talk, line)
+        stop_lidar(link, line)
     swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
-    yield _of_line("lidar", settings, talk, before, swept)
+    yield _of_line("lidar", settings, link, before, swept)
     rate = _rate(times)
-    is_fine = rate >= _LEAST_TURNS
+    is_fine = rate >= _MIN_TURNS
     advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
     if readings:
         seen = readings[len(readings) // 2]
-        sees = seen >= LEAST_READINGS
+        sees = seen >= MIN_READINGS
         advice = "" if sees else "; is there nothing at its height, or does its laser fail? Hold something before it"
         yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
 
@@ -262,15 +262,15 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
             times.append(now)
             found.append(event)
 
-    talk = Talk([line], take)
-    start_hub(talk)
+    link = Link([line], take)
+    start_hub(link)
     times.clear()
-    before = talk.counts("proximity")
-    talk.attend(time.monotonic() + _LISTEN)
-    yield _of_line("proximity", settings, talk, before)
+    before = link.counts("proximity")
+    link.attend(time.monotonic() + _LISTEN)
+    yield _of_line("proximity", settings, link, before)
     rate = _rate(times)
-    is_fine = rate >= _LEAST_DISTANCES
-    advice = "" if is_fine else f"; {talk.remedy('proximity')}"
+    is_fine = rate >= _MIN_DISTANCES
+    advice = "" if is_fine else f"; {link.remedy('proximity')}"
     yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
     if not times:
         return

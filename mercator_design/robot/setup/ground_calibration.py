@@ -9,10 +9,10 @@ from statistics import NormalDist, fmean, pstdev
 
 from mercator_design.config.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.link import Event, Talk
+from mercator_design.robot.devices.link import Event, Link
 from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.samples import converted
-from mercator_design.robot.devices.start import rest_rvr, wake_rvr
+from mercator_design.robot.devices.start import stop_rvr, wake_rvr
 from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 
 _PERIOD = 50  # [ms] of streaming
@@ -22,15 +22,15 @@ _SPREAD = 15.0  # levels, of a robot that stands still on one colour; noise of 5
 _STRANGE = 60.0  # levels by which a colour is brighter or darker than usual
 _DARK = 5.0  # levels without a lamp
 _APART = 3.0  # standard deviations from one colour to the middle between two, ...
-_LEAST_APART = 1.0  # ... below which they cannot be told from each other
-_LEAST_DEVIATION = 1.0  # levels; more than a few seconds show
+_MIN_APART = 1.0  # ... below which they cannot be told from each other
+_MIN_DEVIATION = 1.0  # levels; more than a few seconds show
 
 
 class GroundSensor:
     """The RVR's colour sensor, with its lamp on."""
 
-    def __init__(self, talk: Talk, found: list[RGB]) -> None:
-        self._talk, self._found = talk, found
+    def __init__(self, link: Link, found: list[RGB]) -> None:
+        self._link, self._found = link, found
         self._told = time.monotonic()
 
     def attend(self) -> None:
@@ -38,8 +38,8 @@ class GroundSensor:
         now = time.monotonic()
         if now - self._told > _AWAKE:
             self._told = now
-            self._talk.tell("get_battery_percentage")
-        self._talk.attend(now)
+            self._link.send_command("get_battery_percentage")
+        self._link.attend(now)
         self._found.clear()
 
     def measure(self, seconds: float) -> list[RGB]:
@@ -49,9 +49,9 @@ class GroundSensor:
             RobotError: if that is nothing, or next to nothing, or the port is lost.
         """
         self.attend()
-        self._talk.attend(time.monotonic() + seconds)
+        self._link.attend(time.monotonic() + seconds)
         if len(self._found) < _FEWEST:
-            raise RobotError(f"ground: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('rvr')}")
+            raise RobotError(f"ground: {len(self._found)} measurements in {seconds:g} s; {self._link.remedy('rvr')}")
         return list(self._found)
 
 
@@ -71,17 +71,17 @@ def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
                 found.append((red, green, blue))
 
     with open_port("rvr", ports.rvr) as port:
-        talk = Talk([Line("rvr", port)], take)
+        link = Link([Line("rvr", port)], take)
         try:
-            wake_rvr(talk)
-            talk.ask("enable_color_detection", is_enabled=True)
+            wake_rvr(link)
+            link.ask("enable_color_detection", is_enabled=True)
             for name, processor, values in streaming(["color_detection"], _PERIOD):
-                talk.ask(name, processor, **values)
-            yield GroundSensor(talk, found)
+                link.ask(name, processor, **values)
+            yield GroundSensor(link, found)
         finally:
-            talk.is_ending = True
+            link.is_ending = True
             with contextlib.suppress(RobotError):
-                rest_rvr(talk)
+                stop_rvr(link)
 
 
 def calibrate(
@@ -90,7 +90,7 @@ def calibrate(
     kept: Mapping[ColourName, RGB],
     seconds: float,
     ask: Callable[[str], None],
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> dict[ColourName, Levels]:
     """The levels that the sensor reads on colours, one after the other.
 
@@ -100,7 +100,7 @@ def calibrate(
         kept: What others were measured as before.
         seconds: Of each measurement.
         ask: Called with what somebody is to do before each.
-        tell: Called with what was measured, and with what is doubtful.
+        report: Called with what was measured, and with what is doubtful.
 
     Raises:
         RobotError: if the sensor cannot be used, sees nothing, or cannot tell two colours from each other.
@@ -110,15 +110,15 @@ def calibrate(
         ask(f"Put the robot on {name}")
         measured[name] = found = sensor.measure(seconds)
         levels = " ".join(f"{level:.1f}" for level in mean(found))
-        tell(f"{name}: {levels}, spread {spread(found):.1f}, of {len(found)} measurements")
+        report(f"{name}: {levels}, spread {spread(found):.1f}, of {len(found)} measurements")
         check_light(name, found)
-        for doubt in doubts(name, found):
-            tell(f"Warning: {doubt}")
+        for warning in warnings(name, found):
+            report(f"Warning: {warning}")
     labels: dict[ColourName, Levels] = {name: _rounded(mean(found)) for name, found in measured.items()}
-    for doubt in confused(measured, {**kept, **labels}, _LEAST_APART):
-        raise RobotError(f"ground: {doubt}")
-    for doubt in confused(measured, {**kept, **labels}):
-        tell(f"Warning: {doubt}")
+    for warning in confused(measured, {**kept, **labels}, _MIN_APART):
+        raise RobotError(f"ground: {warning}")
+    for warning in confused(measured, {**kept, **labels}):
+        report(f"Warning: {warning}")
     return labels
 
 
@@ -144,7 +144,7 @@ def check_light(name: ColourName, found: Sequence[RGB]) -> None:
         raise RobotError(f"ground: {name} reads as nothing; is the sensor's lamp on, and the robot on the floor?")
 
 
-def doubts(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
+def warnings(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
     """What is odd about the measurements of one colour."""
     if spread(found) > _SPREAD:
         yield f"{name} is not the same all the time; stand still, on one colour, and measure it again"
@@ -164,7 +164,7 @@ def confused(
     for one, other in itertools.combinations(labels, 2):
         far = math.dist(labels[one], labels[other])
         spreads = [_along(measured[name], labels[one], labels[other]) for name in (one, other) if name in measured]
-        if not spreads or (apart := 0.5 * far / max(*spreads, _LEAST_DEVIATION)) >= least:
+        if not spreads or (apart := 0.5 * far / max(*spreads, _MIN_DEVIATION)) >= least:
             continue
         levels = "1 level" if round(far) == 1 else f"{far:.0f} levels"
         yield (

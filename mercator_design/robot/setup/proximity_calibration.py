@@ -8,7 +8,7 @@ from statistics import fmean, median_low
 from typing import NamedTuple, TypeVar
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.link import Event, Talk
+from mercator_design.robot.devices.link import Event, Link
 from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.start import start_hub
 from mercator_design.robot.protocols.multiflex import Distances
@@ -38,12 +38,12 @@ class _Unclear(Exception):  # noqa: N818 - is asked again
 class CalibrationHub:
     """The hub, with all its sensors on."""
 
-    def __init__(self, talk: Talk, found: list[Distances]) -> None:
-        self._talk, self._found = talk, found
+    def __init__(self, link: Link, found: list[Distances]) -> None:
+        self._link, self._found = link, found
 
     def attend(self) -> None:
         """Hear what it tells."""
-        self._talk.attend(time.monotonic())
+        self._link.attend(time.monotonic())
         self._found.clear()
 
     def measure(self, seconds: float) -> list[list[float]]:
@@ -53,10 +53,10 @@ class CalibrationHub:
             RobotError: if these are next to none, a sensor is off, or the port is lost.
         """
         self.attend()
-        self._talk.attend(time.monotonic() + seconds)
+        self._link.attend(time.monotonic() + seconds)
         if len(self._found) < _FEWEST:
             raise RobotError(
-                f"proximity: {len(self._found)} measurements in {seconds:g} s; {self._talk.remedy('proximity')}"
+                f"proximity: {len(self._found)} measurements in {seconds:g} s; {self._link.remedy('proximity')}"
             )
         by_sensor = [list(metres) for metres in zip(*(each.metres() for each in self._found), strict=True)]
         if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
@@ -78,9 +78,9 @@ def hub(ports: PortNames) -> Iterator[CalibrationHub]:
             found.append(event)
 
     with open_port("proximity", ports.proximity) as port:
-        talk = Talk([Line("proximity", port)], take)
-        start_hub(talk)
-        yield CalibrationHub(talk, found)
+        link = Link([Line("proximity", port)], take)
+        start_hub(link)
+        yield CalibrationHub(link, found)
 
 
 def calibrate(
@@ -89,7 +89,7 @@ def calibrate(
     distance: float | None,
     seconds: float,
     ask: Callable[[str], None],
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> ProximityFit:
     """Find each sensor by an object that somebody holds before it.
 
@@ -99,7 +99,7 @@ def calibrate(
         distance: Of the object from the sensor [m]; None: about 0.3 m, and no offsets are measured.
         seconds: Of each measurement.
         ask: Called with what somebody is to do.
-        tell: Called with what was found, and why something is asked again.
+        report: Called with what was found, and why something is asked again.
 
     Raises:
         RobotError: if something stays unclear.
@@ -115,7 +115,7 @@ def calibrate(
             except _Unclear as unclear:
                 if tries == _TRIES:
                     raise RobotError(f"proximity: after {_TRIES} times still: {unclear}") from None
-                tell(f"Once more: {unclear}")
+                report(f"Once more: {unclear}")
 
     clear = asked(f"Leave nothing within {_CLEAR:g} m around the robot", _clear)
     far = "about 0.3 m" if distance is None else f"{distance:g} m"
@@ -130,7 +130,7 @@ def calibrate(
         where = direction(angle)
         sensor, error = asked(f"Hold something flat {where}, {far} from the sensor", judge)
         places[sensor], errors[sensor] = angle, error
-        tell(f"sensor {sensor} looks {where}" + ("" if distance is None else f", and reads {error:+.3f} m too much"))
+        report(f"sensor {sensor} looks {where}" + ("" if distance is None else f", and reads {error:+.3f} m too much"))
     order = range(len(angles))
     return ProximityFit(
         tuple(places[k] for k in order), None if distance is None else tuple(round(errors[k], 3) for k in order)

@@ -75,7 +75,7 @@ def record(
     settings: Settings,
     path: Path,
     duration: float | None,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     show: Callable[[float, int], None],
 ) -> None:
     """Record a robot at rest.
@@ -84,7 +84,7 @@ def record(
         settings: The robot.
         path: Of the recording, a new file.
         duration: [s]; None: until something stops it.
-        tell: Called with what people should know.
+        report: Called with messages for people.
         show: Called now and then with the time [s] and the number of samples and turns up to then.
 
     Raises:
@@ -96,20 +96,20 @@ def record(
     with in_control(settings, _EVERYTHING, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
-        robot.report(log.remark, tell)
+        robot.report(log.remark, report)
         begin = now = time.monotonic()
-        robot.introduce(tell)
+        robot.introduce(report)
         end = math.inf if duration is None else begin + duration
         silent: dict[str, str] = {}
         while now < end:
             due = min(now + _LOOK, end)
             now = control.wait(due)
             before, silent = silent, robot.stale(now)
-            doubts = [silent[name] for name in silent.keys() - before.keys()]
+            warnings = [silent[name] for name in silent.keys() - before.keys()]
             if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
-                doubts.append(held_up(now - due))
-            for doubt in doubts:
-                tell(f"Warning: {doubt}")
-                log.remark(doubt)
+                warnings.append(held_up(now - due))
+            for warning in warnings:
+                report(f"Warning: {warning}")
+                log.remark(warning)
             robot.poll()
             show(now - begin, recorder.count)

@@ -54,7 +54,7 @@ def nearest_ahead(direction: float, distances: Sequence[float], angles: Sequence
 
 
 def teleop(
-    settings: Settings, speed: float, guard: float | None, path: Path | None, tell: Callable[[str], None]
+    settings: Settings, speed: float, guard: float | None, path: Path | None, report: Callable[[str], None]
 ) -> None:
     """Drive until a key ends it.
 
@@ -63,7 +63,7 @@ def teleop(
         speed: Of the treads [m/s].
         guard: The robot does not drive towards what is nearer than this [m]; None: wherever it is told.
         path: Of a recording, a new file; None: nothing is recorded.
-        tell: Called with what people should know.
+        report: Called with messages for people.
 
     Raises:
         Stopped: if something stopped the wheels, with what it was; the loss of the terminal, for one.
@@ -74,8 +74,8 @@ def teleop(
     log = None if path is None else Log(path, ending="A key ended the drive")
     with in_control(settings, reads, settings.labels_of({}), log) as control:
         recorder = None if log is None else Recorder(log, control.robot, settings)
-        control.robot.introduce(tell)
-        tell("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
+        control.robot.introduce(report)
+        report("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
         note = (lambda _: None) if log is None else log.remark
         with keyboard() as keys:
             try:
@@ -84,7 +84,7 @@ def teleop(
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
-                control.robot.report(note, tell)
+                control.robot.report(note, report)
                 if recorder is not None:
                     recorder.note_wheels(time.monotonic(), 0.0, 0.0)
 

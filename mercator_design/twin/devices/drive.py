@@ -80,7 +80,7 @@ class TwinDrive:
         """Bring the treads up to date; the notifications that follow."""
         if self.now >= self._deadline:
             self._stop("timeout")
-        self._tell()
+        self._report()
         told: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
@@ -116,7 +116,7 @@ class TwinDrive:
         """These motors, and no others, are cut off from now on, whatever they are told."""
         self._cut = frozenset(motors)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         left, right = self._aim()
         self.told = min(max(left, -TOP), TOP), min(max(right, -TOP), TOP)
 
@@ -125,7 +125,7 @@ class TwinDrive:
         self._limit = self._slew["linear_acceleration"] if controller in {_YAW_SLEW, _RC_SLEW} else _AT_ONCE
         self._deadline = self.now + self._timeout
         self._stopped = False
-        self._tell()
+        self._report()
 
     def _stop(self, by: str, deceleration: float = BRAKING) -> None:
         was_stopped = self._stopped

@@ -7,8 +7,8 @@ import time
 import pytest
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices import link as talk_module
-from mercator_design.robot.devices.link import Talk
+from mercator_design.robot.devices import link as link_module
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.start import wake_rvr
 from mercator_design.robot.protocols.rvr import Host, RvrEnd
 from mercator_design.robot.protocols.rvr_messages import Error
@@ -42,18 +42,18 @@ class Line:
 
 @pytest.fixture
 def line(monkeypatch):
-    monkeypatch.setattr(talk_module, "_ANSWER", 0.02)
+    monkeypatch.setattr(link_module, "_ANSWER", 0.02)
     line = Line()
     yield line
     line.close()
 
 
 @pytest.fixture
-def talk(line):
-    return Talk([line], lambda _event, _now: None)
+def link(line):
+    return Link([line], lambda _event, _now: None)
 
 
-def test_an_rvr_that_takes_time_to_wake_up(talk, line):
+def test_an_rvr_that_takes_time_to_wake_up(link, line):
     """Asleep it refuses what it is asked."""
     facts = {
         "get_main_application_version": {"major": 9, "minor": 1, "revision": 462},
@@ -77,89 +77,89 @@ def test_an_rvr_that_takes_time_to_wake_up(talk, line):
         return line.robot.answer(asked.frame, **facts.get(asked.name, {}))
 
     line.answer = answer
-    assert wake_rvr(talk).words() == {"firmware_nordic": "9.1.462", "firmware_st": "9.1.462", "battery": "87 %"}
+    assert wake_rvr(link).words() == {"firmware_nordic": "9.1.462", "firmware_st": "9.1.462", "battery": "87 %"}
     waking.join()
 
 
-def test_an_answer_to_an_earlier_try_is_one(talk, line):
+def test_an_answer_to_an_earlier_try_is_one(link, line):
     line.answer = lambda commands: line.robot.answer(commands[0].frame, percentage=87) if len(commands) == 2 else b""
-    assert talk.ask("get_battery_percentage") == {"percentage": 87}
+    assert link.ask("get_battery_percentage") == {"percentage": 87}
 
 
-def test_an_answer_to_an_earlier_question_is_none(talk, line):
+def test_an_answer_to_an_earlier_question_is_none(link, line):
     """Such as of another slot, of which it comes when nobody waits for it any more."""
     with pytest.raises(RobotError, match="rvr: no answer"):
-        talk.ask("enable_color_detection", is_enabled=True)
+        link.ask("enable_color_detection", is_enabled=True)
     first = line.commands[-1].frame
     late = line.robot.answer(first, Error.RESTRICTED)
     line.answer = lambda commands: late + line.robot.answer(commands[-1].frame)
-    assert talk.ask("enable_color_detection", is_enabled=False) == {}
+    assert link.ask("enable_color_detection", is_enabled=False) == {}
 
 
 @pytest.mark.parametrize("error", [Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE])
-def test_a_question_that_was_damaged_on_its_way_is_asked_again(talk, line, error):
+def test_a_question_that_was_damaged_on_its_way_is_asked_again(link, line, error):
     answers = [error, error, Error.SUCCESS]
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, answers[len(commands) - 1])
-    assert talk.ask("enable_color_detection", is_enabled=True) == {}
+    assert link.ask("enable_color_detection", is_enabled=True) == {}
     assert len(line.commands) == 3
 
 
-def test_one_that_is_refused_is_not(talk, line):
+def test_one_that_is_refused_is_not(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, Error.RESTRICTED)
     with pytest.raises(RobotError, match="enable_color_detection was refused: restricted"):
-        talk.ask("enable_color_detection", is_enabled=True)
+        link.ask("enable_color_detection", is_enabled=True)
     assert len(line.commands) == 1
 
 
-def test_one_that_never_arrives_whole_is_given_up(talk, line):
+def test_one_that_never_arrives_whole_is_given_up(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, Error.BAD_DATA_LENGTH)
     with pytest.raises(RobotError, match="enable_color_detection was refused: bad data length"):
-        talk.ask("enable_color_detection", is_enabled=True)
+        link.ask("enable_color_detection", is_enabled=True)
     assert len(line.commands) == 5
 
 
-def test_commands_that_are_counted_are_answered_or_lost(talk, line):
+def test_commands_that_are_counted_are_answered_or_lost(link, line):
     errors = iter([Error.SUCCESS, Error.BAD_DATA_LENGTH, Error.RESTRICTED])
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, next(errors)) if len(commands) < 4 else b""
     for _ in range(4):
-        talk.send("rvr", talk.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
-        talk.attend(0.0)
-    talk.answers.look(time.monotonic())
-    assert (talk.answers.all, talk.answers.lost) == (3, 1)
-    talk.answers.look(time.monotonic() + 1.0)
-    assert (talk.answers.all, talk.answers.lost) == (4, 2)
+        link.send("rvr", link.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
+        link.attend(0.0)
+    link.answers.look(time.monotonic())
+    assert (link.answers.all, link.answers.lost) == (3, 1)
+    link.answers.look(time.monotonic() + 1.0)
+    assert (link.answers.all, link.answers.lost) == (4, 2)
 
 
-def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(talk, line):
+def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(link, line):
     stranger = Host(seq=77).send("wake")
     line.answer = lambda _commands: stranger
     with pytest.raises(RobotError, match="no answer; is it switched on"):
-        talk.ask("get_battery_percentage")
+        link.ask("get_battery_percentage")
     line.answer = lambda commands: commands[-1].frame.encode()
     with pytest.raises(RobotError, match="no answer; what is sent comes back"):
-        talk.ask("get_battery_percentage")
+        link.ask("get_battery_percentage")
 
 
-def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(talk, line):
+def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, percentage=87)
-    talk.ask("get_battery_percentage")
+    link.ask("get_battery_percentage")
     line.answer = lambda _commands: b""
     with pytest.raises(
         RobotError, match=r"^rvr: no answer; it was heard before: has it still power, [^(]*\? \(rvr on /dev/serial0\)$"
     ):
-        talk.ask("get_battery_percentage")
+        link.ask("get_battery_percentage")
 
 
-def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(talk, line):
+def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(link, line):
     noise = b"\x00\xf8\x1c"
     line.answer = lambda _commands: noise
     with pytest.raises(
         RobotError, match=r"\(15 bytes from it make no sense: another device, or another baud rate\) \(rvr on "
     ):
-        talk.ask("get_battery_percentage")
+        link.ask("get_battery_percentage")
     line.answer = lambda commands: noise + line.robot.answer(commands[-1].frame, percentage=87)
-    talk.ask("get_battery_percentage")
-    assert "make no sense" not in talk.remedy("rvr")
+    link.ask("get_battery_percentage")
+    assert "make no sense" not in link.remedy("rvr")
     line.say(400 * noise)
-    talk.attend(0.0)
-    assert "make no sense" in talk.remedy("rvr")
+    link.attend(0.0)
+    assert "make no sense" in link.remedy("rvr")

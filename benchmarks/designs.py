@@ -11,11 +11,12 @@ import sys
 
 import numpy as np
 
+from mercator_design.api import evaluate, fresh_instances
 from mercator_design.config import shipped
-from mercator_design.design import Designer, evaluate, fresh_instances
+from mercator_design.designer import Designer
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
-from mercator_design.missions.mission import load_mission
+from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.race import parse_space
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.race.running.runner import RaceRun
@@ -55,8 +56,8 @@ def main() -> None:
             designer = Designer(simulator, budget=given.budget, seed=given.seed)
             result = RaceRun(designer, executor).finish()
 
-        def scores(pfsm: Pfsm, simulator: Simulator = simulator) -> np.ndarray:
-            return np.array(evaluate(simulator, pfsm, seeds=seeds, jobs=jobs).scores.values)
+        def scores(pfsm: Pfsm, mission: Mission = mission) -> np.ndarray:
+            return np.array(evaluate(mission, pfsm, seeds=seeds, jobs=jobs).scores.values)
 
         winner = scores(designer.pfsm(result.configuration))
         others = np.array([scores(pfsm).mean() for pfsm in random_pfsms(given.random, given.seed)])

@@ -134,7 +134,7 @@ def resuming(large: int, folder: str) -> None:
 
 def utilisation(budget: int, jobs: int) -> None:
     """Prints how busy some threads are in a race of 20 robots."""
-    from mercator_design.design import Designer
+    from mercator_design.designer import Designer
     from mercator_design.sim.simulate import Simulator
 
     simulator = Simulator(load_mission("aggregation_20"))

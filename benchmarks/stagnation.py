@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.executors import Executor, ThreadExecutor, available_jobs, in_order

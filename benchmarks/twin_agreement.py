@@ -36,7 +36,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from benchmarks.twin_runs import Plan, RunError, Track, log_of_twin, play, twin_was_late
 from benchmarks.twin_stepped import stepped_run
 from benchmarks.two_samples import POWER, mann_whitney, visible_shift
-from mercator_design.design import Designer, evaluate
+from mercator_design.api import evaluate
+from mercator_design.designer import Designer
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.text import fsm_file_text
 from mercator_design.missions.mission import load_mission
@@ -307,7 +308,9 @@ def compare(cases: Sequence[Case], seeds: Sequence[int], experiments: int, folde
         why = [result.why_left_out for result in results.values()]
         twin = [score(case, s, r, folder / place(case, s)) for s, r in results.items() if not r.why_left_out]
         more = range(seeds[0], seeds[0] + experiments)
-        simulated = evaluate(case.simulator, case.pfsm, seeds=more, jobs=available_jobs()).scores.values
+        simulator = case.simulator
+        evaluation = evaluate(simulator.mission, case.pfsm, seeds=more, robot_model=simulator.robot_model)
+        simulated = evaluation.scores.values
         left_out = {reason: why.count(reason) for reason in sorted(set(why) - {""})}
         yield Comparison(case, np.array(simulated), np.array(twin), left_out)
 

@@ -1,3 +1,55 @@
-"""Automatic design of control software for swarms of Mercator robots."""
+"""Automatic design of control software for swarms of Mercator robots.
+
+>>> import mercator_design as md
+>>> mission = md.load_mission("aggregation", ["robots=5"])
+>>> trace = md.simulate(mission, md.parse_fsm("--nstates 1 --s0 0 --rwm0 20"), seed=1)
+>>> trace.poses.shape
+(1201, 5, 3)
+
+What is imported from here is loaded when it is first used, as robots have few of the packages that it needs. Types are
+in `__init__.pyi`; docs/how-to/use-from-python.md has more examples.
+"""
+
+import importlib
 
 __version__ = "0.1.0"
+
+_PLACES = {
+    "DesignRun": "api:DesignRun",
+    "Evaluation": "api:Evaluation",
+    "MercatorError": "errors:MercatorError",
+    "Mission": "missions.mission:Mission",
+    "Pfsm": "fsm.pfsm:Pfsm",
+    "RobotModel": "sim.robot_model:RobotModel",
+    "Trace": "missions.trace:Trace",
+    "design": "api:design",
+    "evaluate": "api:evaluate",
+    "fresh_instances": "api:fresh_instances",
+    "load_mission": "missions.mission:load_mission",
+    "load_robot_model": "sim.robot_model:load_robot_model",
+    "parse_fsm": "fsm.text:parse",
+    "race": "race",
+    "read_fsm": "fsm.text:read_fsm",
+    "simulate": "api:simulate",
+}
+"""Name -> module and the name there; or a package."""
+
+__all__ = ["__version__", *_PLACES]  # noqa: PLE0604 - all are texts
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    place, _, there = _PLACES[name].partition(":")
+    try:
+        module = importlib.import_module(f"{__name__}.{place}")
+    except ModuleNotFoundError as error:
+        error.add_note(f"{__name__}.{name} needs the designer; in the clone: pip install '.[design]'")
+        raise
+    found = getattr(module, there) if there else module
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PLACES})

@@ -19,7 +19,7 @@ import pytest
 
 import mercator_design
 from mercator_design.analysis import analysis
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running import journal

@@ -2,11 +2,12 @@ import json
 
 import pytest
 
-from mercator_design.design import Designer, Scores
+from mercator_design.designer import Designer
 from mercator_design.fsm.digest import FILES, control_digest
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.racing.summary import Scores
 from mercator_design.seeds import LARGEST_SEED, instance_seed
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator

@@ -8,7 +8,7 @@ import pytest
 import rdata
 from rdata.conversion import DEFAULT_CLASS_MAP, dataframe_constructor
 
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.exports.irace_log import irace_results, write_irace_log
 from mercator_design.missions.mission import load_mission

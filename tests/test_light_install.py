@@ -70,3 +70,13 @@ def test_light_verbs_need_no_more(tmp_path):
     assert light("mdesign", "draw", str(fsm))[1].startswith("digraph")
     assert light("mdesign", "deploy", "--help")[0] == 0
     assert {name for name, verb in VERBS.items() if verb.is_light} == {"bundle", "draw", "deploy"}
+
+
+def test_python_says_what_to_install():
+    code = (
+        BLOCKED
+        + "import mercator_design as md\nprint(len(md.parse_fsm('--nstates 1 --s0 2 --att0 3').states))\nmd.simulate"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "1\n"
+    assert "mercator_design.simulate needs the designer; in the clone: pip install '.[design]'" in done.stderr

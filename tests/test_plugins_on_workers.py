@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design import jit
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions import plugins

@@ -21,7 +21,7 @@ import pytest
 from mercator_design.analysis.analysis import Ablation
 from mercator_design.analysis.pruning import without
 from mercator_design.command import print_message
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm import parse
 from mercator_design.fsm.behaviours import BEHAVIOURS

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mercator_design.analysis.pruning import Element, elements, max_modules, module_counts, removed, without
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm

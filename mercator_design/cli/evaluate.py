@@ -4,16 +4,15 @@ from pathlib import Path
 
 import click
 
+from mercator_design.api import evaluate as measure
+from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller, warn
-from mercator_design.design import evaluate as measure
-from mercator_design.design import fresh_instances
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.running.executors import available_jobs
 from mercator_design.report.progress import EvaluationDisplay
 from mercator_design.report.summary import evaluation_json, evaluation_summary
 from mercator_design.sim.simulate import Simulator
@@ -86,7 +85,7 @@ def evaluate(
             display.show(done)
             interrupt.check(f"{done} of {len(seeds)} experiments were done")
 
-        result = measure(simulator, pfsm, seeds=seeds, jobs=jobs or available_jobs(), watch=watch)
+        result = measure(loaded, pfsm, seeds=seeds, robot_model=simulator.robot_model, jobs=jobs, watch=watch)
     if cost_alone:
         print_result(repr(0.0 + loaded.cost(result.scores.mean)))
         return

@@ -12,7 +12,7 @@ import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
 from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result, warn
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.exports.irace_log import write_irace_log
 from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
 from mercator_design.exports.robot_log_table import write_csv

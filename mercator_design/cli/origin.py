@@ -8,7 +8,7 @@ from typing import Any
 
 from mercator_design.command import warn
 from mercator_design.config.loading import digest_of
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
 from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.runs import provenance

@@ -70,5 +70,5 @@ def record(
     check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
     with naming(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
-        write_recording(stream, outcome.recording, names, every=every, suffix=output.suffix)
+        write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix)
     print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

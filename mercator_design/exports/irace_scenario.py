@@ -11,7 +11,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.missions.plugins import loaded_plugins

@@ -1,13 +1,13 @@
 """What happened in one experiment; all that an objective may look at."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.errors import MissionError
+from mercator_design.errors import MissionError, SimulationError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import Array
 from mercator_design.missions.dynamics import change_floor
@@ -15,11 +15,20 @@ from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colour_at, zone_contains
 from mercator_design.missions.plugins import When, Zones
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Flags = NDArray[np.bool_]
 
 
 def every_nth(cycles: int, n: int) -> NDArray[np.int64]:
-    """Which of some cycles, counted from 0, every n-th is: the n-th, the 2n-th and so on, and always the last."""
+    """Which of some cycles, counted from 0, every n-th is: the n-th, the 2n-th and so on, and always the last.
+
+    Raises:
+        SimulationError: `n` is below 1.
+    """
+    if n < 1:
+        raise SimulationError(f"every: expected a whole number >= 1, found {n}")
     return np.append(np.arange(n - 1, cycles - 1, n), cycles - 1)
 
 
@@ -78,6 +87,44 @@ class Trace:
     def final_positions(self) -> Array:
         """After the last cycle (robots, 2)."""
         return self.poses[-1, :, :2]
+
+    def times(self, every: int = 1) -> Array:
+        """The ends [s] of every so many-th cycle and of the last (cycles,)."""
+        times: Array = np.multiply(self.control_period, every_nth(self.cycles, every) + 1)
+        return times
+
+    def arrays(self, devices: Sequence[str] = (), every: int = 1) -> dict[str, NDArray[np.generic]]:
+        """What happened, at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots).
+
+        Then what each of the named devices measured, as `measure`, with its errors.
+        """
+        cycles = every_nth(self.cycles, every)
+        found: dict[str, NDArray[np.generic]] = {
+            "time": self.times(every),
+            "pose": self.poses[1:][cycles],
+            "state": self.states[cycles],
+        }
+        return found | {name: self.measure(name, every) for name in devices}
+
+    def to_frame(self, devices: Sequence[str] = (), every: int = 1) -> "pd.DataFrame":
+        """The same as a table, a row for each time and robot.
+
+        Columns: time [s], robot, x [m], y [m], heading [rad], state; then DEVICE_0, DEVICE_1, ... of each device.
+        """
+        import pandas as pd
+
+        arrays = self.arrays(devices, every)
+        times = arrays.pop("time")
+        columns: dict[str, NDArray[np.generic]] = {
+            "time": np.repeat(times, self.robots).round(9),
+            "robot": np.tile(np.arange(self.robots), len(times)),
+        }
+        for name, array in arrays.items():
+            flat = array.reshape(len(times) * self.robots, -1)
+            labels = {"pose": ["x", "y", "heading"], "state": ["state"]}.get(name)
+            labels = labels or [f"{name}_{k}" for k in range(flat.shape[1])]
+            columns |= {label: flat[:, k] for k, label in enumerate(labels)}
+        return pd.DataFrame(columns)
 
     def counted(self, when: When) -> Array:
         """The positions that count (cycles, robots, 2): of all cycles, or of the last alone."""

@@ -7,6 +7,7 @@ Research Perspectives 3:43-58), but that a surrogate proposes most of what is ra
     IteratedRace   the whole algorithm as ask and tell, with RaceOptions
     Space          what may be configured; `parse_space` reads irace's parameters.txt
     Experiment     one configuration on one instance, both counted from 0
+    Event          what happens in a race that is run to its end: ExperimentDone, IterationEnded, ...
 
 The rooms, from the bottom up:
 
@@ -36,21 +37,27 @@ from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.race import Experiment, Race, RaceRules
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, RaceEnded, TestDone
 from mercator_design.race.space.parameter import Configuration, Parameter, Value, categorical, integer, ordered, real
 from mercator_design.race.space.space import Space
 
 __all__ = [
     "Configuration",
     "Elite",
+    "Event",
     "Experiment",
+    "ExperimentDone",
     "IteratedRace",
+    "IterationEnded",
     "IterationSummary",
     "Parameter",
     "Progress",
     "Race",
+    "RaceEnded",
     "RaceOptions",
     "RaceRules",
     "Space",
+    "TestDone",
     "Value",
     "categorical",
     "integer",

@@ -8,7 +8,7 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 from mercator_design.analysis.analysis import Ablation
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
 from mercator_design.race.racing.summary import CONFIDENCE, Scores

@@ -6,7 +6,8 @@ from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
-from mercator_design.design import Designer, Evaluation
+from mercator_design.api import Evaluation
+from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.modules import ModuleParameter

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from mercator_design import __version__
 from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, OneOf, Range
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race import Space
 from mercator_design.race.irace.tuner import Tuner

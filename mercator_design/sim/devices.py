@@ -113,14 +113,7 @@ class Recording:
         with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
             return DEVICES[name](self, sensor, cycles)
 
-    def times(self, every: int = 1) -> Floats:
-        """When [s] that was: (cycles,)."""
-        times: Floats = np.multiply(self.control_period, self._cycles(every) + 1)
-        return times
-
     def _cycles(self, every: int) -> Cycles:
-        if every < 1:
-            raise SimulationError(f"every: expected a whole number >= 1, found {every}")
         return every_nth(len(self.history.states), every)
 
     @property

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mercator_design.cli import cli
 from mercator_design.config import shipped
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.mission_sampler import sample_mission
 from mercator_design.missions import plugins

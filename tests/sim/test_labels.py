@@ -11,7 +11,7 @@ from mercator_design.cli import cli
 from mercator_design.config import shipped
 from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.fsm.perception import nearest_label

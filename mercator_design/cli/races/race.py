@@ -21,7 +21,7 @@ from mercator_design.cli.races.common import (
 )
 from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
 from mercator_design.command import NumberRange, print_message
-from mercator_design.design import Designer
+from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.evaluation import Testing

@@ -1,6 +1,6 @@
 """What can be raced, whatever it is: a race over its configurations, and what one of its experiments is.
 
-Of a mission it is a `design.Designer`, of any program a `Tuner`. All else is the same for all of them: how a race is
+Of a mission it is a `designer.Designer`, of any program a `Tuner`. All else is the same for all of them: how a race is
 run (runner.py), and the folder that it leaves behind (runs/folder.py).
 """
 

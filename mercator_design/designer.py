@@ -1,8 +1,7 @@
-"""The pieces put together: design control software for a mission, and measure it.
+"""A `Designer` lets a race propose control software for a mission, and simulates it.
 
-A `Designer` lets a race propose configurations and simulates them; `evaluate` runs one PFSM on given
-instances. All randomness is from one master seed: the same mission, budget and seed give the same result, whatever runs
-the experiments.
+All randomness is from one master seed: the same mission, budget and seed give the same result, whatever runs the
+experiments.
 """
 
 import dataclasses
@@ -12,7 +11,6 @@ import pickle
 import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -36,9 +34,7 @@ from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.race import Configuration, Experiment, Space, parse_space
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
-from mercator_design.race.running.executors import ThreadExecutor, in_order
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.labels import robot_labels
@@ -203,7 +199,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         return self._pfsms[number], self.test_seed(instance) if test else self.seed(instance)
 
     def test_seed(self, instance: int) -> int:
-        """As `Task.test_seed`: those of `fresh_instances(TEST_SEED, ...)`."""
+        """As `Task.test_seed`: those of `api.fresh_instances(TEST_SEED, ...)`."""
         return instance_seed(TEST_SEED, "evaluation", instance)
 
     def cost(self, score: float) -> float:
@@ -272,49 +268,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 def _space(flavour: str) -> Space:
     """All PFSMs of a flavour."""
     return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
-    """Scores of a PFSM, and the seeds of the instances."""
-
-    scores: Scores
-    seeds: tuple[int, ...]
-
-
-def fresh_instances(seed: int, runs: int) -> list[int]:
-    """Seeds of instances that have nothing to do with those of a race; a longer series begins alike."""
-    return [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
-
-
-def evaluate(
-    simulator: Simulator,
-    pfsm: Pfsm,
-    *,
-    seeds: Sequence[int],
-    jobs: int,
-    watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
-) -> Evaluation:
-    """Run a PFSM on some instances.
-
-    Args:
-        simulator: Of the mission.
-        pfsm: What to measure.
-        seeds: Of the instances, such as `fresh_instances`.
-        jobs: Experiments run at once.
-        watch: Called with the number of experiments done.
-
-    Raises:
-        FsmError: if the PFSM needs a sensor that the robot lacks.
-    """
-    simulator.check(pfsm)
-
-    def measured(seed: int) -> float:
-        return simulator.run(pfsm, seed).score
-
-    with ThreadExecutor(jobs) as executor:
-        scores = in_order(executor, measured, seeds, watch)
-    return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))
 
 
 def _unusual(model: ReferenceModel) -> dict[str, float]:

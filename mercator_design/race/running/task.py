@@ -6,7 +6,7 @@ run (runner.py), and the folder that it leaves behind (runs/folder.py).
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -31,7 +31,7 @@ class RaceResult:
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
     tests: dict[int, Scores]  # of the configurations that were tested, the winner first
-    finished: tuple[ExperimentDone, ...]  # all experiments, in order of their numbers
+    finished: tuple[ExperimentDone, ...] = field(repr=False)  # all experiments, in order of their numbers
 
 
 class Problem(ABC, Generic[T]):

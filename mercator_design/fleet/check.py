@@ -1,4 +1,4 @@
-"""What is wrong with any of the robots, side by side: batteries, lines and clocks in one table."""
+"""The state of all robots in one table: batteries, lines and clocks."""
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -130,7 +130,7 @@ def table(checked: Sequence[Checked]) -> Iterator[str]:
 
 
 def wrong(checked: Sequence[Checked]) -> Iterator[str]:
-    """What is wrong, and what to do, a row each."""
+    """Each fault with its remedy, a row each."""
     for each in checked:
         if each.failure:
             yield f"{each.robot.name}: {each.failure}"

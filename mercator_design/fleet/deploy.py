@@ -68,7 +68,7 @@ class Fleet:
 
 @dataclass(frozen=True)
 class RobotOutcome:
-    """What came of it on one robot."""
+    """The outcome on one robot."""
 
     robot: RemoteRobot
     is_done: bool

@@ -39,7 +39,7 @@ class RemoteRobot:
 
 
 class Conversation:
-    """A script of the shell in a robot's folder that one talks with, line by line.
+    """A shell script in the folder of a robot, with a dialogue line by line.
 
     has_ended: Whether ssh has.
     words: The last line of what was written to stderr then.
@@ -68,7 +68,7 @@ class Conversation:
             raise _missing("ssh") from None
 
     def fileno(self) -> int:
-        """For select: of what it says."""
+        """The file descriptor of its output, for select."""
         return self._pipe(self._process.stdout).fileno()
 
     def read(self) -> list[bytes] | None:
@@ -90,7 +90,7 @@ class Conversation:
         return self.has_ended and code is not None and 0 <= code < _OWN_FAULT
 
     def send(self, line: str) -> None:
-        """Say something; whether that is heard, only an answer tells."""
+        """Send a line; only an answer shows that it arrived."""
         with contextlib.suppress(OSError):
             self._pipe(self._process.stdin).write(line.encode())
 

@@ -81,7 +81,7 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
 
 
 def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
-    """Hear what has come, do what is due, and say what is to be said."""
+    """Read the messages that have come, do what is due, and send the answers."""
     for name, lines in hear(robots, _TICK):
         now = time.monotonic()
         if lines is None:

@@ -73,5 +73,5 @@ def twin(
                 )
     print_message(
         f"{timing.duration:.1f} s, {timing.cpu:.2f} s of a core for each second; "
-        f"at most {1000 * timing.latest:.0f} ms late; {timing.dropped} bytes that nobody fetched"
+        f"at most {1000 * timing.latest:.0f} ms late; {timing.dropped} bytes not read"
     )

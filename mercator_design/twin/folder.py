@@ -41,7 +41,7 @@ def usual_folder() -> Path:
         raise RobotError(f"{folder}: cannot be made: {error.strerror}; give another folder with --folder") from None
     if not _is_own(found):
         raise RobotError(
-            f"{folder}: expected a folder of this user's that nobody else may use (mode 0700), "
+            f"{folder}: expected a folder of this user that is closed to others (mode 0700), "
             f"found {stat.filemode(found.st_mode)} of user {found.st_uid}; remove it, or give another with --folder"
         )
     return folder
@@ -101,7 +101,7 @@ def check_free(path: Path) -> None:
         RobotError: if it may not.
     """
     if os.path.lexists(path) and not _is_left(path):
-        raise RobotError(f"{path} is there, and is no twin's; move it, or choose another folder")
+        raise RobotError(f"{path} exists and is not a twin's; move it, or choose another folder")
 
 
 def _is_left(path: Path) -> bool:

@@ -38,7 +38,7 @@ class Timing:
     duration: Of all [s].
     cpu: Seconds of a processor for each of them.
     latest: Most that anything was done too late [s].
-    dropped: Bytes that nobody fetched in time.
+    dropped: Bytes that no client read in time.
     """
 
     duration: float
@@ -97,7 +97,7 @@ class Terminals:
         """
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
-                raise RobotError(f"{file.parent} is there, and is no folder; move it, or choose another folder")
+                raise RobotError(f"{file.parent} exists and is not a folder; move it, or choose another folder")
             with writing(file.parent):
                 for left in map(file.with_name, (*DEVICES, *(device + FRESH for device in DEVICES), ROBOT)):
                     check_free(left)
@@ -225,7 +225,7 @@ class Terminals:
         number, device = self._ports[fd]
         link = self._link(number, device)
         if not self._is_mine(link):
-            raise RobotError(f"{link} is no longer this twin's; a twin needs its folder for itself until it ends")
+            raise RobotError(f"{link} was removed or replaced; a twin needs its folder for itself until it ends")
         try:
             slave = os.open(self._links[link], os.O_RDWR | os.O_NOCTTY)
         except OSError as error:
@@ -241,13 +241,13 @@ class Terminals:
 
     @staticmethod
     def _is_hung_up(fd: int) -> bool:
-        """Whether nobody has a port open."""
+        """Whether no client has a port open."""
         state = select.poll()
         state.register(fd, select.POLLIN)
         return any(events & select.POLLHUP for _, events in state.poll(0))
 
     def _send(self, fd: int | None, data: bytes, now: float) -> None:
-        """Send to whoever has the port open, at the speed of the line."""
+        """Send bytes to the client of a port, at the speed of the line."""
         if fd is None or fd not in self._is_open or not data:
             return
         rate = _RATES.get(self._ports[fd][1])
@@ -278,7 +278,7 @@ class Terminals:
         self._dropped += len(data) - sent
 
     def _note(self, fd: int, now: float, *, is_open: bool) -> None:
-        """Somebody has opened a port, or nobody has it open any more."""
+        """A client has opened a port, or the last one has closed it."""
         if is_open == (fd in self._is_open):
             return
         before, after = (self._closed, self._open) if is_open else (self._open, self._closed)
@@ -293,11 +293,11 @@ class Terminals:
         """Make a port, to which the link leads from one moment to the next.
 
         Raises:
-            RobotError: if somebody has put something in the place of the link, or has removed the folder.
+            RobotError: if the link was replaced, or the folder removed.
         """
         link = self._link(number, device)
         if os.path.lexists(link) and not self._is_mine(link):
-            raise RobotError(f"{link} is no longer this twin's; a twin needs its folder for itself until it ends")
+            raise RobotError(f"{link} was removed or replaced; a twin needs its folder for itself until it ends")
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
@@ -342,7 +342,7 @@ class Terminals:
 
 
 def _free_ports(count: int) -> list[int]:
-    """UDP ports that nobody uses, each another."""
+    """Different free UDP ports."""
     with contextlib.ExitStack() as stack:
         unused = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
         for one in unused:

@@ -14,7 +14,7 @@ from mercator_design.twin.devices.rvr import TwinRvr
 from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat, LineFault, PortLoss, Script, Stall
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
-"""Is given what happens, event by event."""
+"""Called with each event."""
 
 
 class _DeviceLine(NamedTuple):
@@ -63,14 +63,14 @@ class TwinRobot:
         return Damage(faults, way, f"{seed} {self._number} {device} {way}")
 
     def receive(self, device: DeviceName, data: bytes, now: float) -> bytes:
-        """What a device says to bytes that were sent to it."""
+        """The answer of a device to bytes."""
         line = self._lines[device]
         said = line.from_robot(line.device.receive(line.to_robot(data, now), now), now)
         self._note(now)
         return said
 
     def advance(self, now: float) -> Iterator[tuple[DeviceName, bytes]]:
-        """What the devices say up to now without being asked."""
+        """The bytes that the devices send by themselves up to now."""
         self._begin_and_end_faults(now)
         for name, line in self._lines.items():
             if said := line.from_robot(line.device.advance(now), now):
@@ -82,7 +82,7 @@ class TwinRobot:
         return not any(isinstance(fault, PortLoss) and fault.device == device for fault in self._on)
 
     def note_port(self, device: DeviceName, *, is_open: bool, now: float) -> None:
-        """Somebody has opened a device's port, or closed it."""
+        """Note that a client has opened or closed the port of a device."""
         if device == "lidar":
             self.lidar.set_motor(on=is_open, now=now)
         self._report(now, "port", device=device, open=is_open)
@@ -105,7 +105,7 @@ class TwinRobot:
             self.rvr.heat(dict(sorted(hot)))  # of several the hottest counts
 
     def _note(self, now: float) -> None:
-        """Log what is new."""
+        """Log new events."""
         left, right = (round(speed, 4) + 0.0 for speed in self.rvr.told)
         self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.told_by)
         self._note_one(now, "power", self.rvr.is_awake, awake=self.rvr.is_awake)
@@ -149,7 +149,7 @@ class Twin:
         return round((self.arena.ticks + 1) * self.arena.period, 9)
 
     def advance(self, now: float) -> Iterator[tuple[int, DeviceName, bytes]]:
-        """What the devices say up to now without being asked: robot, device, bytes."""
+        """The bytes that the devices send by themselves up to now: robot, device, bytes."""
         while (time := self.next_tick) <= now:
             self.arena.step([robot.rvr.treads for robot in self.robots])
             for number, robot in enumerate(self.robots):

@@ -156,7 +156,7 @@ class TestColor:
         with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
         assert (process.returncode, out) == (1, "")
-        assert "Put the robot on gray, then press Enter.\nError: nobody presses Enter any more" in said
+        assert "Put the robot on gray, then press Enter.\nError: no Enter: the input has ended" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
         devices.when(lambda: lamp(devices) == [True, False])
 

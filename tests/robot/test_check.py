@@ -188,7 +188,7 @@ def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices, monkeypat
     lidar_answers(devices, monkeypatch, Health(2, 0x400))
     assert found()[2] == {}
     lidar_answers(devices, monkeypatch, *(Health(k % 3, k) for k in range(1, 100)))
-    assert found()[2]["lidar"].startswith("each time it answers another health; is its cable loose")
+    assert found()[2]["lidar"].startswith("its answers about its health differ; is its cable loose")
 
 
 def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devices, tmp_path, monkeypatch):

@@ -221,7 +221,7 @@ def test_a_value_that_no_log_has_is_named(log, robot_command, number, change, wo
 
 def test_a_line_that_is_missing_is_named(log):
     log.write_bytes(b"".join(lines(log)[:50] + lines(log)[51:]))
-    with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected line 51, found line 52: lines are missing, or"):
+    with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected line 51, found line 52: lines are missing or"):
         [*read(log)]
 
 

@@ -464,7 +464,7 @@ def test_a_run_without_a_device_that_is_broken(tmp_path):
         robot.drives()
         robot.devices.tell("motor_fault", is_fault=True)
         error = check(robot, 4, "rvr: a motor has a fault")
-        assert error.startswith("Without lidar: it is left alone, and what it would tell is neutral.\n")
+        assert error.startswith("Without lidar: it is not used, and its readings are neutral.\n")
         assert robot.devices.lidar_commands == []
         start, *events = read(tmp_path / "log.jsonl")
         cycles = [event for event in events if event["event"] == "cycle"]

@@ -320,7 +320,7 @@ def test_somebody_else_s_file_is_left_alone(tmp_path, name, text):
     file = tmp_path / name
     file.parent.mkdir(exist_ok=True)
     file.symlink_to("/dev/serial0") if text is None else file.write_text(text)
-    with pytest.raises(RobotError, match=f"{name} is there, and is no twin's"), running(tmp_path):
+    with pytest.raises(RobotError, match=f"{name} exists and is not a twin's"), running(tmp_path):
         pass
     assert str(file.readlink()) == "/dev/serial0" if text is None else file.read_text() == text
     assert not (tmp_path / "0").exists()
@@ -329,7 +329,7 @@ def test_somebody_else_s_file_is_left_alone(tmp_path, name, text):
 def test_a_folder_that_cannot_be_written_to(tmp_path):
     file = tmp_path / "0"
     file.touch()
-    with pytest.raises(RobotError, match=f"{file} is there, and is no folder"), running(tmp_path):
+    with pytest.raises(RobotError, match=f"{file} exists and is not a folder"), running(tmp_path):
         pass
     expected = f"{file}/log: expected a folder that can be written to: Not a directory"
     with pytest.raises(RobotError, match=expected), open_log(file / "log"):
@@ -338,7 +338,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path):
 
 def test_a_folder_with_a_name_that_a_twin_needs_for_a_moment(tmp_path):
     (tmp_path / "0" / "rvr.new").mkdir(parents=True)
-    with pytest.raises(RobotError, match=r"rvr.new is there, and is no twin's"), running(tmp_path):
+    with pytest.raises(RobotError, match=r"rvr.new exists and is not a twin's"), running(tmp_path):
         pass
 
 
@@ -486,7 +486,7 @@ class TestTheCommand:
         words = f"Error: {script}:1: faults[0].robot: expected a robot's number, 0 to 2, found 3\n"
         assert run_command(*line, "--faults", script) == (3, "", words)
         (tmp_path / "2").touch()
-        words = f"Error: {tmp_path}/2 is there, and is no folder; move it, or choose another folder\n"
+        words = f"Error: {tmp_path}/2 exists and is not a folder; move it, or choose another folder\n"
         assert run_command(*line) == (1, "", words)
 
     def test_it_ends_by_itself(self, tmp_path):

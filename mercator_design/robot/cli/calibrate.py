@@ -1,4 +1,4 @@
-"""mercator-robot calibrate: what is particular to a robot's sensors, measured with somebody's help."""
+"""mercator-robot calibrate: what is particular to a robot's sensors, measured with the help of the user."""
 
 from functools import partial
 from pathlib import Path

@@ -50,7 +50,7 @@ def _print(found: Iterable[Finding]) -> None:
         for finding in found:
             wrong += not finding.is_fine
             if not channel.say(to_line("finding", **finding._asdict())):
-                raise RobotError("nobody hears what is found")
+                raise RobotError("the output is closed")
         channel.say(to_line("done"))
     if wrong:
         raise RobotError(f"{wrong} wrong")

@@ -18,8 +18,8 @@ from mercator_design.robot.logs.log import replay as decisions
 def replay(log: Path) -> None:
     """Show the decision of every cycle of a run, from its log, which may still be written.
 
-    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. A log that
-    has no end is told of.
+    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. It warns
+    if a log has no end.
     """
     found = [*map(_show, decisions(log, lambda warning: print_message(f"{log}: {warning}")))]
     if differing := [*filter(None, found)]:

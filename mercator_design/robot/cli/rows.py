@@ -1,4 +1,4 @@
-"""Findings as people see them."""
+"""Findings as rows of a table."""
 
 from collections.abc import Iterable
 

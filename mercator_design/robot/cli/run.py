@@ -74,7 +74,7 @@ def run(
     if dry_run:
         print_message("Dry run: the wheels do not turn.")
     for device in without:
-        print_message(f"Without {device}: it is left alone, and what it would tell is neutral.")
+        print_message(f"Without {device}: it is not used, and its readings are neutral.")
     with naming_in_the_end(path, "log", print_message), naming_header(fsm):
         drive(settings, what, path, print_message, Joint() if await_start else AtOnce())
         print_message("The duration is over.")

@@ -1,4 +1,4 @@
-"""mercator-robot stop, heartbeat: this robot at rest; what is told to all robots of a swarm."""
+"""mercator-robot stop, heartbeat: stop this robot, and send stops and heartbeats to a swarm."""
 
 import signal
 from dataclasses import replace
@@ -26,15 +26,15 @@ _PORT = click.option(
 )
 
 
-@click.command(short_help="Bring this robot to rest, or stop others.")
+@click.command(short_help="Stop this robot, or others.")
 @click.argument("hosts", nargs=-1, metavar="[HOST]...")
 @ROBOT
 @_PORT
 def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
-    """Bring this robot to rest, or stop those that run at HOSTs; at a broadcast address, all of a network.
+    """Stop this robot, or those that run at HOSTs; a broadcast address stops all of a network.
 
-    Without HOST, a run in progress here is told to stop; then wheels, streaming, lamps and the lidar are stopped over
-    their ports, each device by itself. Exit code 1 if one could not be.
+    Without HOST, stops a run in progress here, then wheels, streaming, lamps and the lidar over their ports, each
+    device by itself. Exit code 1 if a device could not be stopped.
 
     With HOSTs, prints which robots say that they have stopped; exit code 1 unless one does at each.
     """

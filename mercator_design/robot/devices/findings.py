@@ -1,4 +1,4 @@
-"""How things are with a robot, one by one: what is wrong with one keeps nobody from looking at the others."""
+"""Findings on the devices of a robot: a fault of one does not prevent the checks of the others."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping

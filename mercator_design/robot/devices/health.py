@@ -48,7 +48,7 @@ class LineHealth:
         self.forget()
 
     def forget(self) -> None:
-        """Begin to count anew. Trouble that was told of is still the same trouble when it is seen again."""
+        """Begin to count anew. Trouble that was reported before is not reported again."""
         self.share = 1.0
         self._looks: deque[_Look] = deque()
 
@@ -117,12 +117,12 @@ class Answers:
             self.lost += 1
 
     def forget(self) -> None:
-        """Await no answer any more, as nobody has listened for a while."""
+        """Forget the answers that are awaited: the program has not listened for a while."""
         self._awaited.clear()
 
 
 def matters_below(least: float) -> float:
-    """The share that arrives whole below which people should know, if less than `least` is too little."""
+    """The share that arrives whole below which users are warned, if less than `least` stops the robot."""
     return 0.5 * (1.0 + least)
 
 
@@ -135,12 +135,12 @@ _RECOVERED = 2  # [%] above the limit, from which on a battery is no longer low
 
 
 def percent(share: float) -> str:
-    """Of a share, for people; rounded down, so that what is below a limit looks so."""
+    """A share as text; rounded down, so that a share below a limit looks so."""
     return f"{math.floor(100.0 * share + 1e-9)} %"
 
 
 def charge(percentage: int) -> str:
-    """Of a battery, for people."""
+    """The charge of a battery as text."""
     return f"{percentage} %"
 
 
@@ -158,7 +158,7 @@ class RvrHealth:
         self._looked: float | None = None
 
     def take(self, name: str, values: Mapping[str, Any]) -> Iterator[str]:
-        """Take in a response or notification by its name; what people should know.
+        """Take in a response or notification by its name; messages for users.
 
         Raises:
             Stopped: if the robot must not drive.

@@ -88,11 +88,11 @@ class Link:
         self._lines[device].write(data)
 
     def command(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
-        """A command to the RVR, which answers if it refuses, or if it is asked something."""
+        """The bytes of a command; the RVR answers it only if it refuses, or if the command is a question."""
         return self._host.send(name, target=target, reply=Flags.ANSWER | Flags.ONLY_ERRORS, **values)
 
     def counted(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
-        """A command that the RVR answers in any case: from now on the answer is awaited, and counted."""
+        """The bytes of a command that the RVR always answers; `answers` counts the answer."""
         command = self._host.send(name, target=target, reply=Flags.ANSWER, **values)
         self.answers.send(self._host.seq, time.monotonic())
         return command
@@ -102,7 +102,7 @@ class Link:
         self.send("rvr", self.command(name, target, **values))
 
     def ask(self, name: str, target: Processor | None = None, /, **values: Value) -> Mapping[str, Any]:
-        """What the RVR answers to a command; one that was damaged on its way is repeated.
+        """Send the RVR a command and return the answer; a command that was damaged on its way is repeated.
 
         Raises:
             RobotError: if it does not, or refuses.
@@ -130,7 +130,7 @@ class Link:
         kind: type[S],
         answers: Callable[[S], bool] = lambda _: True,
     ) -> S:
-        """What a device answers to a command, which is repeated until it does; errors are those of `ask`."""
+        """Send a command until the device answers, and return the answer; errors are those of `ask`."""
 
         def found() -> list[S]:
             return [said for said in self.said if isinstance(said, kind) and answers(said)]
@@ -143,7 +143,7 @@ class Link:
         raise RobotError(f"no answer; {self.remedy(device)}", device=device)
 
     def counts(self, device: DeviceName) -> Counts:
-        """Of what a device has said so far."""
+        """The counts of bytes that a device has sent so far."""
         return {"rvr": self._host.counts, "lidar": self._lidar.counts, "proximity": self._hub.counts}[device]
 
     def port(self, device: DeviceName) -> str:
@@ -151,11 +151,11 @@ class Link:
         return self._lines[device].port
 
     def remedy(self, device: DeviceName) -> str:
-        """What to look at if a device says nothing, or nothing that makes sense, and at which port."""
+        """What to check if a device sends nothing, or nothing that can be read, and its port."""
         return f"{self._remedy(device)} ({device} on {self.port(device)})"
 
     def remedy_of_damage(self, device: DeviceName) -> str:
-        """What to look at if too little of what a device says, or hears, arrives whole, and at which port."""
+        """What to check if too many bytes to or from a device are damaged, and its port."""
         return f"{_REMEDIES_OF_DAMAGED[device]} ({device} on {self.port(device)})"
 
     def _remedy(self, device: DeviceName) -> str:
@@ -168,7 +168,7 @@ class Link:
         return f"{remedy} ({lost} bytes from it make no sense: another device, or another baud rate)"
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Hear the devices until something is so, or for so long; whether it is. Errors are those of `attend`."""
+        """Read the devices until `done()`, for `seconds` at most; whether it is done. Errors are those of `attend`."""
         end = time.monotonic() + seconds
         while not done():
             if time.monotonic() >= end:
@@ -177,7 +177,7 @@ class Link:
         return True
 
     def attend(self, until: float) -> None:
-        """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
+        """Read the devices until a time [s, of time.monotonic()], once at least.
 
         Raises:
             Stopped: if a port is lost; or what `take` raises.
@@ -191,7 +191,7 @@ class Link:
                 return
 
     def catch_up(self) -> None:
-        """Hear all that has come already, however much; errors are those of `attend`."""
+        """Read all bytes that have already come; errors are those of `attend`."""
         end = time.monotonic() + _BEHIND
         while time.monotonic() < end and select.select(self._open, [], [], _PAUSE)[0]:
             self.attend(time.monotonic())

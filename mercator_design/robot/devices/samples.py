@@ -9,7 +9,7 @@ from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 
 STANDARD_GRAVITY = 9.80665
-"""[m/s2] One g of what the RVR tells."""
+"""[m/s2] One g of the accelerometer of the RVR."""
 
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
@@ -30,7 +30,7 @@ A distance is infinite where nothing is in sight, minus infinite where something
 
 
 class Sample(NamedTuple):
-    """What a sensor told, and when it came [s]."""
+    """The values of a sensor, and when they came [s]."""
 
     time: float
     values: tuple[float, ...]
@@ -70,7 +70,7 @@ def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
 
 
 def heading(latest: Mapping[str, Sample], time: float) -> float:
-    """Where the robot faces [rad] at a time [s] near to that of its latest attitude; 0 as long as it tells nothing."""
+    """Where the robot faces [rad] at a time [s] near to that of its latest attitude; 0 before the first sample."""
     if not {"attitude", "turning"} <= latest.keys():
         return 0.0
     came, (_, _, yaw) = latest["attitude"]

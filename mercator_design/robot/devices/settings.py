@@ -44,7 +44,7 @@ class Limits:
     rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; and of commands to it
     proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are much of it
     lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
-    battery_low: Percentage = 20.0  # [%] of charge below which people are told; also if the RVR says that it is low
+    battery_low: Percentage = 20.0  # [%] of charge below which users are warned; also if the RVR reports that it is low
     battery_critical: Percentage = 5.0  # [%] of charge below which the robot stops; also if the RVR says so
     stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
     unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s

@@ -88,7 +88,7 @@ def halt(link: Link) -> bytes:
 
 
 def stop_rvr(link: Link) -> None:
-    """Leave the RVR as if nobody had used it: wheels and lamps off, nothing streamed, commands as long as usual.
+    """Return the RVR to its usual state: wheels and lamps off, no streaming, the usual timeout of commands.
 
     Raises:
         RobotError: if it does not answer, or refuses to stop.
@@ -111,7 +111,7 @@ def start_lidar(link: Link, line: Line) -> Lidar:
     line.set_dtr(high=True)
     health = _agreed(link, "health", Health)
     if health is None:
-        raise RobotError(f"each time it answers another health; {link.remedy_of_damage('lidar')}", device="lidar")
+        raise RobotError(f"its answers about its health differ; {link.remedy_of_damage('lidar')}", device="lidar")
     if health.status == _ERROR:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")

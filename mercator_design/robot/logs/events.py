@@ -25,7 +25,7 @@ LINES: Mapping[str, tuple[str, ...]] = {
     "lidar": ("whole", "received", "lost", "refused", "readings"),
     "proximity": ("whole", "received", "lost", "refused"),
 }
-"""What is told of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
+"""The numbers of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
 no sound frame, beginnings of frames among these; readings of the last turn. Of the RVR the share of commands that it
 answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
 _MIN_OF_RVR = 4  # numbers of its line: logs of older versions do not have how the RVR answered
@@ -272,7 +272,7 @@ class EventReader:
             return self._start(word, data)
         if line != self._lines:
             found = f"line {_found(line)}"
-            raise RobotError(f"expected line {self._lines}, found {found}: lines are missing, or not in their order")
+            raise RobotError(f"expected line {self._lines}, found {found}: lines are missing or out of order")
         if not isinstance(word, str) or word not in self._events:
             raise RobotError(f"event: expected {schema.one_of([*self._events])}, found {_found(word)}")
         event: LogEvent = from_json(data, self._events[word], error=RobotError, path=word)

@@ -11,7 +11,7 @@ noticed. Of a recording: recording.py. Of a run:
             (program_cpu) took of processors [s], the neighbours' distances [m] and bearings [rad], and of each sensor
             the age [s] and the values of its latest sample: a distance is null where nothing is in sight, and 0 where
             something is too near to tell
-    note    what a device told, and when
+    note    a report of a device, and when it came
     end     why the run ended
 
 Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.

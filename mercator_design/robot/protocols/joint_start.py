@@ -294,7 +294,7 @@ class Leader:
         yield self._has_said("accepted"), self._now + _ANSWER, "it did not accept the start in time"
         self._tell_all("go")
         yield self._has_said("going"), self._now + _ANSWER, "it did not confirm the start in time"
-        yield self._has_said("started"), self._at + self._cycle + SILENCE, "it did not tell that it has started"
+        yield self._has_said("started"), self._at + self._cycle + SILENCE, "it did not report its start"
         spread, uncertainty = self.spread()
         if spread + uncertainty > self._cycle:
             self.call_off(

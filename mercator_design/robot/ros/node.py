@@ -122,7 +122,7 @@ class RosNode:
             )
 
     def _register(self, register: Callable[[], None]) -> None:
-        """Let ROS's client tell the master something; in a thread, as it would try for ever.
+        """Let ROS's client send something to the master; in a thread, as it would try for ever.
 
         Raises:
             RobotError: if that takes too long.
@@ -225,7 +225,7 @@ class Orders:
         self.colours = dict.fromkeys(LIGHTS, (0, 0, 0)) | colours
 
     def speeds(self, now: float) -> tuple[float, float]:
-        """Those that are wanted at a time [s]; zero if nobody wants anything any more."""
+        """Those that are wanted at a time [s]; zero if the last message is too old."""
         came, left, right = self._speeds
         return (left, right) if now - came <= self._silence else (0.0, 0.0)
 

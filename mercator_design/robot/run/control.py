@@ -51,7 +51,7 @@ class Control:
             self.wait(time.monotonic() + 0.1)
 
     def refresh(self) -> None:
-        """Look at everything anew if nobody has listened for a while: somebody was told something, and took his time.
+        """Wait for fresh samples if the program has not listened for a while, as when it waited for its user.
 
         Raises:
             RobotError: if a sensor that is needed tells nothing new; or as `wait`.
@@ -118,7 +118,7 @@ class Control:
 
 
 def held_up(seconds: float) -> str:
-    """What is to be noted of a time in which nobody listened."""
+    """The note on a time in which the program did not listen."""
     return f"held up for {seconds:.1f} s: samples are missing, or have wrong times"
 
 

@@ -1,4 +1,4 @@
-"""When a run begins: at once, or with other robots, as whoever starts them says over the standard input and output."""
+"""When a run begins: at once, or together with other robots, at a time agreed on over standard input and output."""
 
 import contextlib
 import threading
@@ -107,7 +107,7 @@ class Joint(AtOnce):
     def due(self) -> float:
         """When the first control cycle is to begin [s], once `taking_part` has begun."""
         if self._follower.at is None:
-            raise RobotStopped("nobody has said when to begin")
+            raise RobotStopped("no time of the start received")
         return self._follower.at
 
     def begin(self, now: float, cycle: float) -> None:

@@ -43,11 +43,10 @@ class Mercator:
     """A Mercator robot, to be started up, and closed on every way out, which stops it and shuts it down.
 
     senses: What it perceives.
-    facts: Versions and the like, for people.
-    notes: What devices told that is neither a measurement nor an answer, and whether people should know of it at once,
-        before they are `report`ed; the latest.
+    facts: Versions and the like, to show to users.
+    notes: Notes that wait for `report`, each with whether users should see it at once; the latest only.
     stop_failure: Why its stop is not confirmed, once it is closed; empty if it is confirmed.
-    listen: Is called with all that is heard, and when [s].
+    listen: Called with each event of the devices and its time [s].
     """
 
     def __init__(
@@ -96,14 +95,14 @@ class Mercator:
             self.note(unsigned)
 
     def report(self, note: Callable[[str], None], report: Callable[[str], None] = lambda _: None) -> None:
-        """Have the notes written down, as they come from now on, and people told of those that matter to them."""
+        """Send notes to `note` from now on, and those that matter to users to `report`, too."""
         self._reports = note, report
         while self.notes:
             text, matters = self.notes.popleft()
             self.note(text, matters=matters)
 
     def note(self, text: str, *, matters: bool = False) -> None:
-        """Have something written down, and people told of it if it matters to them."""
+        """Write a note; report it to users if it matters to them."""
         if self._reports is None:
             self.notes.append((text, matters))
             return
@@ -113,7 +112,7 @@ class Mercator:
             report(text)
 
     def attend(self, until: float) -> None:
-        """Hear the devices until a time [s, of time.monotonic]; what has come already, at least.
+        """Read the devices until a time [s, of time.monotonic()], once at least.
 
         Raises:
             Stopped: if a device says that the robot must not drive, or a port is lost.
@@ -122,7 +121,7 @@ class Mercator:
         self._look(time.monotonic())
 
     def _look(self, now: float) -> None:
-        """Look at a time [s] how much arrives whole of what the devices send and hear, and whether a tread is stuck."""
+        """Check at a time [s] the quality of the lines, and whether a tread is stuck."""
         for device, text, is_worse in self.senses.look(now, self._counts()):
             remedy = f"; {self._link.remedy_of_damage(device)}" if is_worse else ""
             self.note(f"{device}: {text}{remedy}", matters=True)
@@ -130,7 +129,7 @@ class Mercator:
         self._health.look(now)
 
     def _look_at_answers(self, now: float) -> None:
-        """Look at a time [s] whether the RVR answers commands, as what is damaged on its way is not answered.
+        """Check at a time [s] whether the RVR answers commands: it does not answer those that are damaged on their way.
 
         Raises:
             Stopped: if too few are answered.
@@ -164,7 +163,7 @@ class Mercator:
         return found
 
     def readings(self) -> Readings:
-        """What the robot perceives now; what no sensor tells any more is neutral.
+        """The readings of now; those of a stale sensor are neutral.
 
         Raises:
             Stopped: if a sense that is needed is stale.
@@ -173,7 +172,7 @@ class Mercator:
         return self.senses.readings(time.monotonic())
 
     def check_ages(self) -> None:
-        """See whether all that is needed is told.
+        """Check that no sense that is needed is stale.
 
         Raises:
             Stopped: if a sense that is needed is stale.
@@ -182,7 +181,7 @@ class Mercator:
             raise RobotStopped(why)
 
     def stale(self, now: float) -> dict[str, str]:
-        """The samples that are needed and too old at a time [s], by name: what people should know of each."""
+        """By name, a message for each sample that is needed and too old at a time [s]."""
         return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
 
     def _remedy(self, found: Stale) -> str:
@@ -201,7 +200,7 @@ class Mercator:
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def poll(self) -> None:
-        """Ask after battery and motors if that was long ago: keeps the RVR awake, and tells whether it still hears.
+        """Ask for the state of battery and motors from time to time; this keeps the RVR awake and shows that it hears.
 
         Raises:
             Stopped: if the port is lost.
@@ -256,7 +255,7 @@ class Mercator:
         self._until_all_is_told()
 
     def sense_anew(self) -> None:
-        """Wait until all that is needed is told again: what came while nobody listened may be of any time ago.
+        """Wait for fresh samples of all senses that are needed: others may have come at any time before.
 
         Raises:
             RobotError: if it is not.
@@ -280,7 +279,7 @@ class Mercator:
             raise RobotError(why)
 
     def _watch_commands_end(self) -> None:
-        """See whether a command to drive, at speed zero, ends by itself as it was told to.
+        """Check that a drive command, of speed zero, ends by itself after the time that was set.
 
         The maker's documents do not say what a robot that was stopped so answers: only if it says that it still drives,
         this is held against it.
@@ -303,12 +302,12 @@ class Mercator:
         self.attend(told + 2.0 * COMMANDS_END)  # this computer may have been late, or the line
         if self._controller() == _TANK:
             raise RobotError(
-                f"rvr: by its own words a command to drive does not end after {COMMANDS_END:g} s, so it would drive on "
-                "if this program died; update its firmware, or permit it: limits.unending_commands in robot.yaml"
+                f"rvr: it reports that a drive command does not end after {COMMANDS_END:g} s, so it would drive on if "
+                "this program died; update its firmware, or permit this with limits.unending_commands in robot.yaml"
             )
 
     def _controller(self) -> int | None:
-        """Which of the RVR's drives; None if it does not tell."""
+        """The active controller of the RVR's drive; None if it does not answer."""
         try:
             return int(self._link.ask("get_active_control_system_id")["controller_id"])
         except RobotStopped:
@@ -349,7 +348,7 @@ class Mercator:
             self.note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def _heed(self, name: str, values: Mapping[str, Any]) -> None:
-        """Tell what the RVR says of itself; stop if it says that it must not drive."""
+        """Note what the RVR reports of itself; stop if it reports that it must not drive."""
         if name == "get_battery_percentage" and values:
             before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
             if before != self.facts["battery"]:

@@ -1,4 +1,4 @@
-"""What is told to all robots of a swarm over UDP: stop; and heartbeats, the silence of which stops them too.
+"""Messages to all robots of a swarm over UDP: stop, and heartbeats, whose absence stops the robots, too.
 
 Anybody may say stop. Heartbeats may be signed with a key that robots and the sender share:
 
@@ -37,7 +37,7 @@ _LOOK = 0.02  # [s] between looks whether they have come
 
 
 def listener(port: int) -> socket.socket:
-    """The socket of a robot that hears what is told to the swarm.
+    """The socket of a robot for messages to the swarm.
 
     Raises:
         RobotError: if the port is not free.
@@ -53,7 +53,7 @@ def listener(port: int) -> socket.socket:
 
 
 def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
-    """What has been told, and by whom; not all at once, if it is much."""
+    """The messages that have come, with their senders; if there are many, the first of them."""
     told: list[tuple[bytes, tuple[str, int]]] = []
     with contextlib.suppress(BlockingIOError):
         while len(told) < _MOST:
@@ -62,7 +62,7 @@ def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
 
 
 class Heartbeats:
-    """What a robot makes of heartbeats.
+    """Checks the heartbeats to a robot.
 
     heard: When the sender of the latest that counts was there for certain [s, of the clock of `take`]; None: not yet.
     refused: How many did not count.
@@ -122,7 +122,7 @@ class Heartbeats:
 
 
 def signature(key: str, sealed: bytes) -> bytes:
-    """What shows that the holder of a key has seen what a robot has sealed."""
+    """The proof that the holder of a key has seen the text that a robot has sealed."""
     return _digest(key.encode(), SIGNED + sealed)
 
 
@@ -131,7 +131,7 @@ def _digest(key: bytes, message: bytes) -> bytes:
 
 
 class Answers(NamedTuple):
-    """What robots said that were told to stop.
+    """The answers of robots to a stop.
 
     stopped: Those that say that they have, by name and address.
     silent: Of the hosts from which nothing came, what is known.
@@ -142,7 +142,7 @@ class Answers(NamedTuple):
 
 
 class Speaker:
-    """Tells robots something; a context manager.
+    """Sends messages to robots; a context manager.
 
     Each host's name is looked up in a thread of its own: one that takes long, or is not known, keeps no other waiting.
     Each has a socket of its own: what comes there is its answer, whatever address that has.
@@ -164,7 +164,7 @@ class Speaker:
             each.close()
 
     def send(self, message: bytes) -> None:
-        """Send a message to each that has been looked up; which one gets it, only an answer shows."""
+        """Send a message to each robot whose address is known; only an answer shows that it arrived."""
         for host, address in self._addresses.copy().items():
             if address:
                 with contextlib.suppress(OSError):  # no way to this one now; the others are told nevertheless
@@ -194,7 +194,7 @@ class Speaker:
         return [self._silence(host) for host in self._sockets if not self._addresses.get(host)]
 
     def stop(self, seconds: float = 0.5) -> Answers:
-        """Tell the robots to stop, again and again, for a while after the last has been looked up."""
+        """Send stop to the robots repeatedly, for a while after the last address is known."""
         stopped: dict[str, None] = {}
         answered = set()
         waiting = select.poll()  # select knows no more than 1024 descriptors

@@ -82,7 +82,7 @@ def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
     except RobotError as error:
         if error.device in OPTIONAL_DEVICES:
             why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
-            error.add_note(why or f"the PFSM does not need what it tells: --without {error.device} runs it without")
+            error.add_note(why or f"the PFSM does not need it: run with --without {error.device}")
         raise
 
 
@@ -91,7 +91,7 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
     labels = settings.labels_of(header)
     if header.get("control software", control_digest()) != control_digest():
         report(
-            "Warning: the PFSM was designed with another version of mercator_design, in which modules may act otherwise"
+            "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
         )
     with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)

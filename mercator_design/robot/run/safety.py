@@ -1,4 +1,4 @@
-"""What keeps the wheels from turning when nobody is in control of them.
+"""What stops the wheels when the program is not in control of them.
 
 Every command to the wheels passes the `Brake`. Whatever stops a robot, stops it there, for good: what follows in the
 run are zeros, and only a new run drives again. A `Watchdog` pulls it from a thread of its own if the control
@@ -91,7 +91,7 @@ class Brake:
                 self.arm()
 
     def repeat(self) -> bool:
-        """Send the latest command again, once, as it was damaged on its way; not if something has stopped the wheels.
+        """Send the latest command once more if it was damaged on its way, and nothing has stopped the wheels.
 
         This is no sign that the control loop goes on: it does not put off when the next command must come.
 
@@ -133,7 +133,7 @@ class Brake:
 
 
 class Watchdog(threading.Thread):
-    """Pulls the brake if the control loop stalls, and when the swarm is told to stop or is told nothing any more.
+    """Stops the wheels when the control loop stalls, the swarm is told to stop, or heartbeats end.
 
     A context manager; it looks at stops from the beginning, at stalls and silence from `arm` on.
 
@@ -162,7 +162,7 @@ class Watchdog(threading.Thread):
 
     @property
     def awaits_heartbeat(self) -> bool:
-        """Whether heartbeats are wanted, and none has come yet."""
+        """Whether the settings want heartbeats and none has come yet."""
         return self._heartbeat is not None and self.heartbeats.heard is None
 
     def __enter__(self) -> Self:
@@ -202,7 +202,7 @@ class Watchdog(threading.Thread):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
     def _obey_stop(self, why: str) -> None:
-        """Stop the wheels, again if this is told again, but not so often that it holds up the shutting down."""
+        """Stop the wheels, again if a stop comes again, but not so often that it delays the shutdown."""
         now = time.monotonic()
         if now - self._obeyed > _AGAIN:
             self._obeyed = now

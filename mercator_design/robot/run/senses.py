@@ -1,4 +1,4 @@
-"""What a robot perceives, from what its devices tell: bytes and clocks are others' business.
+"""What a robot perceives from the events of its devices, without ports and clocks.
 
 What measurements mean to a behaviour is said in fsm/, for simulation and robot alike.
 """
@@ -55,7 +55,7 @@ DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "
 
 
 def why_needed(reads: Collection[str], model: ReferenceModel) -> dict[str, str]:
-    """The senses that a PFSM needs which reads some of modules.SENSES, and why, for people."""
+    """The senses that a PFSM needs which reads some of modules.SENSES, and why."""
     needed = {sense: f"the PFSM reads {sense}" for sense in sorted(reads)}
     if model.neighbour_obstacle_range > 0.0 and "proximity" in needed:
         constant = f"neighbour_obstacle_range is {model.neighbour_obstacle_range:g} m"
@@ -64,7 +64,7 @@ def why_needed(reads: Collection[str], model: ReferenceModel) -> dict[str, str]:
 
 
 def why_device_is_needed(device: str, reads: Collection[str], model: ReferenceModel) -> str:
-    """Why a PFSM cannot go without a device, for people; empty if it can."""
+    """Why a PFSM needs a device; empty if it does not."""
     for sense, why in why_needed(reads, model).items():
         if DEVICE_OF.get(sense) == device:
             return f"{why}, which the {device} tells"
@@ -133,7 +133,7 @@ class Senses:
         return ends
 
     def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Whole]:
-        """Look at a time [s] how much arrives whole, by what came over each line so far; what people should know."""
+        """Check the quality of each line at a time [s] by its counts so far; messages for users."""
         for device, count in counts.items():
             line = self.lines[device]
             lost, received = (self.sweep.swept.lost, self.sweep.swept.all) if device == "lidar" else count[1::-1]

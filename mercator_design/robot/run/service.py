@@ -1,4 +1,4 @@
-"""What systemd hears of a run that it has started (sd_notify(3)); nothing is said where nobody listens."""
+"""Messages to systemd about a run that it has started (sd_notify(3)); without systemd, none."""
 
 import contextlib
 import os

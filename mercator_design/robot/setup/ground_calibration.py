@@ -99,7 +99,7 @@ def calibrate(
         names: Of the colours.
         kept: What others were measured as before.
         seconds: Of each measurement.
-        ask: Called with what somebody is to do before each.
+        ask: Called with what the user has to do before each.
         report: Called with what was measured, and with what is doubtful.
 
     Raises:

@@ -13,7 +13,7 @@ _LOOK = 0.1  # [s]
 
 
 def ask(what: str, meanwhile: Callable[[], None]) -> None:
-    """Ask somebody, or a script that writes a line, to do something; until Enter says that it is done.
+    """Ask the user, or a script that writes a line, to do something; wait for Enter.
 
     Args:
         what: To do.
@@ -30,7 +30,7 @@ def ask(what: str, meanwhile: Callable[[], None]) -> None:
             meanwhile()
         byte = os.read(_STDIN, 1)  # not more, as a line further is the answer to another question
         if not byte:
-            raise RobotError("nobody presses Enter any more: the input has ended; nothing was changed")
+            raise RobotError("no Enter: the input has ended; nothing was changed")
         if byte == b"\n":
             meanwhile()
             return

@@ -91,14 +91,14 @@ def calibrate(
     ask: Callable[[str], None],
     report: Callable[[str], None],
 ) -> ProximityFit:
-    """Find each sensor by an object that somebody holds before it.
+    """Find each sensor by an object that the user holds before it.
 
     Args:
         hub: Whose sensors they are.
         angles: Where sensors look [rad], in any order.
         distance: Of the object from the sensor [m]; None: about 0.3 m, and no offsets are measured.
         seconds: Of each measurement.
-        ask: Called with what somebody is to do.
+        ask: Called with what the user has to do.
         report: Called with what was found, and why something is asked again.
 
     Raises:
@@ -144,7 +144,7 @@ def direction(angle: float) -> str:
 
 
 def _clear(metres: list[list[float]]) -> list[float]:
-    """What the sensors tell when nobody is near."""
+    """The distances when the user is not near."""
     found = [median_low(each) for each in metres]
     if near := [k for k, each in enumerate(found) if each < _CLEAR]:
         raise _Unclear(f"nearer than {_CLEAR:g} m is something before {_sensors(near)}")

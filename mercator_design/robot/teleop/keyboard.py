@@ -47,7 +47,7 @@ class Keyboard:
     """A terminal whose keys come at once and unseen; those that end programs still do."""
 
     def __init__(self, terminal: int) -> None:
-        """Make one of a terminal that makes nobody wait."""
+        """Make one of a terminal; reading never waits."""
         self._terminal, self._rest = terminal, b""
         self._came = -math.inf
 

@@ -1,4 +1,4 @@
-"""What the treads of the twin's RVR are told: by commands, until they run out, and by where the robot is."""
+"""The speeds of the treads of the twin's RVR: by commands, until they end, and by the place of the robot."""
 
 import math
 from collections.abc import Callable, Iterable

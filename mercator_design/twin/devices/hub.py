@@ -42,7 +42,7 @@ class TwinHub:
         self._due = now
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """What is said to these bytes."""
+        """The answer to these bytes."""
         said = self.advance(now)
         return said + b"".join(self._obey(command) for command in self._line.receive(data))
 

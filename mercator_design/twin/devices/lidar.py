@@ -72,7 +72,7 @@ class TwinLidar:
         self._restart(now)
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """What is said to these bytes; while it scans, it hears nothing but the commands that end that."""
+        """The answer to these bytes; while it scans, it obeys only the commands that end the scan."""
         said = self.advance(now)
         return said + b"".join(self._obey(command, now) for command in self._line.receive(data))
 

@@ -87,7 +87,7 @@ class TwinRvr:
 
     @property
     def told_by(self) -> str:
-        """What told them: a command, or "timeout", "sleep", "port closed"."""
+        """What set their speed: a command, or "timeout", "sleep", "port closed"."""
         return self._drive.by
 
     @property
@@ -97,16 +97,16 @@ class TwinRvr:
 
     @property
     def is_awake(self) -> bool:
-        """Whether it does what it is told."""
+        """Whether it obeys commands."""
         return self._now >= self._awake
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """What is said to these bytes."""
+        """The answer to these bytes."""
         said = self.advance(now)
         return said + b"".join(self._obey(event) for event in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
-        """What is said up to now without being asked."""
+        """The bytes that the robot sends by itself up to now."""
         was_awake = self.is_awake
         self._now = self._senses.now = self._drive.now = now
         if self.is_awake and not was_awake:
@@ -121,7 +121,7 @@ class TwinRvr:
         return self._take_said()
 
     def hang_up(self, now: float) -> None:
-        """Nobody has the port open any more."""
+        """The port was closed."""
         self._now = self._drive.now = now
         self._drive.end_position_drive("port closed")
 

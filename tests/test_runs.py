@@ -399,7 +399,7 @@ def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
     stop(folder, 70)
     code, _, err = mdesign("race", "--resume", folder, "--optuna", "sqlite:////nowhere/race.db")
     assert code == 0
-    assert "Warning: no more of the race goes into the Optuna storage" in err
+    assert "Warning: the race is no longer copied to the Optuna storage" in err
 
 
 @pytest.mark.parametrize(

@@ -496,7 +496,7 @@ def test_instances_that_come_to_an_end(options):
     assert race.best.n_results == 8
     assert mixed_cost(race.configurations[race.best.configuration]) < 1.7
     ended = [summary.stop_reason for summary in race.iterations]
-    assert "all instances were raced on" in ended
+    assert "all instances were used" in ended
     first_with_all = next(k for k, summary in enumerate(race.iterations) if summary.n_instances == 8)
     assert any(summary.n_new for summary in race.iterations[first_with_all + 1 :])
 

@@ -57,9 +57,9 @@ def test_a_cost_that_is_not_a_number_changes_nothing():
 
 def test_costs_without_experiments_are_refused():
     race = IteratedRace(MIXED, budget=400, seed=1)
-    with pytest.raises(RaceError, match="found none asked for"):
+    with pytest.raises(RaceError, match="tell: expected `ask` to be called before"):
         race.tell([1.0])
-    with pytest.raises(RaceError, match="best is asked for"):
+    with pytest.raises(RaceError, match="best: expected an iteration that has ended"):
         _ = race.best
 
 

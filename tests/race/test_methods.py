@@ -218,7 +218,7 @@ class TestConformance:
 
     def test_costs_that_are_none(self, method):
         race = race_of(method)
-        with pytest.raises(RaceError, match="found none asked for"):
+        with pytest.raises(RaceError, match="tell: expected `ask` to be called before"):
             race.tell([1.0])
         batch = race.ask()
         with pytest.raises(RaceError, match="expected a number, found nan"):
@@ -349,6 +349,6 @@ def test_cma_es_needs_numbers():
 def test_a_budget_of_which_nothing_is_learnt_is_told(name):
     space = Space([real("x", 0, 1), real("y", 0, 1)])
     [note] = METHODS[name](space, budget=200, seed=1).notes
-    assert "a budget of 200 is hardly more than random search" in note
+    assert "a budget of 200 is little more than random search" in note
     assert METHODS[name](space, budget=201, seed=1).notes == []
     assert METHODS["random"](space, budget=200, seed=1).notes == []

@@ -110,7 +110,7 @@ def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
 def test_a_storage_that_fails_at_once_is_told_and_stops_nothing(tmp_path):
     record, complaints = mirrored(f"sqlite:///{tmp_path}/nowhere/race.db")
     assert len(complaints) == 1
-    assert "no more of the race goes into the Optuna storage" in complaints[0]
+    assert "the race is no longer copied to the Optuna storage" in complaints[0]
     assert record.digest() == undisturbed(budgets=(150,)).digest()
 
 
@@ -126,7 +126,7 @@ def test_one_that_fails_later_too(url, monkeypatch):
 
     monkeypatch.setattr(optuna_mirror._Study, "report", fails)
     record, complaints = mirrored(url)
-    assert complaints == ["no more of the race goes into the Optuna storage: OSError: disk full"]
+    assert complaints == ["the race is no longer copied to the Optuna storage: OSError: disk full"]
     assert record.digest() == undisturbed(budgets=(150,)).digest()
 
 
@@ -135,7 +135,7 @@ def test_one_that_never_answers(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(100))
     start = time.monotonic()
     record, complaints = mirrored(url)
-    assert complaints == ["the Optuna storage is slow: not all of the race is in it"]
+    assert complaints == ["the Optuna storage is slow: it does not have the whole race"]
     assert time.monotonic() - start < 60
     assert record.digest() == undisturbed(budgets=(150,)).digest()
 

@@ -1,6 +1,6 @@
-"""What configurations cost, as if all had seen the same instances, from results that have gaps.
+"""An additive model of costs, for configurations that have not all seen the same instances.
 
-Costs are taken to be the sum of the configuration's effect, the instance's, and an error.
+A cost is the sum of an effect of the configuration, an effect of the instance, and an error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _PASSES = 30
-"""Of the fit of configurations' and instances' effects."""
+"""Rounds of the fit of effects of configurations and instances."""
 _CLIPPINGS = 3
 _CLIPPED_AT = 3.0
-"""Standard errors; further out a result counts as if it were there (Huber 1981)."""
+"""Results further out than so many standard errors are clipped (Huber 1981)."""
 _DEVIATIONS = 1.4826
 """Standard deviation of a normal distribution, in median absolute deviations."""
 _MIN_SPREAD = 0.1
-"""Part of the variance of the configurations' means that is never put down to errors."""
+"""Minimum part of the variance of the configurations' means that is not counted as error."""
 
 
 def table(costs: Sequence[Mapping[int, float]]) -> Floats:
-    """The costs of configurations, each by instance: shape (configurations, instances), NaN where there is none.
+    """The costs of configurations as a table of shape (configurations, instances), NaN where there is no cost.
 
-    The last instance is the last that any has seen; there may be some that none has.
+    The last column is the last instance that any configuration has seen. A column may be empty.
     """
     found = np.full((len(costs), 1 + max(chain.from_iterable(costs), default=-1)), np.nan)
     for row, own in enumerate(costs):
@@ -34,10 +34,10 @@ def table(costs: Sequence[Mapping[int, float]]) -> Floats:
 
 
 def effects(costs: Floats) -> tuple[Floats, float]:
-    """The configurations' mean costs as if all had seen the same instances, and the variance of a single cost.
+    """The mean costs of configurations, corrected for their instances, and the variance of a single cost.
 
     Args:
-        costs: shape (configurations, instances), NaN where there is none; one at least in each row.
+        costs: shape (configurations, instances), NaN where there is no cost; at least one in each row.
     """
     means, offsets = _fit(costs)
     errors = np.nan_to_num(costs - means[:, np.newaxis] - offsets)
@@ -46,10 +46,10 @@ def effects(costs: Floats) -> tuple[Floats, float]:
 
 
 def expected(costs: Floats) -> Floats:
-    """What more results of each configuration would cost: robust means, drawn to their centre where there are few.
+    """The expected costs of configurations on new instances: robust means, shrunk to their centre.
 
-    Results far out are clipped, as few of them would decide otherwise; and the fewer results there are, the more of
-    what makes a mean good is luck (James and Stein 1961).
+    Outliers are clipped, so that a few of them do not decide. Means of few results are shrunk more, because a good mean
+    of few results is partly luck (James and Stein 1961).
 
     Args:
         costs: as for `effects`.
@@ -70,7 +70,7 @@ def expected(costs: Floats) -> Floats:
 
 
 def _fit(costs: Floats) -> tuple[Floats, Floats]:
-    """Effects of the configurations and of the instances, by alternating means; the latter have mean 0."""
+    """Effects of configurations and of instances, by alternating means; those of instances have mean 0."""
     known = ~np.isnan(costs)
     filled = np.where(known, costs, 0.0)
     a_row, a_column = known.sum(axis=1), np.maximum(known.sum(axis=0), 1)

@@ -1,6 +1,6 @@
-"""The last part of an iterated race: the best of all iterations, halved on new instances until one is left.
+"""The confirmation: the best of all iterations run on new instances, and the worse half is dropped until one is left.
 
-Who was merely lucky in a race loses here.
+A configuration that was only lucky in its race loses here.
 """
 
 import math
@@ -19,7 +19,7 @@ MAX_FINALISTS = 8
 
 
 def by_expectation(history: RaceHistory, numbers: Sequence[int]) -> list[int]:
-    """Configurations by their expected mean cost, the best first, without those that were rejected or have not run."""
+    """Sort configurations by expected mean cost, the best first; drop those that were rejected or have not run."""
     accepted = [number for number in numbers if history.costs[number] and not history.is_rejected(number)]
     if not accepted:
         return []
@@ -38,18 +38,18 @@ def confirm(
     n_seen: int,
     block_size: int,
 ) -> Generator[list[Experiment], Sequence[float], tuple[IterationSummary, list[int]]]:
-    """Spend the rest of a budget on the first of some configurations; a summary without elites, and their new order.
+    """Spend the rest of a budget on the best of some configurations.
 
-    All experiments of a halving are asked for at once.
+    All experiments of one halving are one batch. Returns a summary without elites, and the new order.
 
     Args:
-        history: Of the race.
+        history: The history of the race.
         order: Configurations, the best first.
-        n_finalists: How many of them are compared, 2 or more.
+        n_finalists: Number of configurations to compare, 2 or more.
         iteration: The number of the confirmation.
-        budget: Of the whole race; a block of instances for each finalist is left at least.
-        n_seen: Instances that were seen.
-        block_size: Instances that are run on together.
+        budget: Budget of the whole race; it must suffice for a block of instances for each finalist.
+        n_seen: Number of instances seen.
+        block_size: Instances in a block.
 
     Raises:
         RaceError: All configurations of the race have been rejected.

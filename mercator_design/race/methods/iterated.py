@@ -1,7 +1,7 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
-The surrogate, too, learns between races only. Unlike irace's, the budget is never exceeded, not even by an
-experiment: a race that would do so ends.
+The surrogate, too, learns only between races. Unlike in irace, the budget is never exceeded: a race that would
+exceed it ends.
 """
 
 import math
@@ -26,7 +26,7 @@ from mercator_design.race.space.space import Space
 Parent = TypeVar("Parent", int, None)
 
 _LEARNT_FROM = 3.0
-"""Configurations a parameter before the surrogate has its whole share."""
+"""Configurations per parameter from which on the surrogate has its full share."""
 
 
 class IteratedRace(Optimizer):
@@ -34,14 +34,14 @@ class IteratedRace(Optimizer):
 
     Args:
         space: What to configure.
-        budget: How many experiments to make at most.
-        seed: Of everything that is random here.
-        options: Ours unless given; `RaceOptions.irace()` is irace's algorithm.
-        initial: Configurations to begin with; the first iteration samples the others.
+        budget: Maximum number of experiments.
+        seed: Seed of all random draws.
+        options: The defaults are ours; `RaceOptions.irace()` is irace's algorithm.
+        initial: The first configurations; the first iteration samples the others.
 
     Attributes:
-        parents: The elite that a configuration was sampled from, or is most like if the surrogate proposed it; None in
-            the first iteration.
+        parents: The elite that a configuration was sampled from, or the most similar elite if the surrogate proposed
+            it; None in the first iteration.
         elites: The survivors of the last race that has ended, best first.
 
     Raises:
@@ -119,11 +119,10 @@ class IteratedRace(Optimizer):
         return [] if self._race is None else self._race.lookahead(n)
 
     def extend(self, budget: int) -> None:
-        """Go on with a larger budget after the end.
+        """Continue with a larger budget after the end.
 
-        What is added is planned as the budget of a race of its own is: as many iterations, or fewer until it suffices.
-        The first of them takes the place of a second one: it begins with the elites that the race has ended with, their
-        distributions as wide as after a first iteration.
+        The added budget is planned like that of a new race. Its first iteration counts as a second one: it begins with
+        the elites at the end of the race, with distributions as wide as after a first iteration.
 
         Raises:
             RaceError: The race has not ended yet, or the budget is no larger.
@@ -148,7 +147,7 @@ class IteratedRace(Optimizer):
             yield from self._postselect()
 
     def _next(self) -> IterationPlan | str:
-        """The next iteration, or why there is none."""
+        """Plan the next iteration, or return why there is none."""
         if self._is_exhausted:
             return "no configuration was found that has not run"
         return self._planner.next(self._iteration + 1, left=self._left, n_elites=len(self.elites), n_seen=self._n_seen)
@@ -174,7 +173,7 @@ class IteratedRace(Optimizer):
         self._model.initialise(self.history.elite_configurations)
 
     def _allow_for_few(self, n: int) -> None:
-        """A race ends when few are alive, but in a small space it would not even begin."""
+        """Reduce the number of survivors if it is not below the number of configurations, so that a race can begin."""
         if n == 1:
             raise RaceError("space: expected several different configurations to be allowed, found one")
         if n <= self._planner.survivors:
@@ -213,7 +212,7 @@ class IteratedRace(Optimizer):
         yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
 
     def _canonical(self, children: Sequence[tuple[Configuration, Parent]]) -> list[tuple[Configuration, Parent]]:
-        """Children as the space's structure writes them, each once, if it has one that is made use of."""
+        """Children in canonical form, without duplicates, if the space has a structure that is used."""
         structure = self.space.structure
         if structure is None or not self.options.structure:
             return list(children)
@@ -221,7 +220,7 @@ class IteratedRace(Optimizer):
         return list({self.space.key(child): (child, parent) for child, parent in canonical}.values())
 
     def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
-        """Those that have not run, each once."""
+        """Children that have not run, without duplicates."""
         found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
         for child in children:
             found.setdefault(self.space.key(child[0]), child)
@@ -231,7 +230,7 @@ class IteratedRace(Optimizer):
         self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]
     ) -> list[tuple[Configuration, int]]:
         present = {self.space.key(configuration) for configuration, _ in others}
-        if self._proposer is None:  # looking for BLAS, and the features of a space, take their time
+        if self._proposer is None:  # made late: finding BLAS and the features of a space takes time
             self._proposer = Proposer(self.space, structure=self.options.structure)
         return self._proposer.propose(
             n,
@@ -246,7 +245,7 @@ class IteratedRace(Optimizer):
         )
 
     def _too_narrow(self, children: Sequence[tuple[Configuration, int]]) -> list[int]:
-        """The elites whose distributions have come to give the same configurations again."""
+        """The elites whose distributions have become so narrow that they give the same configurations again."""
         together = self.history.elite_configurations
         parents = {number: number for number in together}
         for number, (configuration, parent) in enumerate(children, start=len(self.configurations)):
@@ -274,7 +273,7 @@ class IteratedRace(Optimizer):
         )
 
     def _old_instances(self) -> list[int]:
-        """Those seen, if they are to be sampled in random order of their blocks."""
+        """The instances seen, with their blocks in random order (see `sample_instances`)."""
         if not self.options.sample_instances:
             return list(range(self._n_seen))
         size = self.options.block_size
@@ -283,7 +282,7 @@ class IteratedRace(Optimizer):
         return [instance for instance in in_order if instance < self._n_seen]
 
     def _postselect(self) -> Batches:
-        """A race among the best of all iterations with what is left of the budget."""
+        """Race the best of all iterations with the rest of the budget."""
         remaining = self._left
         if remaining // max(self.options.block_size, self.options.each_test) <= 1 or not self.elites:
             return
@@ -309,7 +308,7 @@ class IteratedRace(Optimizer):
         yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
 
     def _confirm(self) -> Batches:
-        """Compare the best few of all iterations on new instances, with all that is left of the budget."""
+        """Compare the best few of all iterations on new instances, with the rest of the budget."""
         order = by_expectation(self.history, self.history.former_elites)
         size = self.options.block_size
         n_finalists = min(len(order), MAX_FINALISTS, self._left // size)
@@ -329,7 +328,7 @@ class IteratedRace(Optimizer):
         self._end_iteration(summary, order, newcomers=[])
 
     def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
-        """Run a race to its end and let its best be the elites."""
+        """Run a race to its end; its best are the new elites."""
         newcomers = sorted(set(race.configurations) - {elite.configuration for elite in self.elites})
         self._race = race
         while batch := race.ask():
@@ -356,7 +355,7 @@ class IteratedRace(Optimizer):
         self._end_iteration(summary, self.history.different(survivors), newcomers)
 
     def _end_iteration(self, summary: IterationSummary, order: Sequence[int], newcomers: Sequence[int]) -> None:
-        """Let the first of some configurations be the elites, and keep the summary."""
+        """Make the first configurations the elites, and keep the summary."""
         history = self.history
         history.elites = [history.statistics(number) for number in order[: self._planner.survivors]]
         history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)

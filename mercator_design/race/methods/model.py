@@ -5,11 +5,10 @@ numeric or ordered parameter, a normal distribution around its own value truncat
 categorical one a probability of each value. A new configuration takes one elite as parent and draws all its
 values from the parent's distributions. These narrow with each iteration; a soft restart widens them again.
 
-In two things this is not irace. An ordered parameter is drawn as the integer 1 .. K of its value: irace adds
-no half to the mean and none to the upper bound, so that it prefers the lower neighbour and never draws the last value;
-`ordered_as_integers` is for it to be so. And the mean of a parameter whose bounds depend on others is kept as its place
-within them, so that it scales with them; irace keeps the value, which may lie outside of a child's bounds
-(`means_scale`).
+This differs from irace in two ways. An ordered parameter is drawn as the integer 1 .. K of its value: irace adds no
+half to the mean and none to the upper bound, so it prefers the lower neighbour and never draws the last value
+(`ordered_as_integers` False). The mean of a parameter whose bounds depend on others is kept relative to these bounds
+and scales with them; irace keeps the value, which may lie outside a child's bounds (`means_scale` False).
 """
 
 from bisect import bisect_right
@@ -25,7 +24,7 @@ from mercator_design.race.space.parameter import Bounds, Configuration, Paramete
 from mercator_design.race.space.space import Space
 
 _MAX_ROUNDS = 100
-"""Times that forbidden configurations are drawn anew before giving up (irace)."""
+"""Maximum number of rounds in which forbidden configurations are drawn again (irace)."""
 _INITIAL_SPREAD = 0.5
 """Standard deviation of a new elite's distributions, as a part of the domain's width."""
 _MAX_CERTAINTY = 0.2
@@ -43,8 +42,8 @@ class EliteModel:
     """The distributions of one elite.
 
     weights: of the values of each categorical parameter, by name.
-    centres: means of the others in unit scale, shape (n_variable,), but the value itself of a dependent parameter if
-        means do not scale; NaN is uniform, as is meant where the elite and its ancestors never had a value.
+    centres: means of the others in unit scale, shape (n_variable,); the value itself of a dependent parameter if means
+        do not scale. NaN means uniform: the elite and its ancestors never had a value.
     spreads: standard deviations as a part of the domain's width, shape (n_variable,).
     """
 
@@ -66,8 +65,8 @@ class SamplingModel:
     Args:
         space: What is sampled.
         elitist: Whether the probabilities of categorical values are capped, as in elitist races.
-        ordered_as_integers: False for irace's way with ordered parameters.
-        means_scale: False for irace's way with the means of dependent parameters.
+        ordered_as_integers: False to draw ordered parameters as irace does.
+        means_scale: False to keep the means of dependent parameters as irace does.
     """
 
     def __init__(
@@ -105,11 +104,11 @@ class SamplingModel:
         """Narrow the distributions around the present elites (irace's updateModel).
 
         Args:
-            elites: The present elites; others are forgotten.
-            parents: Of elites that are new. A new elite begins with its parent's distributions.
-            n_new: How many configurations will be sampled.
-            iteration: Which one begins, from 1.
-            iterations: How many are planned.
+            elites: The current elites; others are dropped.
+            parents: The parents of new elites. A new elite begins with its parent's distributions.
+            n_new: Number of configurations that will be sampled.
+            iteration: The iteration that begins, from 1.
+            iterations: Number of planned iterations.
         """
         self.elites = {e: self.elites[e] if e in self.elites else self.elites[parents[e]].copy() for e in elites}
         shrinking = (1 / n_new) ** (1 / self._space.n_variable)
@@ -143,13 +142,13 @@ class SamplingModel:
         """New configurations, each with its parent.
 
         Args:
-            n: How many.
+            n: Number of configurations.
             ranked: The elites, best first.
-            generator: Draws.
-            excluded: True for what must be drawn anew.
+            generator: Makes all random draws.
+            excluded: Returns True for a configuration that must be drawn again.
 
         Raises:
-            RaceError: What is drawn is excluded again and again.
+            RaceError: Too many draws were excluded.
         """
         found: list[tuple[Configuration, int]] = []
         for _ in range(_MAX_ROUNDS):
@@ -163,7 +162,7 @@ class SamplingModel:
         )
 
     def draw(self, n: int, ranked: Sequence[int], generator: Generator) -> list[tuple[Configuration, int]]:
-        """New configurations, each with its parent, whatever they are."""
+        """New configurations, each with its parent, also excluded ones."""
         chosen = generator.choice(len(ranked), size=n, p=elite_weights(len(ranked)))
         uniforms = generator.random((n, self._space.n_variable))
         models = [self.elites[elite] for elite in ranked]
@@ -187,7 +186,7 @@ class SamplingModel:
     def _chooser(
         self, model: EliteModel, cumulated: dict[str, list[float]], places: list[float], uniforms: Floats
     ) -> Callable[[Parameter, Bounds], Value]:
-        """Gives the values of one configuration."""
+        """Draws the values of one configuration."""
 
         def choose(parameter: Parameter, bounds: Bounds) -> Value:
             column = self._columns[parameter.name]
@@ -210,7 +209,7 @@ class SamplingModel:
         return choose
 
     def _centre(self, model: EliteModel, configuration: Configuration) -> None:
-        """Put the means at an elite's own values; those of its inactive parameters stay."""
+        """Set the means to an elite's own values; keep those of inactive parameters."""
         for name, value in configuration.items():
             parameter = self._space[name]
             if parameter.is_fixed or parameter.kind == "categorical":
@@ -232,7 +231,7 @@ class SamplingModel:
 
 
 def _spread_factor(parameter: Parameter) -> float:
-    """From a part of the domain's width to unit scale, where an integer has one width more."""
+    """Convert a part of the domain's width to unit scale, where an integer has one width more."""
     if parameter.kind == "real" or parameter.log:
         return 1.0
     bounds = parameter.bounds({})
@@ -241,9 +240,9 @@ def _spread_factor(parameter: Parameter) -> float:
 
 
 def _skewed(n_values: int, uniforms: Floats, centres: Floats, spreads: Floats) -> Floats:
-    """Places of an ordered parameter's values as irace draws them: the integer part of what is normal in 1 .. K.
+    """Places of an ordered parameter's values as irace draws them: the integer part of a normal value in 1 .. K.
 
-    A centre that is NaN is uniform here as elsewhere.
+    A centre of NaN means uniform.
     """
     width = n_values - 1
     drawn = truncated_normal(uniforms, np.clip((centres * n_values - 0.5) / width, 0, 1), spreads)

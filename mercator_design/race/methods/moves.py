@@ -1,8 +1,8 @@
 """Moves from configurations to new ones nearby: change a few parameters of one, or cross two.
 
-The sampling model draws all parameters of a child anew, so that of many parameters hardly one child keeps what made
-its parent good. A move keeps all but a few. What a move makes active is taken from another good configuration, or drawn
-uniformly; what it makes inactive is dropped.
+The sampling model draws all parameters of a child again, so with many parameters most children lose what made their
+parent good. A move changes only a few parameters. Values of parameters that become active are copied from another good
+configuration or drawn uniformly; those of parameters that become inactive are dropped.
 """
 
 from collections.abc import Sequence
@@ -13,18 +13,18 @@ from mercator_design.race.space.parameter import Bounds, Configuration, Paramete
 from mercator_design.race.space.space import Space
 
 _MORE_CHANGES = 0.5
-"""Mean of the Poisson number of parameters that change besides one."""
+"""One parameter changes, and a Poisson number of others with this mean."""
 _STEP = 0.15
-"""Standard deviation of a small step of a number, as a part of its domain."""
+"""Standard deviation of a small step of a number, relative to the width of its domain."""
 
 
 class Moves:
     """The moves of a space, with the draws of one generator.
 
     Args:
-        space: Of the configurations.
-        generator: Draws.
-        structure: Part of the mutations that are made in the space's structure, if it has one.
+        space: The space of the configurations.
+        generator: Makes all random draws.
+        structure: Part of the mutations that use the space's structure, if it has one.
     """
 
     def __init__(self, space: Space, generator: Generator, *, structure: float = 0.0) -> None:
@@ -76,7 +76,7 @@ class Moves:
         return self._space.build(choose)
 
     def crossed(self, one: Configuration, other: Configuration) -> Configuration:
-        """A configuration in which each parameter has the value it has in either."""
+        """A configuration in which each parameter has its value of one of two parents."""
 
         def choose(parameter: Parameter, bounds: Bounds) -> Value:
             values = [one.get(parameter.name), other.get(parameter.name)]

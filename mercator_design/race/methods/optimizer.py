@@ -1,7 +1,7 @@
-"""What all methods of a race are: they ask for experiments, are told their costs, and end with elites.
+"""The base class of all methods: `ask` gives experiments, `tell` takes their costs, `elites` are the best.
 
-What is asked depends on the space, the budget, the seed and the costs alone. Costs are minimised; one that is infinite
-rejects its configuration for good. The budget is never exceeded, not even by an experiment.
+What `ask` gives depends only on the space, the budget, the seed and the costs. Costs are minimised; an infinite cost
+rejects its configuration for the whole race. The budget is never exceeded.
 """
 
 from abc import ABC, abstractmethod
@@ -25,18 +25,18 @@ Batches = Generator[list[Experiment], Sequence[float], None]
 
 
 class Optimizer(ABC):
-    """A method at work on a space.
+    """A method that optimizes over a space.
 
     Args:
         space: What to configure.
-        budget: How many experiments to make at most.
-        seed: Of everything that is random here.
+        budget: Maximum number of experiments.
+        seed: Seed of all random draws.
 
     Attributes:
-        options: What else makes the method what it is.
-        history: What was tried, what it cost, and what came of it.
-        notes: What differs from what a user may expect.
-        stop_reason: Why there are no more iterations, None as long as there may be.
+        options: The method's options.
+        history: Configurations, costs and elites.
+        notes: Notes for the user, for example on a reduced plan.
+        stop_reason: Why there are no more iterations; None while there may be.
 
     Raises:
         RaceError: The budget or seed is not a whole number, or the space leaves nothing to choose.
@@ -62,23 +62,23 @@ class Optimizer(ABC):
     @property
     @abstractmethod
     def progress(self) -> Progress:
-        """Where the race stands."""
+        """The progress of the race."""
 
     @abstractmethod
     def lookahead(self, n: int) -> list[Experiment]:
-        """At most n experiments that `ask` will probably give next, after those it has given."""
+        """At most n experiments that `ask` will probably give after the current batch."""
 
     @property
     def returning(self) -> set[int]:
-        """The configurations of iterations that have ended that may run again."""
+        """The configurations of ended iterations that may run again."""
         return set(self.history.elite_configurations)
 
     def beside(self, instance: int) -> list[int]:
-        """The configurations that compete with those that are asked for, and that have been on an instance before."""
+        """The configurations that compete with the current batch and already have a result on an instance."""
         return [number for number in self.history.elite_configurations if instance in self.history.costs[number]]
 
     def revise(self, costs: Mapping[Experiment, float]) -> None:
-        """Replace costs that were told; one that is infinite rejects its configuration.
+        """Replace known costs; an infinite cost rejects its configuration.
 
         Raises:
             RaceError: All configurations of the race have been rejected.
@@ -87,16 +87,16 @@ class Optimizer(ABC):
 
     @abstractmethod
     def _run(self) -> Batches:
-        """The whole algorithm, up to the end of the budget; each batch it yields is sent its costs."""
+        """The algorithm, to the end of the budget: a generator that yields batches and is sent their costs."""
 
     @property
     def configurations(self) -> list[Configuration]:
-        """All that were ever proposed; an experiment names one by its place in this list."""
+        """All proposed configurations; an experiment refers to one by its index in this list."""
         return self.history.configurations
 
     @property
     def parents(self) -> list[int | None]:
-        """The configuration that each of these comes from, None if from no other."""
+        """The number of each configuration's parent; None if it has none."""
         return self.history.parents
 
     @property
@@ -111,12 +111,12 @@ class Optimizer(ABC):
 
     @property
     def used(self) -> int:
-        """Experiments told."""
+        """Experiments whose costs are known."""
         return self.history.n_told
 
     @property
     def iteration(self) -> int:
-        """The present iteration, from 1; 0 before the first `ask`."""
+        """The current iteration, from 1; 0 before the first `ask`."""
         return self._iteration
 
     @property
@@ -127,7 +127,7 @@ class Optimizer(ABC):
             RaceError: No iteration has ended yet.
         """
         if not self.elites:
-            raise RaceError("race: expected an iteration to have ended before its best is asked for, found none")
+            raise RaceError("race: best: expected an iteration that has ended, found none")
         return self.elites[0]
 
     def costs(self, configuration: int) -> dict[int, float]:
@@ -135,48 +135,48 @@ class Optimizer(ABC):
         return dict(self.history.costs[configuration])
 
     def statistics(self, configuration: int) -> Elite:
-        """The costs of a configuration in short; it must have some."""
+        """Mean, standard deviation and number of the costs of a configuration; it must have some."""
         return self.history.statistics(configuration)
 
     def ask(self) -> list[Experiment]:
-        """The next experiments, the same until their costs are told; none at the end.
+        """The next experiments; the same until `tell` has their costs; none at the end.
 
         Raises:
-            RaceError: The options leave the first iteration too small a budget, or too little is allowed.
+            RaceError: The budget is too small for a first iteration, or too few configurations are allowed.
         """
         if self._batch is None:
             self._advance(lambda: next(self._batches))
         return list(self._batch or [])
 
     def tell(self, costs: Sequence[float]) -> None:
-        """The costs of the experiments that `ask` gave, in their order.
+        """Take the costs of the experiments that `ask` gave, in their order.
 
         Raises:
-            RaceError: There is not one number for each experiment (then nothing has changed), or all
-                configurations of the race have been rejected.
+            RaceError: There is not one number for each experiment (then nothing changes), or all configurations of the
+                race have been rejected.
         """
         if not self._batch:
-            raise RaceError("tell: expected costs only after `ask` gave experiments, found none asked for")
+            raise RaceError("tell: expected `ask` to be called before, found no experiments")
         check_costs(self._batch, costs)
         self.history.record(self._batch, costs)
         values = [float(cost) for cost in costs]
         self._advance(lambda: self._batches.send(values))
 
     def extend(self, budget: int) -> None:
-        """Go on with a larger budget after the end.
+        """Continue with a larger budget after the end.
 
         Raises:
             RaceError: The race has not ended yet, or the budget is no larger.
         """
         if self.ask():
-            raise RaceError("extend: expected the race to have ended, found experiments that are asked for")
+            raise RaceError("extend: expected the race to have ended, found experiments without costs")
         self.budget = _whole("budget", budget, self.budget + 1)
         self.stop_reason = None
         self._batches = self._run()
         self._batch = None
 
     def _advance(self, step: Callable[[], list[Experiment]]) -> None:
-        """Find what to ask for next; that a race cannot go on is raised again whenever it is asked."""
+        """Compute the next batch. An error is raised again at each later call."""
         if self._error is not None:
             raise self._error
         try:
@@ -188,10 +188,10 @@ class Optimizer(ABC):
             raise
 
     def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
-        """Configurations to begin with.
+        """The initial configurations.
 
         Raises:
-            RaceError: One is not valid, or there twice.
+            RaceError: One is not valid, or given twice.
         """
         found: dict[tuple[Value | None, ...], Configuration] = {}
         for number, given in enumerate(initial, start=1):

@@ -1,10 +1,11 @@
-"""Optuna's samplers as where a search's proposals come from.
+"""Optuna's samplers as samplers of a search.
 
-A configuration is a trial of a study in memory, which is asked for, and told its mean; so are those that are pruned, as
-Optuna's documentation of its WilcoxonPruner recommends. One that is forbidden or rejected is a failed trial.
+A configuration is a trial of a study in memory; its mean cost completes the trial. Pruned configurations are completed
+with their mean, too, as Optuna's documentation of its WilcoxonPruner recommends. A configuration that is forbidden or
+rejected is a failed trial.
 
-Optuna knows a parameter by one distribution, so bounds that depend on other parameters, and values that are rounded,
-are suggested as places in [0, 1]; whole numbers and ordered values as integers.
+In Optuna a parameter has one distribution. So a parameter with bounds that depend on others, or with rounded values, is
+suggested as a place in [0, 1]; an integer or ordered one as an integer.
 """
 
 import warnings
@@ -25,15 +26,15 @@ if TYPE_CHECKING:
 
 
 class OptunaSampler:
-    """A sampler of Optuna's.
+    """A sampler from Optuna.
 
     Args:
         space: What to configure.
         seed: Of the sampler.
         generation: The population of CMA-ES.
         name: Tree-structured Parzen estimator, each parameter by itself; or CMA-ES on all numeric and ordered
-            parameters, with the estimator for the categorical ones. CMA-ES knows no conditions, so it draws inactive
-            parameters too, to no effect.
+            parameters, with the estimator for the categorical ones. CMA-ES has no conditions: it also draws inactive
+            parameters, which have no effect.
 
     Raises:
         RaceError: CMA-ES has fewer than two parameters.
@@ -64,7 +65,7 @@ class OptunaSampler:
         self._threads = ThreadpoolController()
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
-        """The next proposal, which is the given configuration if there is one."""
+        """The next proposal; the given configuration if there is one."""
         if given is not None:
             self._study.enqueue_trial(
                 {
@@ -73,7 +74,7 @@ class OptunaSampler:
                     if not (parameter := self._space[name]).is_fixed and (bounds := parameter.bounds(given))
                 }
             )
-        with self._threads.limit(limits=1, user_api="blas"):  # as in proposals.py: more would wait for each other
+        with self._threads.limit(limits=1, user_api="blas"):  # as in proposals.py: more threads would mostly wait
             trial = self._study.ask()
             for parameter in self._always:
                 _suggest(trial, parameter)
@@ -108,14 +109,14 @@ def _suggest(trial: "Trial", parameter: Parameter) -> Value:
 
 
 def _external(parameter: Parameter, suggested: Value, bounds: Bounds) -> Value:
-    """The value of what was suggested."""
+    """The value for a suggestion."""
     if isinstance(suggested, float):
         return parameter.quantile(suggested, bounds)
     return parameter.values[int(suggested) - 1] if parameter.kind == "ordered" else suggested
 
 
 def _internal(parameter: Parameter, value: Value, bounds: Bounds) -> Value:
-    """What is suggested for a value."""
+    """The suggestion for a value."""
     if parameter.kind == "ordered":
         return 1 + parameter.values.index(str(value))
     if parameter.kind == "real" or parameter.is_dependent:

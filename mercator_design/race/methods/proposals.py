@@ -1,9 +1,9 @@
-"""New configurations that a surrogate proposes, having learnt from all that have run.
+"""New configurations that a surrogate proposes.
 
-What irace does not do: it learns only which configurations survive. Here all costs so far train a surrogate; many
-candidates, drawn from the sampling model, by moves from the best, and uniformly, are improved by further moves; and
-each proposal is the best candidate of one function sampled from the surrogate (Thompson sampling), so that proposals
-differ where the surrogate is not sure.
+irace learns only from which configurations survive. Here all costs so far train a surrogate. Candidates come from the
+sampling model, from moves of the best configurations, and from uniform draws; further moves improve them. Each proposal
+is the best candidate for one function that is sampled from the surrogate (Thompson sampling), so proposals differ where
+the surrogate is uncertain.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,15 +20,15 @@ from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 MAX_LEARNT_FROM = 200
-"""Configurations; of more, those with most results and the newest, half of each."""
+"""Maximum number of configurations to learn from: half are those with most results, half the newest."""
 _CANDIDATES = {"model": 50, "mutated": 87, "crossed": 33, "uniform": 30}
 _ROUNDS = 2
-"""Of moves from the most promising candidates."""
+"""Rounds of moves from the most promising candidates."""
 _PROMISING = 20
 _CHILDREN = 4
-"""By mutation, of each promising candidate, and one by crossing."""
+"""Mutations of each promising candidate; one more child is made by crossing."""
 _MAX_SAMPLED = 300
-"""Candidates at which functions are sampled, as that takes the cube of their number."""
+"""Maximum number of candidates at which functions are sampled: the time grows with its cube."""
 _FEWEST_PARENTS = 5
 
 
@@ -41,7 +41,7 @@ class Proposer:
         self._features = Features(space)
         self._surrogate = Surrogate(self._features)
         self._places: dict[int, Floats] = {}  # of configurations that have run
-        # Of such small matrices threads make more waiting than work, and other last bits with each number of cores.
+        # The matrices are small: threads would mostly wait, and the last bits would depend on the number of cores.
         self._threads = ThreadpoolController()
 
     def propose(
@@ -55,16 +55,16 @@ class Proposer:
         generator: Generator,
         excluded: Callable[[Configuration], bool],
     ) -> list[tuple[Configuration, int]]:
-        """Up to n different configurations, each with the elite that is most like it.
+        """Up to n different configurations, each with its most similar elite.
 
         Args:
-            n: How many.
+            n: Maximum number.
             ranked: The elites, best first.
-            configurations: All there are.
-            costs: Theirs, by instance.
+            configurations: All configurations.
+            costs: Their costs, by instance.
             model: The elites' distributions.
-            generator: Draws.
-            excluded: True for what must not be proposed.
+            generator: Makes all random draws.
+            excluded: Returns True for a configuration that must not be proposed.
         """
         with self._threads.limit(limits=1, user_api="blas"):
             expected = self._learn(configurations, costs)
@@ -86,7 +86,7 @@ class Proposer:
             return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
 
     def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
-        """Fit the surrogate; the expected cost of each configuration that it was fitted to."""
+        """Fit the surrogate; return the expected cost of each configuration that it was fitted to."""
         learnt_from = _most_informative(costs)
         known = table([costs[number] for number in learnt_from])
         rejected = np.isinf(known).any(axis=1)
@@ -109,7 +109,7 @@ class Proposer:
         generator: Generator,
         excluded: Callable[[Configuration], bool],
     ) -> tuple[list[Configuration], Floats]:
-        """Different candidates and their places."""
+        """Candidates without duplicates, and their places."""
         moves = Moves(self._space, generator, structure=self._structure)
         taken: set[tuple[Value | None, ...]] = set()
 
@@ -170,7 +170,7 @@ def _most_informative(costs: Sequence[Mapping[int, float]]) -> list[int]:
 
 
 def _compressed(means: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Costs above the median on a logarithmic scale, since how bad the bad ones are says little of the good ones.
+    """Compress costs above the median to a logarithmic scale: differences between bad costs say little of good ones.
 
     The unit is the distance from the median to the first decile.
     """

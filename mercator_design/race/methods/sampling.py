@@ -1,8 +1,7 @@
-"""Samples that no elite is needed for, draws from a truncated normal distribution, and which configurations
-are alike.
+"""The first configurations, draws from a truncated normal distribution, and similar configurations.
 
-The first configurations are a scrambled Sobol sequence seen through `Parameter.quantile` (irace's
-generation.R): the unit interval of each parameter is covered evenly, whatever its kind.
+The first configurations are a scrambled Sobol sequence, mapped by `Parameter.quantile` (irace's generation.R). It
+covers the unit interval of each parameter evenly, for all kinds of parameters.
 """
 
 import math
@@ -20,7 +19,7 @@ from mercator_design.race.space.space import Space
 Floats = NDArray[np.float64]
 
 _MAX_SOBOL_DIMENSIONS = 21201
-"""Of scipy's direction numbers."""
+"""Limit of scipy's direction numbers."""
 
 
 def sobol_sample(
@@ -28,17 +27,17 @@ def sobol_sample(
 ) -> list[Configuration]:
     """Up to n different configurations, spread evenly over the space by a scrambled Sobol sequence.
 
-    A coordinate belongs to a parameter whether or not it is active, so fewer than n may be different. Then a
-    larger sample is taken once, as in irace.
+    Inactive parameters have coordinates, too, so fewer than n configurations may be different. Then a larger sample
+    is drawn once, as in irace.
 
     Args:
-        space: Where from.
-        n: How many.
+        space: The space to sample.
+        n: Maximum number.
         generator: Scrambles the sequence.
-        excluded: True for what must not be sampled.
+        excluded: Returns True for a configuration that must not be sampled.
 
     Raises:
-        RaceError: Nothing is left to sample.
+        RaceError: All sampled configurations are excluded.
     """
     found = _different(space, _even_points(space.n_variable, n, generator), excluded)
     if len(found) < n:
@@ -51,11 +50,12 @@ def sobol_sample(
 
 
 def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations: Floats | float) -> Floats:
-    """Normal values within [0, 1] from uniform ones, by the inverse of the distribution; uniform where a mean
-    is NaN, and the nearer bound where it lies so far outside that nothing else is probable.
+    """Transform uniform values to truncated normal values in [0, 1] by the inverse distribution function.
+
+    Where a mean is NaN, values stay uniform; where it lies very far outside, the value is the nearer bound.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        is_low = np.less(means, 0)  # turned around, as only lower tails are exact
+        is_low = np.less(means, 0)  # mirrored, because only lower tails are exact
         centres = np.where(is_low, np.subtract(1, means), means)
         uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
         below = ndtr(-centres / deviations)
@@ -66,10 +66,10 @@ def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations
 
 
 def similar(space: Space, configurations: Mapping[int, Configuration], threshold: float) -> list[int]:
-    """Which configurations nearly equal another one (irace's similarConfigurations).
+    """Which configurations are nearly equal to another one (irace's similarConfigurations).
 
-    Nearly equal have the same categorical and ordered values, and the numeric ones differ by no more than
-    `threshold` times the width of the domain; a parameter that is inactive in one is inactive in the other.
+    Nearly equal configurations have the same categorical and ordered values and the same active parameters, and their
+    numeric values differ by at most `threshold` times the width of the domain.
     """
     names = [p.name for p in space.variable if not p.is_numeric]
     numeric = [p for p in space.variable if p.is_numeric]
@@ -97,7 +97,7 @@ def _near_rows(places: Floats, threshold: float) -> set[int]:
 
 
 def _place(parameter: Parameter, configuration: Configuration) -> float:
-    """A numeric value as a part of its domain's width, on the original scale."""
+    """A numeric value relative to the width of its domain, on the original scale."""
     value = configuration.get(parameter.name)
     bounds = None if value is None else parameter.bounds(configuration)
     if value is None or bounds is None:

@@ -1,7 +1,7 @@
 """Plain search: configurations run on the same instances in the same order, and the best mean wins.
 
-No race in the sense of irace: configurations are compared with the best alone, and those that are not pruned run on as
-many instances as all others.
+It is not a race in irace's sense: a configuration is compared only with the best one, and runs on all instances unless
+it is pruned.
 """
 
 import math
@@ -22,24 +22,24 @@ from mercator_design.race.space.space import Space
 
 _MAX_ELITES = 5
 _MAX_TRIES = 100
-"""Proposals that are not new or not allowed, one after another, before none is expected any more."""
+"""Stop after so many successive proposals that are not new or not allowed."""
 
 
 class Proposal:
-    """A configuration that a sampler proposes, and what the sampler is told of it: nothing, here."""
+    """A configuration that a sampler proposes; `finish` reports its mean cost to the sampler (here: does nothing)."""
 
     def __init__(self, configuration: Configuration) -> None:
         self.configuration = configuration
 
     def finish(self, cost: float | None) -> None:
-        """Take in what the configuration costs in the mean, None if it is not allowed."""
+        """Take the mean cost of the configuration; None if it is not allowed."""
 
 
 class Sampler(Protocol):
-    """Where proposals come from."""
+    """Proposes configurations."""
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
-        """The next, which is the given configuration if there is one."""
+        """The next proposal; the given configuration if there is one."""
         ...
 
 
@@ -54,13 +54,13 @@ class SearchOptions:
     """How a search spends its budget.
 
     Args:
-        instances: On which each configuration runs, unless it is pruned.
-        generation: Configurations that are proposed together, and then run, before any other is proposed. What is
-            proposed does so not depend on how many can be run at once, or on how long that takes.
-        pruning: A configuration is dropped when Wilcoxon's signed-rank test gives that it is worse than the best so far
-            with a p-value below this, and its mean is higher, too, than that of all the best's results. That is the
-            rule of Optuna's WilcoxonPruner, whose own value is 0.1; but the test is exact, with ties or not, and takes
-            50 µs where scipy's takes up to 100 ms. None prunes nothing.
+        instances: Number of instances that each configuration runs on, unless it is pruned.
+        generation: Configurations that are proposed together; they run before others are proposed. So proposals do
+            not depend on the number of workers or on their speed.
+        pruning: A configuration is pruned when it is worse than the best so far (p-value of Wilcoxon's signed-rank
+            test below this) and its mean is higher than that of all results of the best. This is the rule of Optuna's
+            WilcoxonPruner, whose default is 0.1. Our test is exact, also with ties, and takes 50 µs; scipy's takes up
+            to 100 ms. None: no pruning.
     """
 
     instances: int
@@ -71,18 +71,17 @@ class SearchOptions:
 class Search(Optimizer):
     """A search with a sampler.
 
-    The winner, and the order of the elites: more instances before fewer, and among equals the least mean. A pruned
-    configuration has seen fewer instances than others, so it does not win. What the generations leave of the budget
-    goes to the best few, an instance at a time. An extended search runs new configurations on all instances seen until
-    then.
+    Elites are sorted by number of instances, then by mean; the first is the winner. A pruned configuration has seen
+    fewer instances than others, so it does not win. The best few use the rest of the budget, one instance after the
+    other. An extended search runs new configurations on all instances seen so far.
 
     Args:
         space: What to configure.
-        budget: How many experiments to make at most.
-        seed: Of everything that is random here.
-        options: How it is spent.
+        budget: Maximum number of experiments.
+        seed: Seed of all random draws.
+        options: How the budget is spent.
         sampler: Proposes configurations.
-        initial: Configurations to begin with.
+        initial: The first configurations.
 
     Raises:
         RaceError: As all methods; or the budget is not enough for two configurations, or an initial configuration is
@@ -110,10 +109,10 @@ class Search(Optimizer):
             )
         self._sampler = sampler(space, seed=seed, generation=options.generation)
         self._initial = self._checked(initial)
-        self._alive: list[int] = []  # of the present generation, while it runs
-        self._instances = range(0)  # that come after the one asked for
+        self._alive: list[int] = []  # of the current generation, while it runs
+        self._instances = range(0)  # after the current one
         self._n_iterations = 0
-        self._means: dict[int, float] = {}  # of all that have run, as the sampler was told
+        self._means: dict[int, float] = {}  # of all that have run, as reported to the sampler
 
     @property
     def progress(self) -> Progress:
@@ -132,7 +131,7 @@ class Search(Optimizer):
 
     @property
     def _n_instances(self) -> int:
-        """That a configuration of the next generation has to run on: all that were seen."""
+        """Instances that a configuration of the next generation runs on: all that were seen."""
         return max(self.options.instances, self.elites[0].n_results if self.elites else 0)
 
     def _run(self) -> Batches:
@@ -178,9 +177,9 @@ class Search(Optimizer):
         return found
 
     def _generation(self, proposals: dict[int, list[Proposal]]) -> Batches:
-        """Run new configurations, and let the sampler know."""
+        """Run new configurations, and report their means to the sampler."""
         before, n_instances, waiting = self.used, self._n_instances, list(proposals)
-        while self.options.pruning is not None and waiting and not self.elites:  # the first that others compare with
+        while self.options.pruning is not None and waiting and not self.elites:  # the first best configuration
             yield from self._run_through(waiting[:1], n_instances)
             self._rank(waiting[:1])
             del waiting[0]
@@ -199,7 +198,7 @@ class Search(Optimizer):
         self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self.used - before)
 
     def _run_through(self, numbers: Sequence[int], n_instances: int) -> Batches:
-        """Run configurations on all instances, but for those that are pruned or rejected."""
+        """Run configurations on all instances, except those that are pruned or rejected."""
         self._alive = list(numbers)
         for instance in range(n_instances):
             if not self._alive:
@@ -213,7 +212,7 @@ class Search(Optimizer):
             ]
 
     def _is_worse(self, number: int) -> bool:
-        """Whether to prune a configuration, from its results on instances that the best has seen, too."""
+        """Whether to prune a configuration, by its results on instances that the best has also seen."""
         if self.options.pruning is None or not self.elites:
             return False
         own, others = self.history.costs[number], self.history.costs[self.best.configuration]
@@ -223,7 +222,7 @@ class Search(Optimizer):
         return signed_rank_p_value(differences) < self.options.pruning
 
     def _confirm(self) -> Batches:
-        """Spend what is left on the best, an instance that they have not seen at a time."""
+        """Spend the rest of the budget on the elites, one new instance after the other."""
         self._iteration += 1
         before, first = self.used, self.elites[0].n_results
         raced = [elite.configuration for elite in self.elites if elite.n_results == first]
@@ -239,7 +238,7 @@ class Search(Optimizer):
         self._end_iteration(raced, alive, budget=self.budget - before, used=self.used - before, postselection=True)
 
     def _rank(self, newcomers: Iterable[int]) -> None:
-        """Choose the elites from those there were and newcomers; from all, if these have been rejected."""
+        """Select the elites from the former ones and newcomers; from all configurations if these are rejected."""
         former = [elite.configuration for elite in self.elites]
         accepted = [number for number in dict.fromkeys([*former, *newcomers]) if not self.history.is_rejected(number)]
         if not accepted:
@@ -250,7 +249,7 @@ class Search(Optimizer):
     def _end_iteration(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False
     ) -> None:
-        """Note what an iteration was."""
+        """Record the summary of an iteration."""
         self._alive, self._instances = [], range(0)
         n_instances = min((len(self.history.costs[number]) for number in alive), default=0)
         costs = np.array([list(self.history.costs[number].values())[:n_instances] for number in alive])

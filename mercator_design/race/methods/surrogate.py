@@ -1,14 +1,15 @@
-"""A surrogate: what configurations will cost, guessed from those that have run, with how sure that is.
+"""A surrogate: predicts the costs of configurations, with their uncertainty, from those that have run.
 
 A Gaussian process (Rasmussen and Williams 2006) over conditional, mixed spaces. Each parameter's value is a vector:
-a category's indicator, a number's bumps around evenly spaced centres (so that near numbers have near vectors), zeros
-for a number that is inactive, and a category of its own for a categorical parameter that is. Two configurations are as
-far apart as the squared distances of these vectors, weighted by how much each parameter matters, and
+a category's indicator; a number's bumps around evenly spaced centres (so that near numbers have near vectors); zeros
+for an inactive number; an extra category for an inactive categorical parameter. The distance of two configurations is
+the sum of the squared distances of these vectors, weighted by the importance of each parameter, and
 
     covariance = variance * exp(-distance)
 
-so that effects of single parameters, of pairs, and of whole configurations are all possible, the former first. Weights
-and variance maximise the posterior density, by a few steps of Adam (Kingma and Ba 2015) that go on from fit to fit.
+so that effects of single parameters, of pairs, and of whole configurations are possible, single parameters first.
+Weights and variance maximise the posterior density by a few steps of Adam (Kingma and Ba 2015), which continue from fit
+to fit.
 """
 
 import math
@@ -29,15 +30,15 @@ _BUMP = 0.15
 _INACTIVE = -1.0
 """The code of an inactive categorical parameter."""
 _MEDIAN_WEIGHT = 0.3
-"""Of a parameter before anything is known; the logarithm's prior is normal with this median and deviation 1."""
+"""Initial weight of a parameter; the prior of its logarithm is normal with this median and deviation 1."""
 _STEPS = 4
 _STEP = 0.2
-"""Of Adam, in the logarithms of weights and variance."""
+"""Step of Adam in the logarithms of weights and variance."""
 _MIN_NOISE = 1e-4
 _DIGITS = 9
-"""Results are rounded to so many decimals, lest the last bits, which differ from machine to machine, decide."""
+"""Results are rounded to so many decimals: the last bits differ between machines and must not decide."""
 _SLOPE_DIGITS = 6
-"""Of slopes: Adam makes as large a step for one that is nothing but last bits as for any other."""
+"""Smallest slope: Adam would make a full step for a slope that is only rounding error."""
 
 
 class Features:
@@ -101,7 +102,7 @@ def _codes(parameter: Parameter) -> Floats:
 
 
 class Surrogate:
-    """A Gaussian process over features; costs are standardised before."""
+    """A Gaussian process over features, for standardised costs."""
 
     def __init__(self, features: Features) -> None:
         self._owner = features.owner
@@ -134,7 +135,7 @@ class Surrogate:
         return np.round(across @ self._weights, _DIGITS), np.round(np.sqrt(variance), _DIGITS)
 
     def sample(self, features: Floats, n: int, generator: Generator) -> Floats:
-        """Functions that agree with what is known, at n_points points each, shape (n, n_points)."""
+        """Functions sampled from the posterior, at n_points points each, shape (n, n_points)."""
         across = self._covariance(features, self._features)
         known = across @ self._whitening.T
         posterior = self._covariance(features, features) - known @ known.T
@@ -145,7 +146,7 @@ class Surrogate:
         return sampled
 
     def distances(self, features: Floats, others: Floats) -> Floats:
-        """How far apart configurations are, shape (n, others)."""
+        """Distances of configurations, shape (n, others)."""
         one, other = features * self._scale, others * self._scale
         squares = (one * one).sum(axis=1)[:, np.newaxis] + (other * other).sum(axis=1)
         apart: Floats = np.round(np.maximum(0.5 * squares - one @ other.T, 0.0), _DIGITS)
@@ -156,7 +157,7 @@ class Surrogate:
         return found
 
     def _adapt(self, features: Floats, costs: Floats, noise: Floats) -> None:
-        """Ascend the log posterior density of the weights' and the variance's logarithms; keep the best point met."""
+        """Maximise the log posterior density over the logarithms of weights and variance; keep the best point."""
         squares = np.add.reduceat(features * features, self._starts, axis=1)
         centre = np.append(np.full(len(self._theta) - 1, self._log_median), 0.0)
         theta, best, found = self._theta, self._theta, -math.inf

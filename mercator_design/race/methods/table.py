@@ -1,4 +1,4 @@
-"""The methods of a race by name: what proposes configurations, and decides which of them run on which instances."""
+"""The methods by name. A method proposes configurations and decides which of them run on which instances."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -16,15 +16,15 @@ from mercator_design.seeds import generator
 
 
 class Method(Protocol):
-    """Makes a race over a space, which begins with some configurations if it is given any."""
+    """Makes a race over a space, with initial configurations if there are any."""
 
     def __call__(
         self, space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()
     ) -> Optimizer: ...
 
 
-def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - as samplers are made
-    """Proposes configurations in which every active parameter is uniform over its domain."""
+def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - the signature of MakeSampler
+    """Makes a sampler that draws every active parameter uniformly from its domain."""
     moves = Moves(space, generator(seed, "search, random"))
 
     def propose(given: Configuration | None = None) -> Proposal:
@@ -42,11 +42,11 @@ def _learning(
     sampler: MakeSampler,
     initial: Sequence[Mapping[str, Value]] = (),
 ) -> Search:
-    """A search whose sampler learns from generations before, with a note if it hardly can."""
+    """A search whose sampler learns from earlier generations, with a note if the budget is too small for that."""
     race = Search(space, budget=budget, seed=seed, options=options, sampler=sampler, initial=initial)
     if budget <= options.generation * options.instances:
         race.notes.append(
-            f"a budget of {budget} is hardly more than random search: what there is to learn from is a generation of "
+            f"a budget of {budget} is little more than random search: it suffices for one generation of "
             f"{options.generation} random configurations, on up to {options.instances} instances each"
         )
     return race
@@ -58,13 +58,13 @@ def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
-"""Iterated F-race as irace's; and with the library's own options, a surrogate above all."""
+"""Iterated F-race with irace's options, and with this library's options and its surrogate."""
 METHODS: Mapping[str, Method] = {
     **{name: partial(IteratedRace, options=options) for name, options in RACES.items()},
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
 }
-"""Races, and searches: uniform; and Optuna's tree-structured Parzen estimator and CMA-ES, with its Wilcoxon pruner's
-rule.
+"""Races; uniform random search; and searches with Optuna's tree-structured Parzen estimator and CMA-ES, with the rule
+of its Wilcoxon pruner.
 """

@@ -1,9 +1,9 @@
 """How irace divides a budget: how many iterations, and how many configurations each of them races.
 
-Pure functions, named after those of irace's source (computeNbIterations, computeComputationalBudget,
-computeNbConfigurations, computeMinimumBudget). A budget counts experiments; what counts instances here does
-so where irace counts blocks of them, too. Where irace refuses a small budget, fewer iterations are planned,
-as irace itself does when it races against time.
+Pure functions, after those of irace's source (computeNbIterations, computeComputationalBudget,
+computeNbConfigurations, computeMinimumBudget). A budget counts experiments. Arguments count instances, also where
+irace counts blocks. If irace would refuse a small budget, fewer iterations are planned, as irace does when it has a
+time budget.
 """
 
 import math
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 from mercator_design.errors import RaceError
 
 MAX_CONFIGURATIONS = 1024
-"""In one race, whatever the budget."""
+"""Maximum in one race, for any budget."""
 _GROWING_ITERATIONS = 5
-"""A race has one more instance an iteration, until this one."""
+"""Each iteration has one more instance than the one before, up to this iteration."""
 
 
 def n_iterations(n_variable: int) -> int:
-    """Iterations for a number of variable parameters; also how many survivors end a race."""
+    """Number of iterations for a number of variable parameters; also the number of survivors that ends a race."""
     return math.floor(2 + math.log2(n_variable))
 
 
 def iteration_budget(remaining: int, iteration: int, iterations: int) -> int:
-    """An even share of what is left for iteration 1 .. iterations."""
+    """An equal share of the remaining budget; iterations count from 1."""
     return remaining // (iterations - iteration + 1)
 
 
@@ -43,7 +43,7 @@ def n_configurations(
     """
     growing = mu + each_test * min(_GROWING_ITERATIONS, iteration)
     covering = math.ceil((n_old + n_new) / each_test) * each_test
-    # The elites' results on old instances need no experiments.
+    # Elites already have results on old instances.
     return min((budget + n_elites * n_old) // max(growing, covering), MAX_CONFIGURATIONS)
 
 
@@ -59,13 +59,13 @@ def minimum_budget(iterations: int, survivors: int, *, mu: int, each_test: int, 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """How often to race and how many may survive each race."""
+    """Number of iterations, and of survivors of each."""
 
     iterations: int
     survivors: int
-    configurations: int | None  # most that one race may have; None is no limit
+    configurations: int | None  # maximum in one race; None: no limit
     least: int  # budget of a single iteration
-    note: str | None  # in what it is not irace's plan
+    note: str | None  # how it differs from irace's plan
 
 
 def plan(
@@ -79,7 +79,7 @@ def plan(
     iterations: int | None = None,
     survivors: int | None = None,
 ) -> Plan:
-    """As many iterations as irace makes, or fewer until the budget suffices.
+    """Plan as many iterations as irace does, or fewer if the budget is too small.
 
     Args:
         budget: Experiments in all.
@@ -88,11 +88,11 @@ def plan(
         each_test: Instances between two tests.
         n_new: New instances that an elitist race begins with.
         elitist: Whether elites keep their results.
-        iterations: How many to make instead of irace's number.
-        survivors: How many end a race instead of irace's number.
+        iterations: Replaces irace's number of iterations.
+        survivors: Replaces irace's number of survivors that ends a race.
 
     Raises:
-        RaceError: Not even one iteration fits.
+        RaceError: The budget is too small for one iteration.
     """
     wanted = iterations or n_iterations(n_variable)
     survivors = survivors or n_iterations(n_variable)

@@ -1,4 +1,4 @@
-"""What a race has tried, what that cost, and what came of it."""
+"""The history of a race: configurations, costs and elites."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 Key: TypeAlias = tuple[Value | None, ...]
-"""By which equal configurations are found."""
+"""Equal configurations have equal keys."""
 
 
 @dataclass(slots=True, eq=False)
@@ -23,12 +23,12 @@ class RaceHistory:
     """The history of a race; a method reads it to decide what comes next.
 
     space: Of the configurations.
-    configurations: All that were ever proposed; an experiment names one by its place in this list.
-    parents: The configuration that each of these comes from, None if from no other.
+    configurations: All proposed configurations; an experiment refers to one by its index in this list.
+    parents: The number of each configuration's parent; None if it has none.
     costs: Of each configuration, by instance.
     elites: The best of the last iteration that has ended, best first.
     iterations: Summaries of the iterations that have ended.
-    n_told: Experiments whose costs were told.
+    n_told: Experiments whose costs are known.
     """
 
     space: Space
@@ -52,22 +52,22 @@ class RaceHistory:
         return list(range(first, len(self.configurations)))
 
     def number(self, configuration: Configuration) -> int | None:
-        """The number of a configuration, None if it was not proposed yet."""
+        """The number of a configuration; None if it is new."""
         return self._numbers.get(self.space.key(configuration))
 
     def record(self, experiments: Sequence[Experiment], costs: Sequence[float]) -> None:
-        """Take in the costs of experiments."""
+        """Record the costs of experiments."""
         self.n_told += len(costs)
         self._set(zip(experiments, costs, strict=True))
 
     def revise(self, costs: Mapping[Experiment, float]) -> None:
-        """Replace costs; elites that are rejected by that are none any more, unless all are."""
+        """Replace costs; remove elites that this rejects, unless it rejects all of them."""
         self._set((experiment, float(cost)) for experiment, cost in costs.items())
         accepted = [elite.configuration for elite in self.elites if not self.is_rejected(elite.configuration)]
         self.elites = [self.statistics(number) for number in accepted] or self.elites
 
     def statistics(self, number: int) -> Elite:
-        """The costs of a configuration in short; it must have some."""
+        """Mean, standard deviation and number of the costs of a configuration; it must have some."""
         costs = np.array(list(self.costs[number].values()))
         sd = float(costs.std(ddof=1)) if len(costs) > 1 else math.nan
         return Elite(configuration=number, mean=float(costs.mean()), sd=sd, n_results=len(costs))
@@ -77,7 +77,7 @@ class RaceHistory:
         return self.space.key(self.configurations[number]) in self._rejected
 
     def is_excluded(self, configuration: Configuration) -> bool:
-        """Whether a configuration must not run: it is forbidden, or was rejected."""
+        """Whether a configuration may not run, because it is forbidden or was rejected."""
         return self.space.is_forbidden(configuration) or (
             bool(self._rejected) and self.space.key(configuration) in self._rejected
         )
@@ -101,7 +101,7 @@ class RaceHistory:
         return list(found.values())
 
     def conclude(self, summary: IterationSummary, newcomers: Sequence[int], budget: int) -> None:
-        """Take in an iteration that has ended, and what it means beside those before it."""
+        """Add an iteration that has ended, compared with the iterations before it."""
         if not summary.postselection:
             earlier = [iteration for iteration in self.iterations if not iteration.postselection]
             summary = judged(summary, earlier, self.costs.__getitem__, newcomers, budget)

@@ -1,4 +1,4 @@
-"""The options of an iterated race, ours and irace's, and what is and is not allowed."""
+"""The options of an iterated race, ours and irace's, and their valid ranges."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -11,11 +11,11 @@ from mercator_design.race.racing.statistics import TestName
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RaceOptions:
-    """irace's options of the same meaning, and what this race does that irace does not; `irace()` gives irace's.
+    """irace's options with the same meaning, and options that irace does not have; `irace()` returns irace's.
 
     Args:
-        surrogate: Part of the newcomers that a surrogate proposes, but less until it has learnt from enough
-            configurations; irace's sampling model draws the others.
+        surrogate: Part of the newcomers that a surrogate proposes; less until it has learnt from enough
+            configurations. irace's sampling model draws the others.
         structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has
             one. Unless this is 0, all mutations, and draws of the sampling model, are in canonical form.
         repeated: Whether a configuration that has run may be sampled again, as another one.
@@ -24,35 +24,34 @@ class RaceOptions:
         confidence: Of the test.
         first_test: Blocks of instances before the first test, a multiple of each_test.
         each_test: Blocks between tests.
-        block_size: Instances that make a block: they are raced on together and in their order. With 1, the default, all
-            that counts blocks counts instances.
+        block_size: Instances in a block: they are run together and in their order. With the default, 1, a block is an
+            instance.
         mu: Instances to plan the number of configurations with, a multiple of block_size; raised to first_test's, so
-            that 0 is those.
-        elitist: Elites keep their results, and are protected until newcomers have caught up.
+            that 0 means the number of instances before the first test.
+        elitist: Elites keep their results, and are protected until newcomers have run on the same instances.
         elitist_new_instances: New blocks that a later elitist race begins with.
         elitist_limit: Tests without elimination that end an elitist race; 0 for no limit.
-        iterations: How many to make instead of irace's number (nbIterations).
-        survivors: How many configurations end a race instead of irace's number (minNbSurvival).
-        n_configurations: How many race in each iteration, fewer than the budget would allow (nbConfigurations). An
-            iteration whose share of the budget is too small for them is left out.
+        iterations: Replaces irace's number of iterations (nbIterations).
+        survivors: Replaces irace's number of survivors that ends a race (minNbSurvival).
+        n_configurations: Number in each iteration, fewer than the budget would allow (nbConfigurations). An iteration
+            whose share of the budget is too small for them is skipped.
         experiments_per_iteration: Budget of each iteration instead of an even share (nbExperimentsPerIteration).
-        instances: How many there are, if they are not endless: then a configuration runs at most once on each, and
-            races end when they have been on all (deterministic). A multiple of block_size; with elitist races only.
-        sample_instances: Come back to old instances in random order, not in that in which they were first seen
-            (sampleInstances; whoever names the instances decides on the order of new ones).
+        instances: Number of instances, if it is finite: then a configuration runs at most once on each, and a race ends
+            when it has used all (deterministic). A multiple of block_size; only with elitist races.
+        sample_instances: Revisit old instances in random order, not in their first order (sampleInstances). The order
+            of new instances is that of their numbers.
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
-        ordered_as_integers: Draw ordered parameters as integers are; irace's way (False) never draws the last value.
-        means_scale: Keep the mean of a parameter with dependent bounds as its place within them; irace's way (False)
+        ordered_as_integers: Draw ordered parameters like integers. False: as irace, which never draws the last value.
+        means_scale: Keep the mean of a parameter with dependent bounds relative to these bounds. False: as irace, which
             keeps its value.
-        postselection: Spend what is left of the budget on a race among the best of all iterations.
-        confirmation: Part of the budget that is kept, with what is left, to run the best of all iterations on instances
-            that they have not seen, and to choose the winner by the mean cost that all its results let expect; there is
-            no post-selection then. None if there is a number of `instances`, or if the budget would not allow an
-            iteration beside it.
+        postselection: Spend the remaining budget on a race among the best of all iterations.
+        confirmation: Part of the budget that is reserved for the confirmation: the best of all iterations run on new
+            instances, and the winner has the lowest expected mean cost. It replaces the post-selection. There is no
+            confirmation if `instances` is given, or if the budget would be too small for an iteration besides.
 
     Raises:
-        RaceError: An option is out of its range.
+        RaceError: An option is out of range.
     """
 
     surrogate: float = 0.8
@@ -125,12 +124,12 @@ class RaceOptions:
 
     @property
     def confirms(self) -> bool:
-        """Whether the winner is confirmed, for which there must be instances that nobody has seen."""
+        """Whether the winner is confirmed; this needs new instances."""
         return self.confirmation > 0 and self.instances is None
 
     @property
     def planned_mu(self) -> int:
-        """Mu, but no fewer instances than there are before the first test."""
+        """Mu, or the number of instances before the first test if that is larger."""
         return max(self.mu, self._instances_of_first_test)
 
     @property
@@ -144,7 +143,7 @@ class RaceOptions:
         return self.elitist_new_instances * self.block_size
 
     def minimum_budget(self, n_variable: int) -> int:
-        """The smallest budget for all iterations: what irace accepts, and to what its minExperiments is raised."""
+        """The smallest budget for all iterations, which irace requires, and to which its minExperiments is raised."""
         return arithmetic.minimum_budget(
             self.iterations or arithmetic.n_iterations(n_variable),
             self.survivors or arithmetic.n_iterations(n_variable),
@@ -155,7 +154,7 @@ class RaceOptions:
         )
 
     def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
-        """The rules of one race, with its own first test, in instances, or limit if it has them."""
+        """The rules of one race; a first test (in instances) or a limit of its own replaces the option."""
         limit = self.elitist_limit if elitist_limit is None else elitist_limit
         return RaceRules(
             test=self.test,

@@ -22,12 +22,12 @@ class IterationPlan:
 
 
 class Planner:
-    """Plans one iteration after the other, from what is left of the budget.
+    """Plans one iteration after the other from the remaining budget.
 
-    n_iterations: How many there will probably be.
+    n_iterations: Expected number of iterations.
     survivors: How many configurations end a race.
-    reserved: Experiments that are kept for the confirmation of the winner.
-    note: In what the plan is not irace's, if it is not.
+    reserved: Experiments reserved for the confirmation of the winner.
+    note: How the plan differs from irace's, if it does.
     """
 
     def __init__(self, options: RaceOptions, n_variable: int, budget: int) -> None:
@@ -46,7 +46,7 @@ class Planner:
         self.n_iterations, self.survivors, self.note = plan.iterations, plan.survivors, plan.note
         self._max_configurations = plan.configurations
         self._n_new_instances = options.new_instances
-        self._before = 0  # iterations that came before the budget was extended and are not counted
+        self._before = 0  # iterations before the budget was extended; they are not counted
         wanted = options.n_configurations
         if wanted is not None and wanted <= plan.survivors:
             raise RaceError(
@@ -55,14 +55,14 @@ class Planner:
             )
 
     def extend(self, left: int, iteration: int) -> None:
-        """Plan what was added to the budget after an iteration as a race of its own.
+        """Plan the budget that was added after an iteration like that of a new race.
 
-        Its first iteration takes the place of a second one, as it begins with elites.
+        The next iteration counts as a second one, because it begins with elites.
         """
         self._before = iteration - 1
         try:
             plan = self._plan(left)
-        except RaceError:  # not enough for an iteration by itself; perhaps for one that has elites
+        except RaceError:  # too small for a first iteration, perhaps not for one that has elites
             self.n_iterations = iteration + 1
         else:
             self.n_iterations = iteration + plan.iterations
@@ -74,18 +74,18 @@ class Planner:
         return iteration - self._before
 
     def n_new(self, n_seen: int) -> int:
-        """New instances that a later elitist race begins with, when some were seen."""
+        """New instances that a later elitist race begins with, after n_seen instances."""
         total = self._options.instances
         return self._n_new_instances if total is None else min(self._n_new_instances, total - n_seen)
 
     def next(self, number: int, *, left: int, n_elites: int, n_seen: int) -> IterationPlan | str:
-        """Plan an iteration, or say why there is none.
+        """Plan an iteration, or return why there is none.
 
         Args:
             number: Of the iteration.
-            left: Of the budget, all in all.
-            n_elites: Elites that there are.
-            n_seen: Instances that were seen.
+            left: The remaining budget, with what is reserved.
+            n_elites: Number of elites.
+            n_seen: Number of instances seen.
         """
         options, remaining = self._options, left - self.reserved
         if remaining <= 0:
@@ -114,7 +114,7 @@ class Planner:
         return IterationPlan(number, budget, n)
 
     def _plan(self, left: int) -> arithmetic.Plan:
-        """Plan what is left of the budget, some of which is kept for the confirmation if an iteration fits beside."""
+        """Plan the remaining budget; reserve a part for the confirmation if an iteration still fits."""
         options = self._options
         self.reserved = 0
         plan = arithmetic.plan(
@@ -132,7 +132,7 @@ class Planner:
         return plan
 
     def _n_configurations(self, budget: int, age: int, n_elites: int, n_seen: int) -> int:
-        """As many as the budget allows, if need be without new instances, and then with few instances at all."""
+        """As many as the budget allows; if they are too few, without new instances, and then with a single one."""
         options = self._options
         is_keeping = options.elitist and n_elites > 0
 

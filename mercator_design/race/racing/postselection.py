@@ -1,23 +1,23 @@
-"""Which configurations race once more when budget is left after the last iteration (irace's psRace.R)."""
+"""Post-selection: which configurations race again if budget is left after the last iteration (irace's psRace.R)."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 _MAX_COMBINED = 16
-"""Candidates whose combinations are tried."""
+"""Number of candidates whose combinations are tried."""
 
 
 def select_candidates(needs: Mapping[int, int], budget: int, each_test: int | None) -> list[int]:
-    """Those to race, or none if fewer than two fit.
+    """Select the configurations to race; none if the budget suffices for fewer than two.
 
-    Preferably as many as can run on new instances; if the budget is too small for that, all that are complete
-    and as many as can be completed.
+    As many as possible run on new instances. If the budget is too small for that, select all that are complete, and as
+    many others as can be completed.
 
     Args:
-        needs: Candidate -> instances it has not been run on, the best candidates first.
+        needs: For each candidate the number of instances that it lacks, the best candidates first.
         budget: Experiments that are left.
-        each_test: New instances that are worth beginning with, None if there are none.
+        each_test: New instances to begin with; None if there are none.
     """
     needs = {candidate: need for candidate, need in needs.items() if need <= budget}
     complete = [candidate for candidate, need in needs.items() if need == 0]
@@ -36,7 +36,7 @@ def select_candidates(needs: Mapping[int, int], budget: int, each_test: int | No
 
 
 def _largest_fitting(candidates: Sequence[int], prices: Sequence[int], budget: int, *, fewest: int) -> list[int]:
-    """The most candidates whose prices fit the budget; of equally many those with the best of all."""
+    """The largest set of candidates that the budget allows; of equally large sets, one with the best candidate."""
     numbers = np.arange(1 << len(candidates))
     members = (numbers[:, np.newaxis] >> np.arange(len(candidates))) & 1  # one combination a row, the best in bit 0
     sizes = members.sum(axis=1)

@@ -1,10 +1,9 @@
 """One race: which configurations run on which instance next, and which of them are eliminated.
 
-irace's elitist race (race.R, elitist_race) as ask and tell; it runs nothing itself. Elites come with the
-results they have. A later race begins with new instances, then revisits the old ones, on which only the
-newcomers have to run. An elite can be eliminated only when all its earlier results have been compared with.
-Before that, neither the budget nor the number of survivors ends the race, so that the elites cannot win
-merely by having been there first.
+This is irace's elitist race (race.R, elitist_race) as ask and tell; it runs nothing itself. Elites keep their
+results. A later race begins with new instances, then revisits the old ones, on which only the newcomers have
+to run. An elite can be eliminated only when the newcomers have run on all instances that it has seen. Before
+that, neither the budget nor the number of survivors ends the race: otherwise the elites would have an advantage.
 """
 
 import math
@@ -66,18 +65,17 @@ class Race:
 
     Args:
         configurations: Their numbers, elites first.
-        earlier: Results that elites have: configuration -> instance -> cost.
-        instances: The order of the instances that are known so far; new ones follow in order of their
-            numbers.
+        earlier: Earlier results of elites: configuration -> instance -> cost.
+        instances: The known instances in their order; new ones follow in order of their numbers.
         next_instance: Number of the first instance after these.
         rules: When to test and to end.
         survivors: How many alive configurations end the race.
-        budget: Experiments to plan with. A race that has begun on old instances finishes them.
-        limit: Experiments that are never exceeded.
-        max_instances: After which the race ends, if they are not endless.
+        budget: Experiments to plan with. A race that has begun with old instances finishes them.
+        limit: Maximum number of experiments.
+        max_instances: The race ends after so many instances; None: no limit.
 
     Attributes:
-        used: Experiments told.
+        used: Experiments whose costs are known.
         rejected: Configurations that were rejected by an infinite cost.
         stop_reason: Why the race has ended, None before.
 
@@ -111,17 +109,17 @@ class Race:
         self._max_instances = math.inf if max_instances is None else max_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
-        self._row = 0  # of the instance in turn, in the order of this race
+        self._row = 0  # of the current instance, in the order of this race
         self._costs = np.full((max(2 * len(self._known), 16), len(self.configurations)), math.nan)
         for column, configuration in enumerate(self.configurations):
             results = earlier.get(configuration, {})
             for row, instance in enumerate(self._known):
                 self._costs[row, column] = results.get(instance, math.nan)
         self._alive = np.ones(len(self.configurations), dtype=bool)
-        # Earlier results of each elite that this race has not come to yet: they protect it.
+        # Earlier results of each elite on instances that this race has not reached yet: they protect it.
         self._protection = (~np.isnan(self._costs)).sum(axis=0)
         self._idle_tests = 0
-        self._columns: NDArray[np.intp] | None = None  # asked for and not told
+        self._columns: NDArray[np.intp] | None = None  # of the experiments that were asked for and have no costs yet
 
     @property
     def alive(self) -> list[int]:
@@ -137,10 +135,10 @@ class Race:
         """The next experiments, all on one instance; none when the race has ended."""
         while self._columns is None and self.stop_reason is None:
             if self._row == self._max_instances:
-                self.stop_reason = "all instances were raced on"
+                self.stop_reason = "all instances were used"
                 break
             columns = np.flatnonzero(self._alive & np.isnan(self._costs[self._row]))
-            if len(columns) == 0:  # only elites are alive, and they have been here
+            if len(columns) == 0:  # only elites are alive, and they have results here
                 self._protection -= self._protection > 0
                 self._advance()
                 continue
@@ -153,8 +151,9 @@ class Race:
         return [Experiment(self.configurations[column], instance) for column in self._columns]
 
     def tell(self, costs: Sequence[float]) -> None:
-        """The costs of the experiments that were asked for, in that order; an infinite one rejects its
-        configuration.
+        """Take the costs of the experiments that `ask` gave, in their order.
+
+        An infinite cost rejects its configuration.
 
         Raises:
             RaceError: A cost is not a number, or all configurations have been rejected.
@@ -173,7 +172,7 @@ class Race:
         self._test()
 
     def revise(self, costs: Mapping[Experiment, float]) -> None:
-        """Replace costs of alive configurations; an infinite one rejects its configuration.
+        """Replace costs of alive configurations; an infinite cost rejects its configuration.
 
         Raises:
             RaceError: All configurations have been rejected.
@@ -187,7 +186,7 @@ class Race:
         self._reject(np.array(rejected, dtype=np.intp))
 
     def lookahead(self, n: int) -> list[Experiment]:
-        """At most n experiments that follow on those asked for, if nothing is eliminated and the race goes on."""
+        """At most n experiments that come after the current batch, if no configuration is eliminated."""
         found: list[Experiment] = []
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
@@ -202,7 +201,7 @@ class Race:
         return found[:most]
 
     def ranked(self) -> list[int]:
-        """The alive configurations, best first: more results before fewer, then as the test ranks them."""
+        """The alive configurations, best first: sorted by number of results, then by the ranks of the test."""
         columns = np.flatnonzero(self._alive)
         ranks = overall_ranks(self._table()[:, columns], self._rules.test)
         return [self.configurations[column] for column in columns[np.argsort(ranks, kind="stable")]]
@@ -214,7 +213,7 @@ class Race:
         return {self.configurations[column]: float(rank) for column, rank in zip(columns, ranks, strict=True)}
 
     def concordance(self) -> Concordance:
-        """How far the instances raced on agree on the alive configurations."""
+        """How well the instances agree on the alive configurations."""
         return concordance(self._costs[: self._row, self._alive])
 
     def _table(self) -> Floats:
@@ -257,7 +256,7 @@ class Race:
         return None
 
     def _is_even(self) -> bool:
-        """Whether all known instances are covered, and the alive have been tested on all they have seen."""
+        """Whether all known instances are covered, and all results of alive configurations have been tested."""
         ahead = ~np.isnan(self._costs[self._row : max(self._row, len(self._known)), self._alive])
         counts = self._row + ahead.sum(axis=0)
         return bool(ahead.any(axis=1).all() and (counts % self._rules.each_test == 0).all())

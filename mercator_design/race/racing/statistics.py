@@ -1,12 +1,12 @@
 """The statistical tests that eliminate configurations from a race, and how configurations are ranked.
 
-As in irace (race.R) and with R's numbers, ties included: with more than two configurations Friedman's test
-and Conover's post-hoc comparison with the best (Conover 1999, Practical Nonparametric Statistics, pp.
-369-371), with two Wilcoxon's signed-rank test, or instead of both the paired t-test against the best, with
-Bonferroni's or Holm's correction or none.
+The tests are those of irace (race.R), and agree with R also on ties. For more than two configurations: Friedman's
+test and Conover's post-hoc comparison with the best (Conover 1999, Practical Nonparametric Statistics, pp. 369-371).
+For two: Wilcoxon's signed-rank test. The alternative to both is the paired t-test against the best, with Bonferroni's
+or Holm's correction or without correction.
 
-Costs are minimised. A table of costs has shape (instances, configurations). Of scipy only `scipy.special` is
-used, which is quick to import.
+Costs are minimised. A table of costs has shape (instances, configurations). Only `scipy.special` is imported from
+scipy, because it is quick to import.
 """
 
 import math
@@ -22,14 +22,14 @@ TestName = Literal["friedman", "t-test", "t-test-holm", "t-test-bonferroni"]
 Floats = NDArray[np.float64]
 
 _EXACT_BELOW = 50
-"""Differences from which R approximates the distribution of Wilcoxon's statistic."""
+"""R approximates the distribution of Wilcoxon's statistic from this number of differences on."""
 _SAME_MEANS = 1.5e-8
-"""Relative difference up to which R's all.equal takes two means for one."""
+"""R's all.equal treats means as equal up to this relative difference."""
 _NO_VARIANCE = 10 * float(np.finfo(float).eps)
 
 
 class Verdict(NamedTuple):
-    """What a test says of the configurations of a table of costs.
+    """The result of a test on a table of costs.
 
     survivors: which configurations survive, shape (configurations,).
     ranks: what the configurations are ranked by, smaller is better, shape (configurations,).
@@ -44,7 +44,7 @@ class Verdict(NamedTuple):
 
 
 class Concordance(NamedTuple):
-    """How far the instances agree on the configurations (irace's table columns rho, KenW, Qvar)."""
+    """How well the instances agree on the configurations (irace's table columns rho, KenW, Qvar)."""
 
     spearman: float
     kendall: float
@@ -54,14 +54,14 @@ class Concordance(NamedTuple):
 def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
     """Test a table of at least one instance and two configurations.
 
-    On one instance, as in irace: Friedman's test eliminates none, the t-test all but the best and its equals; of two
-    configurations the worse one is eliminated.
+    On one instance, as in irace: Friedman's test eliminates none; the t-test eliminates all that are worse than the
+    best; the worse one of two configurations is eliminated.
     """
     return _TESTS[test](costs, 1.0 - confidence)
 
 
 def ranking(costs: Floats, test: TestName) -> Floats:
-    """What a test ranks the columns by: sums of ranks, or ranks of the means (without rows, their order)."""
+    """What a test sorts the columns by: sums of ranks, or ranks of the means (without rows, their order)."""
     if test == "friedman":
         ranks: Floats = mid_ranks(costs)[0].sum(axis=0)
         return ranks
@@ -91,8 +91,8 @@ def overall_ranks(costs: Floats, test: TestName) -> Floats:
 def column_means(costs: Floats) -> Floats:
     """Means of the columns to the last bit of R's, shape (configurations,).
 
-    Equal means may differ by rounding, and R breaks the tie so. Its sums run down the rows, first of the costs, then
-    of what they are off the first mean (the refinement of matrixStats::colMeans2).
+    Equal means may differ by rounding, and R breaks such ties by these last bits. R sums the rows in order, first the
+    costs, then their differences from the first mean (the refinement of matrixStats::colMeans2).
     """
     means = costs.cumsum(axis=0)[-1] / len(costs)
     refined: Floats = means + (costs - means).cumsum(axis=0)[-1] / len(costs)
@@ -114,9 +114,9 @@ def concordance(costs: Floats) -> Concordance:
 
 
 def signed_rank_p_value(differences: Floats) -> float:
-    """Of Wilcoxon's signed-rank test: how probable so many positive differences, and so large, are by chance.
+    """The one-sided p-value of Wilcoxon's signed-rank test; small if differences are significantly positive.
 
-    One-sided, exact, ties or not; zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
+    It is exact, also with ties. Zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
     """
     ranks = np.rint(2 * mid_ranks(np.abs(differences)[np.newaxis])[0][0]).astype(int)  # twice, so that they are whole
     probabilities = np.zeros(ranks.sum() + 1)  # of the sums of the positive ranks
@@ -128,7 +128,7 @@ def signed_rank_p_value(differences: Floats) -> float:
 
 
 def mid_ranks(costs: Floats) -> tuple[Floats, float]:
-    """Ranks from 1 within each row, equals sharing their mean; the sum of g^3 - g over groups of g equals."""
+    """Ranks from 1 within each row, with mean ranks for ties; and the sum of g^3 - g over groups of g ties."""
     n, k = costs.shape
     order = costs.argsort(axis=1, kind="stable")
     in_order = np.take_along_axis(costs, order, axis=1)
@@ -174,7 +174,7 @@ def _friedman(costs: Floats, alpha: float) -> Verdict:
 
 def _wilcoxon(costs: Floats, alpha: float) -> Verdict:
     differences = costs[:, 0] - costs[:, 1]
-    if (differences <= 0).all():  # no test where one is nowhere worse; the first, if they are equal
+    if (differences <= 0).all():  # no test if one is never worse; the first wins if they are equal
         return _duel(0, 0.0, dropped=True)
     if (differences >= 0).all():
         return _duel(1, 0.0, dropped=True)
@@ -201,7 +201,7 @@ def _duel(winner: int, p_value: float, *, dropped: bool) -> Verdict:
 
 
 def _exact_p_value(n: int, statistic: int) -> float:
-    """Two-sided, of a sum of signed ranks without ties."""
+    """The two-sided p-value of a sum of signed ranks without ties."""
     probabilities = _signed_rank_probabilities(n)
     low, high = probabilities[: statistic + 1].sum(), probabilities[statistic:].sum()
     return min(1.0, 2 * float(min(low, high)))
@@ -209,7 +209,7 @@ def _exact_p_value(n: int, statistic: int) -> float:
 
 @cache
 def _signed_rank_probabilities(n: int) -> Floats:
-    """Of each sum of a random subset of the ranks 1 .. n."""
+    """The probability of each sum of a random subset of the ranks 1 .. n."""
     probabilities = np.zeros(n * (n + 1) // 2 + 1)
     probabilities[0] = 1.0
     for rank in range(1, n + 1):
@@ -227,7 +227,7 @@ def _t_test(costs: Floats, alpha: float, *, adjust: Callable[[Floats], Floats]) 
     if abs(means[best]) > _SAME_MEANS:
         gaps = gaps / abs(means[best])
     differences = costs[:, [best]] - costs
-    if n == 1:  # who is not the best is worse on every row
+    if n == 1:  # a single row: all but the best are worse on every row
         p_values = adjust(np.where(gaps <= _SAME_MEANS, 1.0, 0.0))
         return Verdict(p_values >= alpha, _row_ranks(means), best, float(p_values.min()))
     variances = costs.var(axis=0, ddof=1)

@@ -1,4 +1,4 @@
-"""What an iterated race tells of itself: its elites, where it stands, what each iteration did, its winner's scores."""
+"""Summaries of an iterated race: elites, progress, iterations, scores of the winner."""
 
 import math
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ import numpy as np
 from mercator_design.race.racing.statistics import Concordance
 
 CONFIDENCE = 0.95
-"""Of the intervals reported around means."""
+"""Confidence of the intervals around reported means."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Elite:
-    """A configuration that survived and what it cost on the instances it has seen."""
+    """A configuration that survived, with its costs on the instances that it has seen."""
 
     configuration: int
     mean: float
@@ -23,7 +23,7 @@ class Elite:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress:
-    """Where a race stands."""
+    """The progress of a race."""
 
     iteration: int  # from 1; the post-selection is one more than `iterations`
     iterations: int
@@ -50,7 +50,7 @@ class IterationSummary:
     stop_reason: str
     concordance: Concordance
     survivors: tuple[int, ...] = ()  # alive at its end
-    newcomers_differ: bool = True  # unless its instances could not tell two or more apart
+    newcomers_differ: bool = True  # False if there is no significant difference between two or more of them
     stagnant: int = 0  # iterations up to this one without a gain (race/racing/stagnation.py)
     note: str = ""  # what a user should know
 
@@ -62,7 +62,7 @@ class IterationSummary:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Scores of a configuration, in the task's own sense, and the figures that sum them up."""
+    """Scores of a configuration, in the units of the task, and their statistics."""
 
     values: tuple[float, ...]
 

@@ -1,7 +1,7 @@
-"""Tests of what a race found, on instances that it never sees.
+"""Tests of a race's best configurations on separate instances.
 
-They begin when the race has ended, count towards no budget, and nothing of the race depends on them. So a race that
-has ended can still be tested, or tested more, and a race with tests is the same as one without.
+Tests begin when the race has ended and do not count towards the budget. The race does not depend on them: a race that
+has ended can be tested later, or tested more.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -25,9 +25,9 @@ T = TypeVar("T")
 class Testing:
     """What is tested.
 
-    runs: test instances that a configuration is run on.
-    elites: how many of the elites, best first (irace's testNbElites).
-    iterations: whether as many of those of each iteration, too (irace's testIterationElites).
+    runs: number of test instances for each configuration.
+    elites: number of elites to test, best first (irace's testNbElites).
+    iterations: whether to test the same number of elites of each iteration (irace's testIterationElites).
     """
 
     runs: Annotated[int, Range(1)]
@@ -35,7 +35,7 @@ class Testing:
     iterations: bool = False
 
     def configurations(self, race: Optimizer) -> list[int]:
-        """Those that are tested: the winner first, then the other elites, then former ones."""
+        """The configurations to test: the winner first, then the other elites, then former elites."""
         elites = [race.elites, *(i.elites for i in reversed(race.iterations) if self.iterations)]
         return list(dict.fromkeys(elite.configuration for few in elites for elite in few[: self.elites]))
 
@@ -52,15 +52,15 @@ def results_of(
     known: Collection[Experiment],
     stopped: Callable[[], bool],
 ) -> Iterator[tuple[Experiment, Measurement | Failed]]:
-    """Run tests; gives what came of them, in the order in which that is known.
+    """Run tests; yields their results in the order in which they finish.
 
     Args:
-        problem: Whose experiments they are.
-        executor: Runs them.
-        tests: On test instances.
-        configurations: By the numbers that the tests have.
-        known: Tests that have run before; an evaluator compares with them, too.
-        stopped: Asked before each whether to stop.
+        problem: The problem of the race.
+        executor: Runs the tests.
+        tests: Configurations on test instances.
+        configurations: The configurations, by number.
+        known: Tests that have run before; an evaluator also compares with them.
+        stopped: Returns whether to stop; called before each test.
     """
 
     def item(test: Experiment) -> T:

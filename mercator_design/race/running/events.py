@@ -1,6 +1,6 @@
-"""What can happen in a race: the events of its journal, and their form in JSON.
+"""The events of a race and of its journal, and their form in JSON.
 
-The start of a race is no event of these: it has whatever its task needs (see race/running/task.py).
+The start of a race is not among them: its keys depend on the task (see race/running/task.py).
 """
 
 from collections.abc import Mapping
@@ -13,11 +13,11 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.space.parameter import Value
 
 Number = Annotated[int, Range(0)]
-"""Of an experiment, a configuration or an instance, from 0; or a seed."""
+"""The number of an experiment, a configuration or an instance, from 0; or a seed."""
 
 
 class Measurement(NamedTuple):
-    """What came of an experiment."""
+    """The result of an experiment."""
 
     score: float
     outcome: str  # digest of what happened in it
@@ -25,7 +25,7 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionStarted:
-    """A process that begins to work on a race."""
+    """A process has begun to work on a race."""
 
     process: Number
     host: str
@@ -36,7 +36,7 @@ class SessionStarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionStopped:
-    """A process that ends before the race does."""
+    """A process has ended before the race."""
 
     why: str
     time: str
@@ -44,7 +44,7 @@ class SessionStopped:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigurationAdded:
-    """A configuration that is raced from now on."""
+    """A configuration is new in the race."""
 
     configuration: Number
     parent: Number | None  # the elite it was sampled from
@@ -53,7 +53,7 @@ class ConfigurationAdded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDone:
-    """An experiment that has run."""
+    """An experiment has run."""
 
     experiment: Number  # in the order in which the race asked for them
     iteration: Number
@@ -67,7 +67,7 @@ class ExperimentDone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeculativeDone:
-    """An experiment that has run before the race asked for it."""
+    """A speculative experiment has run."""
 
     configuration: Number
     instance: Number
@@ -77,18 +77,18 @@ class SpeculativeDone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreRevised:
-    """A score that has replaced another one, as an evaluator has compared configurations anew."""
+    """A score has been replaced, because an evaluator has compared configurations again."""
 
-    experiment: Number  # the first of those that the race had asked for then
+    experiment: Number  # the first of the current batch
     configuration: Number
     instance: Number
     score: float | None  # None if the configuration is rejected
-    failure: str = ""  # why it is
+    failure: str = ""  # why it is rejected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TestDone:
-    """A test that has run."""
+    """A test has run."""
 
     configuration: Number
     instance: Number  # of the test instances
@@ -100,7 +100,7 @@ class TestDone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IterationEnded:
-    """An iteration that has ended; see `summary.IterationSummary`."""
+    """An iteration has ended; see `summary.IterationSummary`."""
 
     iteration: Number
     postselection: bool
@@ -116,14 +116,14 @@ class IterationEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BudgetExtended:
-    """A larger budget, which counts from where the one before has ended."""
+    """The budget has been extended, after the end under the budget before."""
 
     budget: Number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaceEnded:
-    """Where a race ended under one of its budgets."""
+    """The race has ended under one of its budgets."""
 
     budget: Number
     experiments: Number
@@ -166,10 +166,10 @@ def to_json(event: Event) -> dict[str, Any]:
 
 
 def event_of(data: dict[str, Any]) -> Event:
-    """The event of which these are the data.
+    """Read an event from its JSON data.
 
     Raises:
-        RaceError: They are those of none; with the key, what was expected and what was found.
+        RaceError: The data are of no event; with the key, what was expected and what was found.
     """
     word = data.pop("event", None)
     if not isinstance(word, str) or word not in _KINDS:

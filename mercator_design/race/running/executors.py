@@ -1,8 +1,8 @@
-"""What runs experiments: items in, what came of each out as soon as it is there.
+"""Executors run experiments: a function on items. Results come as soon as they are available.
 
-One interface, `Executor`, and three of them: threads of this process, worker processes, and the workers of a Dask
-cluster. What comes of an experiment is the same wherever it runs. None ever raises for an experiment that fails: it
-gives a `Failed`, and whoever asked decides.
+There are three executors with one interface, `Executor`: threads of this process, worker processes, and the workers of
+a Dask cluster. The result of an experiment does not depend on where it runs. If an experiment fails, its result is a
+`Failed`; the executor does not raise, and the caller decides.
 """
 
 import collections
@@ -32,45 +32,45 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 MAX_DEATHS = 3
-"""Workers that an experiment may cost before it is given up."""
+"""Worker deaths after which an experiment fails."""
 MAX_TIMEOUTS = 2
-"""Times that an experiment may take too long: the second is no accident."""
+"""Timeouts after which an experiment fails: the first may be an accident."""
 START = 60.0
-"""Seconds more that a new worker has for its first experiment: it has modules and kernels to load."""
+"""Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
 _GLANCE = 1.0
-"""Seconds from one look of a worker at whether its main process is there to the next."""
+"""Seconds between two checks of a worker that its main process is alive."""
 _PATIENCE = 0.5
-"""Seconds that anything is waited for at once: a signal that comes just before a wait is not handled until its end."""
+"""Maximum seconds of one wait: a signal just before a wait is handled only at its end."""
 _MAX_MESSAGE = 2000
-"""Characters of what an experiment says of its failure, such as the command that failed."""
+"""Maximum length of the reason of a failure, which may have a command in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """What came of an experiment that has no result."""
+    """The result of an experiment that failed."""
 
     reason: str
-    error: Exception | None = None  # that it raised, if it did and if it could be carried here
+    error: Exception | None = None  # that it raised, if it did and if it could be pickled
 
 
 class Rejected(RaceError):  # noqa: N818 - as `Failed`, it says what is
-    """An experiment says that its configuration is to be rejected: a failure that never stops a race."""
+    """Raised by an experiment to reject its configuration: a failure that does not stop a race."""
 
 
 class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
-    """A worker cannot run what it is given: not the experiment's fault, so no `Failed`, whatever else is accepted."""
+    """A worker cannot run its function. It is not a failure of the experiment, so it always stops the race."""
 
 
 class ExecutorStopped(Exception):  # noqa: N818 - nothing is wrong
-    """What ran experiments was stopped, as it was asked to; of a race, what had finished is noted."""
+    """Experiments were stopped on request; the finished ones of a race are recorded."""
 
 
 class Executor(Protocol):
-    """Runs a function on items; a context manager, which lets go of its workers at the end."""
+    """Runs a function on items; a context manager, which releases its workers at the end."""
 
     @property
     def jobs(self) -> int:
-        """How many run at once."""
+        """Number of items that run at the same time."""
 
     def __enter__(self) -> Self: ...
 
@@ -79,13 +79,13 @@ class Executor(Protocol):
     ) -> None: ...
 
     def stop(self) -> None:
-        """Wait for nothing but what is running; a signal handler may call it."""
+        """Wait only for running items; a signal handler may call it."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        """Each item's place and what the function gave for it, in the order in which they finish.
+        """Yield the index of each item and the function's result, in the order in which they finish.
 
-        Items are drawn one by one when there is room for them; when there are no more, what is under way still comes.
-        None is no item: there may be one when something has finished.
+        Items are taken one by one when a worker is free. None is not an item: it means that the next item may be known
+        when another one has finished.
 
         Raises:
             WorkerUnfit: A worker has no such function, or another version of it.
@@ -93,14 +93,14 @@ class Executor(Protocol):
 
 
 def available_jobs() -> int:
-    """How many experiments this machine runs at once: its cores, as far as this process may use them."""
+    """Number of cores that this process may use."""
     return int(cpu_count())
 
 
 def attempt(function: Callable[[T], R], item: T) -> R | Failed:
-    """What a function gives for an item, or that it failed: whatever it raises, SystemExit too, is about this item.
+    """Call a function on an item; any exception, also SystemExit, is a failure of this item.
 
-    Not for the main thread, in which a signal raises exceptions that are about the program.
+    Not for the main thread, where signals raise exceptions that concern the program.
     """
     try:
         return function(item)
@@ -109,7 +109,7 @@ def attempt(function: Callable[[T], R], item: T) -> R | Failed:
 
 
 def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
-    """As `attempt`, in the main thread: what is about the program, such as Ctrl-C, is raised."""
+    """As `attempt`, for the main thread: exceptions that concern the program, such as Ctrl-C, are raised."""
     try:
         return function(item)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is about this item
@@ -123,18 +123,18 @@ def in_order(
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[R]:
-    """What a function gives for each item, in the order of the items.
+    """The function's results for all items, in the order of the items.
 
     Args:
-        executor: Runs it.
-        function: What to run.
-        items: What to run it on.
-        watch: Called with the number of items done.
-        stopped: Asked before each item whether to stop.
+        executor: Runs the function.
+        function: The function to run.
+        items: The items to run it on.
+        watch: Called with the number of finished items.
+        stopped: Returns whether to stop; called before each item.
 
     Raises:
-        RaceError: One of them failed; or whatever it raised. What was under way has been waited for.
-        Stopped: see `stopped`; the same.
+        RaceError: An item failed without an exception; else its exception is raised. Running items have finished.
+        ExecutorStopped: see `stopped`. Running items have finished.
     """
     found: dict[int, R] = {}
     failed: list[Failed] = []
@@ -159,9 +159,9 @@ def in_order(
 
 
 class ThreadExecutor:
-    """Threads of this process, for functions that do not hold the GIL.
+    """Threads of this process, for functions that release the GIL.
 
-    The thread that asks runs nothing: what an experiment raises, and what a signal raises there, cannot be confused.
+    The calling thread runs no items: so exceptions of signals and exceptions of items cannot be confused.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -170,7 +170,7 @@ class ThreadExecutor:
         self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Self:
-        # They end with this process even if an experiment does not.
+        # Daemons end with this process, even if an experiment does not end.
         self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
         for thread in self._threads:
             thread.start()
@@ -184,7 +184,7 @@ class ThreadExecutor:
                 self._todo.get_nowait()
         for _ in self._threads:
             self._todo.put(None)
-        if kind is None or issubclass(kind, Exception):  # not after Ctrl-C, when nobody wants to wait
+        if kind is None or issubclass(kind, Exception):  # after Ctrl-C nobody wants to wait
             for thread in self._threads:
                 while thread.is_alive():
                     thread.join(_PATIENCE)
@@ -202,7 +202,7 @@ class ThreadExecutor:
         def job(index: int, item: T) -> Callable[[], None]:
             return lambda: done.put((index, attempt(function, item)))
 
-        most = self.jobs + (self.jobs > 1)  # one that runs for each thread; of several threads, one that waits
+        most = self.jobs + (self.jobs > 1)  # one running item for each thread; if there are several, one waiting
         under_way = 0
         while True:
             while under_way < most:
@@ -223,7 +223,7 @@ class ThreadExecutor:
 
 @dataclass(slots=True, eq=False)
 class _Job(Generic[T]):
-    """An item on its way through workers that may die."""
+    """An item with its failures, as its worker may die."""
 
     index: int
     item: T
@@ -233,17 +233,18 @@ class _Job(Generic[T]):
 
 
 class ProcessExecutor:
-    """Worker processes (joblib's loky), one experiment at a time each, so that it is known which one a worker died of.
+    """Worker processes (joblib's loky). Each runs one experiment at a time, so the cause of its death is known.
 
-    An experiment whose worker dies is run again, and given up after `MAX_DEATHS`. One that takes longer than `timeout`
-    seconds has its worker killed, is run again, and given up after `MAX_TIMEOUTS`. Either costs nothing else.
+    If a worker dies, its experiment runs again, and fails after `MAX_DEATHS`. If an experiment takes longer than
+    `timeout` seconds, its worker is killed; the experiment runs again, and fails after `MAX_TIMEOUTS`. Other
+    experiments are not affected.
     """
 
     def __init__(self, jobs: int, *, timeout: float | None = None) -> None:
         self.jobs = jobs
         self._timeout = timeout
         self._workers: list[ProcessPoolExecutor] = []  # of one process each
-        self._new: set[int] = set()  # places of workers that have not done anything yet
+        self._new: set[int] = set()  # indices of workers that have not finished an experiment yet
 
     def __enter__(self) -> Self:
         self._workers = [_worker() for _ in range(self.jobs)]
@@ -307,7 +308,7 @@ def _next(done: "queue.SimpleQueue[T]") -> T:
 
 
 def _done(running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
-    """Those that have ended, at least one of them unless the deadline comes before."""
+    """The futures that have ended; waits for one, but not longer than the deadline."""
     while True:
         left = max(deadline - time.monotonic(), 0.0)
         done, _ = wait(running, timeout=min(left, _PATIENCE), return_when=FIRST_COMPLETED)
@@ -316,12 +317,12 @@ def _done(running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
 
 
 def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
-    """What came of a job; None if it is to be run again.
+    """The result of a job; None if it is to run again.
 
     Raises:
-        WorkerUnfit: The worker has no such function.
+        WorkerUnfit: The worker cannot load the function.
     """
-    error = future.exception()  # never raised here: it may be a SystemExit
+    error = future.exception()  # not raised here: it may be a SystemExit
     if error is None:
         return future.result()
     if isinstance(error, BrokenProcessPool):
@@ -331,7 +332,7 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
         return Failed(f"its worker process died, {job.deaths} times: {_sentence(error)}")
     if isinstance(error, WorkerUnfit):
         raise error
-    # Such as what cannot be carried between processes.
+    # For example a result that cannot be pickled.
     return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
@@ -344,14 +345,14 @@ def _worker() -> ProcessPoolExecutor:
 
 
 def _begin(main: int) -> None:
-    """Leave signals to the main process, as Ctrl-C and schedulers send them to all; and end when it has ended."""
+    """Ignore signals, which Ctrl-C and schedulers send to all processes; end when the main process has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(main,), daemon=True).start()
 
 
 def _end_with(main: int) -> None:
-    """End this process, whatever it does, when its parent is another one: the main process has been killed."""
+    """End this process when its parent has changed: then the main process has been killed."""
     while os.getppid() == main:
         time.sleep(_GLANCE)
     os._exit(1)
@@ -359,16 +360,16 @@ def _end_with(main: int) -> None:
 
 @lru_cache(maxsize=4)
 def _unpacked(packed: bytes) -> Callable[[Any], Any]:
-    """A function that came to this process; the same for all its items, so what it holds is built once."""
+    """Unpickle a function once for all its items in this process."""
     function: Callable[[Any], Any] = pickle.loads(packed)  # noqa: S301 - of our own main process
     return function
 
 
 def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
-    """In a worker: call a function, and make sure that what comes of it can be carried back.
+    """In a worker: call a function, and make sure that its result can be pickled.
 
     Raises:
-        WorkerUnfit: The function cannot be had here.
+        WorkerUnfit: The function cannot be loaded here.
     """
     try:
         function = _unpacked(packed)

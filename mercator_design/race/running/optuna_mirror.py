@@ -1,12 +1,12 @@
-"""A copy of a race in an Optuna storage, as it goes on, for optuna-dashboard and for Optuna's own tools.
+"""Copies a race into an Optuna storage while it runs, for optuna-dashboard and Optuna's other tools.
 
-A configuration is one trial, with its number; its score on an instance is the trial's intermediate value at that step.
-The trial runs as long as its configuration may run again. Then it is completed with the mean of its scores if the
-configuration survived an iteration, failed if an experiment failed, else pruned. The study's attribute `winner` is the
-number of the winner, whose mean need not be the best: others that ran less may have been lucky.
+Each configuration is the trial of the same number; its score on an instance is the trial's intermediate value at that
+step. A trial is running while its configuration may run again. Then it is completed with the mean of its scores if the
+configuration survived an iteration, failed if an experiment failed, and pruned otherwise. The study's attribute
+`winner` is the number of the winner. Its mean may not be the best: a configuration with fewer results may be lucky.
 
-Optuna decides nothing here, and cannot stop the race: a thread of its own writes, behind the race if the storage is
-slow, and gives up when something goes wrong.
+Optuna does not influence the race: a separate thread writes. It lags behind if the storage is slow, and stops at the
+first error.
 """
 
 import queue
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from optuna.storages import BaseStorage
 
 PATIENCE = 120.0
-"""Seconds to wait at the end for what is not yet written ..."""
+"""Seconds to wait for the writer at the end ..."""
 HURRY = 5.0
-"""... and when the race was stopped."""
+"""... and when the race was interrupted."""
 
 
 class OptunaMirror:
     """Writes a race into a study; a context manager.
 
     Args:
-        storage: URL as Optuna takes it, such as sqlite:///race.db.
-        name: Of the study; one of that name is continued.
-        race: What is raced.
+        storage: URL of an Optuna storage, such as sqlite:///race.db.
+        name: Name of the study; an existing study of this name is continued.
+        race: The race.
         maximise: Whether higher scores are better.
         complain: Called with a sentence when something goes wrong.
     """
@@ -45,7 +45,7 @@ class OptunaMirror:
     ) -> None:
         self._race = race
         self._complain = complain
-        self._raced: set[int] = set()  # so far: a storage may have more, from before the race was resumed
+        self._raced: set[int] = set()  # in this process: a resumed race may have more in the storage
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
 
@@ -59,10 +59,10 @@ class OptunaMirror:
         self._events.put(None)
         self._thread.join(PATIENCE if kind is None else HURRY)
         if self._thread.is_alive():
-            self._complain("the Optuna storage is slow: not all of the race is in it")
+            self._complain("the Optuna storage is slow: it does not have the whole race")
 
     def note(self, event: Event) -> None:
-        """Take in what has happened in the race; experiments come in any order, and some for the second time."""
+        """Copy an event; experiments come in any order, and some come twice."""
         match event:
             case ExperimentDone():
                 self._raced.add(event.configuration)
@@ -72,7 +72,7 @@ class OptunaMirror:
                 self._events.put(lambda study: study.close(done, survivors))
 
     def finish(self, winner: int) -> None:
-        """Take in that the race has ended, and who won."""
+        """Record the end of the race and its winner."""
         self._events.put(lambda study: study.finish(winner, self._survivors()))
 
     def _survivors(self) -> set[int]:
@@ -87,11 +87,13 @@ class OptunaMirror:
             while (event := self._events.get()) is not None:
                 event(study)
         except Exception as error:  # noqa: BLE001 - a mirror must never stop a race
-            self._complain(f"no more of the race goes into the Optuna storage: {type(error).__name__}: {error!s:.300}")
+            self._complain(
+                f"the race is no longer copied to the Optuna storage: {type(error).__name__}: {error!s:.300}"
+            )
 
 
 class _Study:
-    """The study, as the thread sees it that writes it."""
+    """The study, used only by the writing thread."""
 
     def __init__(self, storage: str, name: str, race: Optimizer, *, maximise: bool) -> None:
         import optuna
@@ -109,7 +111,7 @@ class _Study:
         self._state = optuna.trial.TrialState
         self._create: Callable[..., Any] = optuna.trial.create_trial
         self._study = study
-        self._open: dict[int, int] = {}  # configuration -> its trial, if that is running
+        self._open: dict[int, int] = {}  # configuration -> its trial, if it is running
         self._scores: dict[int, dict[int, float]] = {}  # configuration with a trial -> instance -> score
         self._failed: set[int] = set()  # configurations with an experiment that failed
         for trial in study.get_trials(deepcopy=False):
@@ -128,7 +130,7 @@ class _Study:
                 if number not in self._scores:
                     self._add(number)
         trial, scores = self._open.get(one.configuration), self._scores[one.configuration]
-        if trial is None or one.instance in scores:  # known, from before the race was resumed
+        if trial is None or one.instance in scores:  # known from before the race was resumed
             return
         if one.score is not None:
             scores[one.instance] = one.score
@@ -138,7 +140,7 @@ class _Study:
             self._storage.set_trial_user_attr(trial, "failure", one.failure)
 
     def close(self, configurations: Iterable[int], survivors: set[int]) -> None:
-        """End the trials of configurations that do not run again."""
+        """End the trials of configurations that will not run again."""
         for number in sorted(self._open.keys() & set(configurations)):
             trial, scores = self._open.pop(number), list(self._scores[number].values())
             if number in self._failed:
@@ -153,7 +155,7 @@ class _Study:
         self._study.set_user_attr("winner", winner)
 
     def _add(self, number: int) -> None:
-        """A trial for a configuration: in the order of their numbers, so that these are the trials' own."""
+        """Make a trial for a configuration, in the order of their numbers, so that both have the same number."""
         values = self._race.configurations[number]
         template = self._create(
             state=self._state.RUNNING,

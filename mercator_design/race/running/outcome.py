@@ -1,4 +1,4 @@
-"""What came of an experiment: a score, or a failure, and whether a race goes on after it."""
+"""The outcome of an experiment: a score or a failure, and whether the race continues after it."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ OnFailure = Literal["stop", "reject"]
 
 
 class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
-    """An experiment failed, and no failure is accepted."""
+    """An experiment failed, and failures stop the race."""
 
     def __init__(self, finished: ExperimentDone | TestDone, error: Exception | None) -> None:
         what = f"experiment {finished.experiment}" if isinstance(finished, ExperimentDone) else "a test"
@@ -25,9 +25,9 @@ class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says wh
 
 
 def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
-    """Whether a race stops at what came of an experiment.
+    """Whether a race stops at the result of an experiment.
 
-    That there was no memory says nothing of a configuration: it stops every race, which can then be resumed.
+    A lack of memory is not the fault of a configuration: it always stops the race, which can then be resumed.
     """
     if not read_result(result)[2]:
         return False
@@ -36,12 +36,12 @@ def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
 
 
 def error_of(result: Measurement | Failed) -> Exception | None:
-    """What it raised, if it did."""
+    """The exception of an experiment that failed, if it raised one."""
     return result.error if isinstance(result, Failed) else None
 
 
 def read_result(result: Measurement | Failed) -> tuple[float | None, str, str]:
-    """Score, digest and failure; what is no score is a failure."""
+    """Score, digest and failure of a result; a score that is not a number is a failure."""
     if isinstance(result, Failed):
         return None, "", result.reason
     if not is_score(result.score):

@@ -1,15 +1,15 @@
-"""A race run to its end: what it asks for is looked up in a record of it, or run, noted there, and told.
+"""Runs a race to its end, as an iterator of events.
 
-A race asks for some experiments at a time, and decides when it has them all. Workers who would have to wait for the
-last of them may run what it will ask for next if nothing is eliminated: an experiment is a pure function of
-configuration and seed, so it may run before anyone asks. What the race then does not ask for is lost time and nothing
-else; it does not count as part of the budget, and the race never sees it.
+A race asks for a batch of experiments, and continues when it has all their costs. An experiment that is in the record
+is looked up there; any other is run and recorded. A race depends only on the costs, so an interrupted race is resumed
+by running it again with its record: only experiments that had not finished are run.
 
-An evaluator may give the costs: it compares the configurations that are alive when all those of a batch have run, and
-so may replace the costs of others that have run on the instance before.
+Idle workers run speculative experiments: those that the race will ask for if nothing is eliminated. This is possible
+because an experiment is a pure function of configuration and seed. A speculative experiment that the race does not ask
+for costs time, but no budget, and does not influence the race.
 
-So a race that was stopped is resumed by running it again with its record: it takes the same way, as it depends on the
-costs alone, and only what had not finished is run.
+If the problem has an evaluator, it computes the costs when a whole batch has run, by comparing the alive
+configurations. It may replace earlier costs on the same instance.
 """
 
 from collections import deque
@@ -43,23 +43,23 @@ T = TypeVar("T")
 
 
 class RaceRun(Generic[T]):
-    """A race on its way to its end, and then its tests: an iterator of the events, in the order in which they happen.
+    """A running race with its tests: an iterator of its events in the order in which they happen.
 
-    What the record has already comes again, as experiments are looked up there in the order in which the race asks for
-    them. While an event is looked at, the race stands where that event has brought it.
+    Events that are already in the record come again, in the order in which the race asks for their experiments. When an
+    event is returned, the race is in the state after this event.
 
     Args:
-        problem: What is raced.
-        executor: Runs experiments; what comes of them does not depend on it.
-        record: The race so far; what happens is noted there. By default in memory.
+        problem: The problem to race on.
+        executor: Runs experiments; their results do not depend on it.
+        record: The race so far; new events are recorded there. By default in memory.
         on_failure: Whether an experiment that fails stops the race, or rejects its configuration.
         testing: What to test when the race has ended.
-        stopped: Whether to stop; asked before each experiment.
+        stopped: Returns whether to stop; called before each experiment.
 
     Iterating raises:
         RaceError: The record is of another race or cannot be written, or all configurations were rejected.
         ExperimentFailed: see `on_failure`.
-        ExecutorStopped: see `stopped`; what was under way has been waited for and noted.
+        ExecutorStopped: see `stopped`; running experiments have finished and are recorded.
     """
 
     def __init__(
@@ -84,12 +84,12 @@ class RaceRun(Generic[T]):
         self._testing = testing
         self._stopped = stopped
         self._events = self._run()
-        self._pending: deque[Event] = deque()  # events that nobody has seen yet
-        self._batch: list[Experiment] = []  # that the race has asked for
-        self._missing: dict[Experiment, int] = {}  # those of it that have not finished, with their numbers
-        self._todo: deque[Experiment] = deque()  # those of these that have not begun
-        self._under_way: dict[int, Experiment] = {}  # by the place of its item
-        self._likely: Iterator[Experiment] | None = None  # what the race will ask for next; None if not yet found out
+        self._pending: deque[Event] = deque()  # events that were not returned yet
+        self._batch: list[Experiment] = []  # the experiments that the race has asked for
+        self._missing: dict[Experiment, int] = {}  # those of the batch that have not finished, with their numbers
+        self._todo: deque[Experiment] = deque()  # those that have not begun
+        self._under_way: dict[int, Experiment] = {}  # by the index of its item
+        self._likely: Iterator[Experiment] | None = None  # speculative experiments; None if not computed yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
         self._n_told = 0
         self._n_iterations = 0
@@ -105,20 +105,20 @@ class RaceRun(Generic[T]):
         return next(self._events)
 
     def finish(self) -> RaceResult:
-        """Run to the end, whatever happens on the way; raises what iterating raises."""
+        """Run to the end and return the result; raises what iterating raises."""
         for _ in self:
             pass
         return self.result
 
     @property
     def result(self) -> RaceResult:
-        """What the race came to.
+        """The result of the race.
 
         Raises:
-            RaceError: It has not come to its end yet.
+            RaceError: The race has not ended yet.
         """
         if self._result is None:
-            raise RaceError("result: expected a race that has come to its end, found one that has not")
+            raise RaceError("result: expected a race that has ended, found one that is not finished")
         return self._result
 
     def _run(self) -> Iterator[Event]:
@@ -175,9 +175,9 @@ class RaceRun(Generic[T]):
         results = results_of(problem, self._executor, missing, self._race.configurations, known, self._is_over)
         for where, result in results:
             test = test_of(problem, where, result)
-            if test.failure and self._stopped():  # perhaps because of that; when the race is resumed it is tried again
+            if test.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
                 continue
-            if is_fatal(result, self._on_failure):  # not noted, as above
+            if is_fatal(result, self._on_failure):  # not recorded, for the same reason
                 self._failures[missing.index(where)] = ExperimentFailed(test, error_of(result))
                 continue
             self._note(test)
@@ -205,7 +205,7 @@ class RaceRun(Generic[T]):
         return float("inf") if score is None else self.problem.cost(score)
 
     def _items(self) -> Iterator[T | None]:
-        """What to run next: what the race asks for, and before a worker is idle what it will probably ask for."""
+        """The items to run: first those of the batch, then speculative ones while workers would be idle."""
         for place in count():
             if self._ended or self._is_over():
                 return
@@ -223,7 +223,7 @@ class RaceRun(Generic[T]):
         return next((e for e in self._likely if e not in under_way and e not in self._record.speculative), None)
 
     def _advance(self) -> Iterator[Event]:
-        """Tell what has finished and ask on, until something has to be run or the race has ended."""
+        """Tell the race its costs and ask for the next batch, until an experiment has to run or the race has ended."""
         while not (self._ended or self._is_over()):
             self._evaluate()
             yield from self._unseen()
@@ -266,12 +266,12 @@ class RaceRun(Generic[T]):
             if known is None:
                 self._note(iteration)
                 continue
-            if replace(known, note="") != replace(iteration, note=""):  # another version may say other words
+            if replace(known, note="") != replace(iteration, note=""):  # another version may write another note
                 raise _another(f"{iteration}", f"{known}")
             self._pending.append(known)
 
     def _look_up(self) -> None:
-        """Find what is known of a batch; the others are missing."""
+        """Look up the experiments of a batch in the record; the others are missing."""
         self._note_configurations()
         known = self._record.experiments
         for number, experiment in enumerate(self._batch, start=self._n_told):
@@ -294,7 +294,7 @@ class RaceRun(Generic[T]):
                 self._todo.append(experiment)
 
     def _evaluate(self) -> None:
-        """Evaluate a batch when all of it has run: what is alive on an instance, those that ran there before first."""
+        """Evaluate a batch when all of it has run: for each instance earlier configurations first, then new ones."""
         if (
             self.problem.evaluate is None
             or not self._missing
@@ -315,7 +315,7 @@ class RaceRun(Generic[T]):
                     self._note_revised(experiment, self._evaluated(experiment, alive))
 
     def _evaluated(self, experiment: Experiment, alive: Sequence[int]) -> Measurement | Failed:
-        assert self.problem.evaluate is not None  # noqa: S101 - for mypy; whoever calls has looked
+        assert self.problem.evaluate is not None  # noqa: S101 - for mypy; callers have checked
         return attempt_here(partial(self.problem.evaluate, self._item(experiment)), alive)
 
     def _note_revised(self, experiment: Experiment, result: Measurement | Failed) -> None:
@@ -335,7 +335,7 @@ class RaceRun(Generic[T]):
             )
 
     def _revise(self) -> None:
-        """Tell the race which costs the evaluation of a batch has replaced."""
+        """Report to the race the costs that the evaluation of a batch has replaced."""
         revised = self._record.revised.get(self._n_told, {})
         if revised:
             self._check_revised(revised)
@@ -349,11 +349,11 @@ class RaceRun(Generic[T]):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
-        """Note an experiment that the race has asked for."""
+        """Record an experiment that the race has asked for."""
         one = self._finished(self._missing.pop(experiment), experiment, result)
-        if one.failure and self._stopped():  # perhaps because of that; when the race is resumed it is tried again
+        if one.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
             return
-        if is_fatal(result, self._on_failure):  # not noted, as above
+        if is_fatal(result, self._on_failure):  # not recorded, for the same reason
             self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
             return
         self._note(one)
@@ -372,7 +372,7 @@ class RaceRun(Generic[T]):
         )
 
     def _keep(self, experiment: Experiment, result: Measurement | Failed) -> None:
-        """Note an experiment that the race may yet ask for; if it failed, it may fail then."""
+        """Record a speculative experiment; a failure is not recorded, because it runs again if the race asks for it."""
         if not read_result(result)[2] and isinstance(result, Measurement):
             self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
 

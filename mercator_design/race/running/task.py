@@ -1,7 +1,7 @@
-"""What can be raced, whatever it is: a race over its configurations, and what one of its experiments is.
+"""Problems and tasks: what a race is about.
 
-Of a mission it is a `designer.Designer`, of any program a `Tuner`. All else is the same for all of them: how a race is
-run (runner.py), and the folder that it leaves behind (runs/folder.py).
+A `Designer` (designer.py) is the task of a mission, a `Tuner` that of any program. The runner (runner.py) and the run
+folder (runs/folder.py) are the same for all tasks.
 """
 
 from abc import ABC, abstractmethod
@@ -21,12 +21,12 @@ from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
 Start = Mapping[str, Any]
-"""What makes a race, and nothing else: its task ("mission", ...), name, budget, seed, and what else the task has."""
+"""All that determines a race: its task ("mission", ...), name, budget, seed, and keys of the task."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaceResult:
-    """What a race came to."""
+    """The result of a race."""
 
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
@@ -35,14 +35,14 @@ class RaceResult:
 
 
 class Problem(ABC, Generic[T]):
-    """What a race needs to know of what is raced; T is what its experiments are given.
+    """A problem to race on; its experiments take an item of type T.
 
     Attributes:
-        race: Over its configurations; has not begun.
+        race: The race over its configurations, not begun.
         function: Runs one experiment, in this process or in another.
-        evaluate: If there is one, `function` only runs an experiment, and this gives what came of it among
-            configurations, which it may compare.
-        speculates: Whether idle workers run experiments that the race has not asked for, and may never ask for.
+        evaluate: None, or computes the cost of an experiment that `function` has run; it may compare the given
+            configurations.
+        speculates: Whether idle workers run speculative experiments.
     """
 
     race: Optimizer
@@ -52,42 +52,42 @@ class Problem(ABC, Generic[T]):
 
     @abstractmethod
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> T:
-        """What `function` is given for an experiment, whose configuration this is; of a test, its test instance."""
+        """The item of an experiment, for `function`; for a test, that of its test instance."""
 
     def start(self) -> dict[str, Any]:
         """What makes this race: races of equal starts are equal."""
         return {"budget": self.race.budget, "seed": self.race.seed}
 
     def cost(self, score: float) -> float:
-        """What a race minimises."""
+        """The cost of a score: what a race minimises."""
         return score
 
     def score(self, cost: float) -> float:
-        """The score that a cost stands for."""
+        """The score of a cost."""
         return cost
 
     def seed(self, instance: int) -> int:
-        """Of an instance of the race."""
+        """The seed of an instance."""
         return _seed(self.race.seed, "race", instance)
 
     def test_seed(self, instance: int) -> int:
-        """Of a test instance."""
+        """The seed of a test instance."""
         return _seed(self.race.seed, "test", instance)
 
 
 class Task(Problem[T]):
-    """A problem whose race is kept in a folder and told of to people.
+    """A problem whose race has a run folder and reports.
 
     Attributes:
-        name: For people, and for the folder of its race.
-        method: What decides which configurations run on which instances.
-        maximise: Whether more is better.
+        name: Its name in reports and in the name of the run folder.
+        method: The method of the race, see `METHODS`.
+        maximise: Whether higher scores are better.
     """
 
     WINNER: ClassVar[str]
-    """The file that a winner is written to."""
+    """Name of the file of the winner."""
     START: ClassVar[Mapping[str, Kind]]
-    """What a start has of its own that `restore`, `about` and `columns` read."""
+    """The keys of a start that `restore`, `about` and `columns` of this task read."""
 
     name: str
     method: str
@@ -96,10 +96,10 @@ class Task(Problem[T]):
     @classmethod
     @abstractmethod
     def restore(cls, folder: Path, start: Start) -> Self:
-        """The task of a start, from the files that it has in a folder.
+        """Restore the task of a start from its files in a folder.
 
         Raises:
-            MercatorError: They are not what they were.
+            MercatorError: A file has changed.
         """
 
     @abstractmethod
@@ -108,51 +108,51 @@ class Task(Problem[T]):
 
     @abstractmethod
     def files(self) -> dict[str, bytes]:
-        """What `restore` needs, by path in a folder."""
+        """The files that `restore` needs, by path in the folder."""
 
     @abstractmethod
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
-        """The file of the winner."""
+        """The contents of the winner's file."""
 
     @abstractmethod
     def is_winner(self, file: Path, configuration: Configuration) -> bool:
-        """Whether the file of a winner has this configuration.
+        """Whether a winner's file has this configuration.
 
         Raises:
-            MercatorError: It cannot be read.
+            MercatorError: The file cannot be read.
         """
 
     @abstractmethod
     def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:
-        """The command that runs an experiment that failed by itself; what it needs is written to a folder.
+        """The command that runs a failed experiment alone; writes the files that it needs to a folder.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: A file cannot be written.
         """
 
     def header(self) -> dict[str, str]:
-        """What the file of a winner says of where it comes from, beside what all say."""
+        """The entries of this task in the header of the winner's file."""
         return {}
 
     def runs(self, experiments: int, tests: int) -> list[str]:  # noqa: ARG002
-        """What a summary tells of this process's runs, for so many experiments and tests; headed as in `about`."""
+        """Lines of the summary on the runs of this process, headed as in `about`."""
         return []
 
     def stop(self) -> None:
-        """End what is under way, if that is worth more than waiting for it."""
+        """Stop running experiments, if waiting for them would take long."""
 
     def prepare(self, announce: Callable[[str], None]) -> None:
-        """Get ready to run experiments; `announce` is told if that takes a while."""
+        """Prepare to run experiments; calls `announce` with a message if that takes long."""
 
     @staticmethod
     @abstractmethod
     def command(start: Start, folder: Path) -> str:
-        """The command that begins the race of a start anew, from the files that it has in a folder."""
+        """The command that starts the race of a start again, from its files in a folder."""
 
     @staticmethod
     @abstractmethod
     def about(start: Start) -> list[str]:
-        """What people should know of a start, a line each, with its heading in 11 characters."""
+        """Lines on a start for reports, each with a heading of 11 characters."""
 
     @staticmethod
     @abstractmethod

@@ -1,4 +1,4 @@
-"""What the commands mdesign and mercator-robot share: messages, files that cannot be written, exit codes, an fsm.txt.
+"""Shared by the commands mdesign and mercator-robot: messages, output files, exit codes, reading an fsm.txt.
 
 Results go to stdout or named files, messages to stderr.
 """
@@ -23,24 +23,24 @@ from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
 
-FILE = click.Path(path_type=Path, readable=False)  # who reads a file says what is wrong with it
+FILE = click.Path(path_type=Path, readable=False)  # the reader of the file reports errors
 
 FLAVOUR = click.option(
     "--flavour",
     type=click.Choice(FLAVOURS),
-    help="Whose module numbers FSM has.  [default: what its header says, else watermelon]",
+    help="Flavour of the module numbers in FSM.  [default: that of its header, else watermelon]",
 )
 LENIENT = click.option(
     "--lenient",
     is_flag=True,
-    help="Accept what the original AutoMoDe accepts, with a warning for each such thing.",
+    help="Accept what the original AutoMoDe accepts, with a warning for each deviation.",
 )
 
 
 OPTIONAL_DEVICES = ("lidar", "proximity")
 """Devices without which a robot can run a PFSM that does not need them."""
 LEFT_OUT = "left out, by --without"
-"""What `mercator-robot check` finds of such a device that it is told to leave alone."""
+"""The finding of `mercator-robot check` for a device that is left out."""
 WITHOUT = click.option(
     "--without",
     type=click.Choice(OPTIONAL_DEVICES),
@@ -64,7 +64,7 @@ OUTPUT_FILE = OutputFile(path_type=Path)
 
 
 class NumberRange(click.FloatRange):
-    """Numbers of a range; click takes what is no number for one of any."""
+    """Numbers in a range; click alone would accept NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
         number: float = super().convert(value, param, ctx)
@@ -74,7 +74,7 @@ class NumberRange(click.FloatRange):
 
 
 def run(command: click.Command, name: str) -> None:
-    """Run a command line; every way out has its exit code."""
+    """Run a command line, and exit with the documented exit code."""
     _open_streams()
     stdout = sys.stdout
     try:
@@ -83,7 +83,7 @@ def run(command: click.Command, name: str) -> None:
         sys.exit(stop.exit_code)
     except click.ClickException as error:
         if not isinstance(error, _HELP):
-            error.message = printable(error.message)  # type: ignore[misc]  # the only way in
+            error.message = printable(error.message)  # type: ignore[misc]  # there is no other way
         error.show()
         sys.exit(error.exit_code)
     except MercatorError as error:
@@ -98,7 +98,7 @@ def run(command: click.Command, name: str) -> None:
     except SystemExit:
         if sys.stdout is stdout:
             raise
-        _discard(stdout)  # its reader went away, and knows: click has wrapped it, and would exit with 1
+        _discard(stdout)  # the reader of stdout went away: click has wrapped it, and would exit with 1
         sys.exit(128 + signal.SIGPIPE)
     except Exception as error:
         if lack := lack_of_memory(error):
@@ -112,7 +112,7 @@ def run(command: click.Command, name: str) -> None:
 
 
 def _open_streams() -> None:
-    """What was closed (`2>&-`) leads nowhere: else a file of ours, such as the journal, might have its number."""
+    """Open closed streams (`2>&-`) on /dev/null: else a file of ours, such as the journal, might get their number."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
@@ -122,37 +122,37 @@ def _open_streams() -> None:
 
 
 def _with_notes(error: BaseException) -> str:
-    """What an error says, and what was added to it on its way."""
+    """The text of an error with its notes."""
     return "; ".join([str(error), *getattr(error, "__notes__", ())])
 
 
 def _discard(stream: TextIO) -> None:
-    """Let what could not be written, and would be tried again at the end, go nowhere."""
+    """Redirect a stream to /dev/null, so that its unwritten text is not tried again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def print_result(result: object, *, nl: bool = True, exact: bool = False) -> None:
-    """Print a result, in which nothing steers a terminal: its lines are made printable.
+    """Print a result on stdout, without characters that control a terminal.
 
     Args:
-        result: As text.
-        nl: Whether it ends in a newline of its own.
-        exact: Whether it is printed as it is where stdout is no terminal: the contents of a file, to make another of.
+        result: Printed as text.
+        nl: Whether to add a newline.
+        exact: Whether to print it unchanged if stdout is no terminal: for the contents of a file.
     """
     text = str(result)
     click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl)
 
 
 def print_message(message: str) -> None:
-    """Say something that is no result, if there is still somebody to hear it."""
+    """Print a message on stderr, unless stderr is closed."""
     try:
-        click.echo(printable(message), file=sys.stderr, err=True)  # as it is now: a bar puts what is said above itself
-    except OSError:  # such as that the terminal was closed
+        click.echo(printable(message), file=sys.stderr, err=True)  # a progress bar may replace sys.stderr
+    except OSError:  # for example, the terminal was closed
         _discard(sys.stderr)
 
 
 def print_error(error: MercatorError) -> None:
-    """Say each mistake in a line of its own, and with the last what was noted on the way."""
+    """Print each mistake in a line of its own, and the notes of the error with the last one."""
     *others, last = error.messages
     for message in others:
         print_message(f"Error: {message}")
@@ -160,14 +160,14 @@ def print_error(error: MercatorError) -> None:
 
 
 class Spelled(click.Choice):  # type: ignore[type-arg]  # has no argument in click before 8.2
-    """A choice of words, each in either spelling."""
+    """A choice of words, in British or American spelling."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
         return super().convert(spelling.find(value, self.choices) or value, param, ctx)
 
 
 class SpelledGroup(click.Group):
-    """Commands whose names may have either spelling."""
+    """Commands whose names may be in British or American spelling."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return super().get_command(ctx, spelling.find(cmd_name, self.commands) or cmd_name)
@@ -218,14 +218,14 @@ class LazyGroup(click.Group):
 
 
 def warn(messages: Iterable[str]) -> None:
-    """Say what may not be meant."""
+    """Print warnings."""
     for message in messages:
         print_message(f"Warning: {message}")
 
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """What cannot be written is named as the user did."""
+    """Name the path that the user gave in errors on writing."""
     try:
         yield
     except OSError as error:
@@ -234,7 +234,7 @@ def naming(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def naming_header(fsm: Path) -> Iterator[None]:
-    """What is wrong with the header of an fsm.txt is told with the file's name."""
+    """Name the file in errors on the header of an fsm.txt."""
     try:
         yield
     except FsmError as error:
@@ -242,5 +242,5 @@ def naming_header(fsm: Path) -> Iterator[None]:
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:
-    """What an fsm.txt holds; what is tolerated in it is told."""
+    """Read an fsm.txt; warn of what is tolerated in it."""
     return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)

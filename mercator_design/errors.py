@@ -1,26 +1,26 @@
-"""The errors a user may meet.
+"""The errors that a user may see.
 
     MercatorError           exit code 1
-      MissionError          3   a mission or robot-model file does not say what it should
+      MissionError          3   a mission or robot-model file is not valid
       FsmError              3   a controller's text or structure is not a valid PFSM
-      RaceError             1   a race cannot be run as asked
+      RaceError             1   a race cannot be run
       SimulationError       1   an experiment cannot be set up or went wrong
-      ProtocolError         1   a device cannot be told what was asked
+      ProtocolError         1   a command cannot be sent to a device
       RobotError            1   a device of the robot cannot be used
-        SettingsError       3   the settings of a robot do not say what they should
-        Stopped             4   something stopped a robot's wheels, or a port was lost
+        SettingsError       3   the settings of a robot are not valid
+        RobotStopped        4   a robot's wheels were stopped, or a port was lost
 
-Each message names the place (file, line, key, token), what was expected and what was found. Anything else that
-reaches a user is a fault of this program.
+Each message names the place (file, line, key, token), what was expected and what was found. Any other exception is a
+fault of this program.
 
-Names, paths and texts that messages quote come from strangers' files: `printable` keeps them from steering a terminal.
+Messages quote names, paths and texts of untrusted files: `printable` escapes what could control a terminal.
 """
 
 import errno
 
 
 def printable(text: str) -> str:
-    """A text in one line, with all that a terminal would act on or not show written as an escape."""
+    """A text in one line, with control and invisible characters escaped."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -37,7 +37,7 @@ def excerpt(text: str) -> str:
 
 
 def described(error: BaseException, most: int = 300) -> str:
-    """The class of an error and what it says, at most so many characters of it."""
+    """The class and the message of an error, with a maximum length."""
     try:
         text = str(error)
     except Exception:  # noqa: BLE001 - of a stranger's class, which may do anything
@@ -54,7 +54,7 @@ class Signalled(BaseException):
 
 
 def lack_of_memory(error: BaseException | None) -> BaseException | None:
-    """What of an error, and of those that it came of, says that there was no memory, for a library or a thread, too."""
+    """The error, or its cause, that reports a lack of memory, also of a library or a thread; None if none does."""
     while error is not None:
         of_system = isinstance(error, OSError) and error.errno == errno.ENOMEM
         if of_system or isinstance(error, MemoryError) or any(words in str(error) for words in _NO_MEMORY):
@@ -87,7 +87,7 @@ class MercatorError(Exception):
 
 
 class MissionError(MercatorError):
-    """A mission or robot-model file does not say what it should."""
+    """A mission or robot-model file is not valid."""
 
     exit_code = 3
 
@@ -99,15 +99,15 @@ class FsmError(MercatorError):
 
 
 class RaceError(MercatorError):
-    """A race cannot be run as asked."""
+    """A race cannot be run."""
 
 
 class SimulationError(MercatorError):
-    """An experiment cannot be set up or went wrong."""
+    """An experiment cannot be set up, or failed."""
 
 
 class ProtocolError(MercatorError):
-    """A device cannot be told what was asked."""
+    """A command cannot be sent to a device."""
 
 
 class RobotError(MercatorError):
@@ -122,12 +122,12 @@ class RobotError(MercatorError):
 
 
 class SettingsError(RobotError):
-    """The settings of a robot do not say what they should."""
+    """The settings of a robot are not valid."""
 
     exit_code = 3
 
 
 class RobotStopped(RobotError):  # noqa: N818 - a swarm that is told to stop has made no error
-    """Something stopped a robot's wheels; they turn no more before the next run."""
+    """A robot's wheels were stopped; they stay stopped until the next run."""
 
     exit_code = 4

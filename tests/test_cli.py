@@ -163,7 +163,7 @@ class TestRace:
         monkeypatch.setattr(run_folder, "write_text", full)
         code, out, err = mdesign("race", "aggregation", "--budget", 60, "-o", tmp_path / "r", *QUICK)
         assert code == 1
-        assert f"{tmp_path / 'r'}: cannot write results there: No space left on device" in err
+        assert f"{tmp_path / 'r'}: results cannot be written: No space left on device" in err
         assert (tmp_path / "r" / "fsm.txt").read_text().splitlines()[-1] in out.splitlines()
 
     @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
@@ -174,7 +174,7 @@ class TestRace:
         command = [sys.executable, "-c", script, "race", "aggregation", "--budget", "200", "-o", str(tmp_path / "r")]
         done = subprocess.run([*command, *QUICK], capture_output=True, text=True, check=False)
         assert done.returncode == 1
-        assert f"{tmp_path / 'r'}: cannot write results there" in done.stderr
+        assert f"{tmp_path / 'r'}: results cannot be written" in done.stderr
         lines = (tmp_path / "r" / "journal.jsonl").read_text().splitlines(keepends=True)
         assert lines
         assert all(line.endswith("}\n") for line in lines)
@@ -713,7 +713,7 @@ class TestRecord:
         ("options", "code", "words"),
         [
             (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
-            (["-o", "trace.csv", "--devices", "radar"], 2, "no device is called 'radar'; known: wheels, leds"),
+            (["-o", "trace.csv", "--devices", "radar"], 2, "expected a device: wheels, leds"),
             (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
             (["-o", "nowhere/trace.csv"], 1, "nowhere/trace.csv: cannot be written: No such file"),
             (

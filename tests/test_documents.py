@@ -58,7 +58,7 @@ def test_the_reference_of_commands_is_the_programs():
     assert shown == cli_reference.reference(), "run python docs/cli_reference.py"
     for heading in ("mdesign race", "mdesign runs ablation", "mercator-robot calibrate color", "mercator-robot twin"):
         assert f"\n## {heading}\n" in shown
-    assert "| `--budget N` | Experiments that may be run;" in shown
+    assert "| `--budget N` | Maximum number of experiments;" in shown
 
 
 COMMANDS = {name: one for program in cli_reference.PROGRAMS.items() for name, one in cli_reference.walk(*program)}

@@ -162,9 +162,12 @@ def test_the_command_that_shows_a_failure_runs_the_evaluator_too(mdesign, folder
     (folder / "evaluator").write_text("#!/bin/sh\n[ $1 = 2 ] && exit 3\necho 1\n")
     code, _, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")
     assert code == 1
-    (line,) = [line for line in err.splitlines() if line.startswith("To run what failed alone: ")]
+    (line,) = [line for line in err.splitlines() if line.startswith("To run only the failed experiment: ")]
     found = subprocess.run(
-        ["/bin/sh", "-c", line.removeprefix("To run what failed alone: ")], capture_output=True, text=True, check=False
+        ["/bin/sh", "-c", line.removeprefix("To run only the failed experiment: ")],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (found.returncode, found.stdout) == (3, "")
     assert (folder / "log").read_text().splitlines()[-1].startswith("run 2-")

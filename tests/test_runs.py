@@ -176,7 +176,7 @@ class TestResume:
         assert mdesign("runs", "verify", folder, "-n", 3)[0] == 0
         code, _, err = mdesign("race", "--resume", folder, "--method", method)
         assert code == 2
-        assert "--method is what the race began with" in err
+        assert "--method is fixed when a race begins" in err
 
     def test_by_processes(self, mdesign, folder, undisturbed):
         stop(folder, 70)
@@ -290,7 +290,7 @@ class TestResume:
         code, _, err = mdesign("race", "--resume", folder)
         assert code == 0
         assert f"Note: {folder / JOURNAL}, line" in err
-        assert "cut off there" in err
+        assert "the rest was cut off" in err
         assert digest(folder) == digest(undisturbed)
 
     def test_a_damaged_journal_is_refused(self, mdesign, folder):
@@ -488,8 +488,8 @@ class TestSignals:
         found, out, err = interrupted(folder, number)
         assert (found, out) == (code, "")
         assert err.splitlines()[-1] == word
-        assert f"to go on: mdesign race --resume {folder}" in err
-        assert "Stopping when the experiments under way have ended" in err
+        assert f"to resume: mdesign race --resume {folder}" in err
+        assert "Stopping when the running experiments have ended" in err
         assert "Traceback" not in err
         assert not (folder / "fsm.txt").exists()
         reading = read(folder / JOURNAL)
@@ -575,7 +575,9 @@ class TestFailures:
         assert re.search(
             r"failed: MissionError: \S+nervous.py:\d+: objective nervous: ArithmeticError: too far to the", err
         )
-        command = next(line for line in err.splitlines() if line.startswith("To run what failed alone: mdesign "))
+        command = next(
+            line for line in err.splitlines() if line.startswith("To run only the failed experiment: mdesign ")
+        )
         code, out, err = mdesign(*command.partition("mdesign ")[2].split(" "))
         assert (code, out) == (3, "")
         assert "too far to the left" in err

@@ -317,7 +317,7 @@ class TestFailures:
         code, out, err = mdesign("tune", nervous / "scenario.txt", "-o", tmp_path / "r")
         assert (code, out) == (1, "")
         assert "expected exit status 0, found exit status 1; it printed 'too much'" in err
-        command = next(line for line in err.splitlines() if line.startswith("To run what failed alone: "))
+        command = next(line for line in err.splitlines() if line.startswith("To run only the failed experiment: "))
         done = subprocess.run(command.partition(": ")[2], shell=True, capture_output=True, text=True, check=False)  # noqa: S602
         assert (done.returncode, done.stdout) == (1, "too much\n")
         code, out, _ = mdesign("tune", "--resume", tmp_path / "r", "--on-failure", "reject")
@@ -421,7 +421,7 @@ class TestFailures:
         (SCENARIO.replace("110", "5"), [], 1, "scenario.txt: budget: expected at least "),
         (SCENARIO, ["--target-runner", "none"], 1, "the command line: targetRunner: expected a file, found none at "),
         (SCENARIO, ["--max-experiments", "0"], 2, "--max-experiments"),
-        (SCENARIO, ["--resume", "r"], 2, "SCENARIO is what the race began with"),
+        (SCENARIO, ["--resume", "r"], 2, "SCENARIO is fixed when a race begins"),
         (SCENARIO, ["--check", "--only-test", "c.txt"], 2, "--check takes neither --only-test nor --output"),
         (SCENARIO, ["--only-test", "c.txt", "--optuna", "sqlite:///o.db"], 2, "--check and --only-test run none"),
         ("nbConfigurations = 2\n" + SCENARIO, [], 1, "nbConfigurations: expected more than the 3 survivors"),
@@ -448,10 +448,10 @@ def test_the_scenario_may_be_given_as_iraces_option(mdesign, folder, tmp_path):
     assert mdesign("tune", "--scenario", scenario, "--check") == plain == mdesign("tune", "-s", scenario, "--check")
     code, _, err = mdesign("tune", scenario, "--scenario", scenario)
     assert code == 2
-    assert "SCENARIO and --scenario name the same" in err
+    assert "SCENARIO and --scenario exclude each other" in err
     code, _, err = mdesign("tune", "--scenario", scenario, "--resume", tmp_path)
     assert code == 2
-    assert "--scenario is what the race began with" in err
+    assert "--scenario is fixed when a race begins" in err
 
 
 class TestExport:

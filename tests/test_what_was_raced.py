@@ -41,7 +41,7 @@ class TestRobotModel:
         slower(raced)
         code, out, err = mdesign(name, raced / "fsm.txt", *options)
         assert (code, out) == (3, "")
-        assert "fsm.txt: the robot model mercator is not what it was when this was designed" in err
+        assert "fsm.txt: the robot model mercator has changed since this was designed" in err
         assert f"give --robot-model {raced}/robot_model.yaml" in err
         assert mdesign(name, raced / "fsm.txt", *options, "--robot-model", raced / "robot_model.yaml")[::2] == (0, "")
         assert mdesign(name, raced / "fsm.txt", *options, "--set", "robot_model=mercator")[::2] == (0, "")
@@ -53,9 +53,7 @@ class TestRobotModel:
         code, _, err = mdesign("evaluate", raced / "fsm.txt", *given)
         assert code == 0
         assert "Warning" in err
-        assert (
-            "was designed for the robot model mercator as it was then; the robot model mercator of now differs" in err
-        )
+        assert "was designed for another version of the robot model mercator than the present mercator" in err
         assert mdesign("evaluate", raced / "fsm.txt", *given, "--cost")[2] == ""
 
     def test_a_file_without_its_digest_is_compared_as_far_as_can_be(self, mdesign, raced):
@@ -65,8 +63,8 @@ class TestRobotModel:
         file.write_text("".join(line for line in lines if "robot model digest" not in line))
         evaluate = ("evaluate", file, "-n", 2)
         assert mdesign(*evaluate)[::2] == (0, "")
-        unchecked = "fsm.txt: has no digest of its robot model: whether mercator is what it was then cannot be checked"
-        refused = "fsm.txt: the robot model mercator is not what it was when this was designed"
+        unchecked = "fsm.txt: has no digest of its robot model: it cannot be checked whether mercator has changed"
+        refused = "fsm.txt: the robot model mercator has changed since this was designed"
         (raced / "provenance.json").rename(raced / "p")
         code, _, err = mdesign(*evaluate)
         assert (code, err.count("\n"), err.count(unchecked)) == (0, 1, 1)
@@ -101,7 +99,7 @@ class TestMission:
         file.write_text(file.read_text().replace("radius: 0.5", "radius: 0.4"))
         code, out, err = mdesign("evaluate", raced / "fsm.txt", "-n", 2)
         assert (code, out) == (3, "")
-        assert f"{file} is not what it was when this was designed; to use it as it is now, give --mission" in err
+        assert f"{file} has changed since this was designed; to use it, give --mission" in err
         assert mdesign("evaluate", raced / "fsm.txt", "-n", 2, "--mission", file)[0] == 0
 
     def test_one_that_was_edited_and_is_not_needed_is_told(self, mdesign, tmp_path):
@@ -185,7 +183,7 @@ class TestFloorImage:
         Pillow.new("RGB", (4, 4), "red").save(tmp_path / "r" / "floor.png")
         code, out, err = mdesign(*evaluate)
         assert (code, out) == (3, "")
-        assert "mission.yaml is not what it was when this was designed" in err
+        assert "mission.yaml has changed since this was designed" in err
         code, out, err = mdesign("race", "--resume", tmp_path / "r", "--budget", 90)
         assert (code, out) == (1, "")
         assert "mission_digest: raced with " in err
@@ -258,14 +256,12 @@ class TestPlugins:
         for verb in (("evaluate", fsm, "-n", 2), ("record", fsm, "-o", tmp_path / "t.csv")):
             code, out, err = mdesign_anew(*verb, "--plugin", edited)
             assert (code, out, self.ran(edited)) == (3, "", "")
-            assert f"{fsm}: mine.py is not what it was when this was designed; nothing of it was run" in err
+            assert f"{fsm}: mine.py has changed since this was designed; it was not run" in err
             code, _, err = mdesign_anew(*verb, "--plugin", tmp_path / "r" / "plugins" / "mine.py")
             assert (code, "mine.py" in err, self.ran(edited)) == (0, False, "1"), err
             code, _, err = mdesign_anew(*verb, "--plugin", edited, "--mission", tmp_path / "r" / "mission.yaml")
             assert (code, self.ran(edited)) == (0, "2")
-            assert (
-                f"Warning: {fsm}: mine.py is not what it was when this was designed; it is used as it is now\n" in err
-            )
+            assert f"Warning: {fsm}: mine.py has changed since this was designed; the present version is used\n" in err
 
     def test_a_run_folder_s(self, edited, mdesign_anew, tmp_path):
         self.ran(edited)
@@ -274,7 +270,7 @@ class TestPlugins:
             code, out, err = mdesign_anew(*verb, "--plugin", edited)
             assert (code, out, self.ran(edited)) == (3, "", "")
             assert f"{edited}: expected a plugin of digest" in err
-            assert "nothing of it was run" in err
+            assert "it was not run" in err
 
     def test_one_that_is_not_given_is_named_where_it_is(self, edited, mdesign_anew, tmp_path):
         folder = tmp_path / "r"

@@ -2,8 +2,7 @@
 
 Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted, 141
-the output was not read to its end. A verb is loaded when it is used, so
-that `--help` is quick.
+the output was not read to its end. A verb is loaded when it is used, so `--help` is quick.
 """
 
 from collections.abc import Mapping
@@ -26,9 +25,9 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
     "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
-    "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write what happened."),
+    "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write its trace."),
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
-    "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races that were run."),
+    "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),

@@ -21,7 +21,7 @@ from mercator_design.sim.simulate import Simulator
 @click.command(short_help="Measure a controller on fresh instances of a mission.")
 @click.argument("fsm", type=FILE, required=False)
 @click.option(
-    "--fsm-config", metavar="TEXT", help="The controller itself, instead of FSM: --nstates ..., as AutoMoDe's."
+    "--fsm-config", metavar="TEXT", help="The controller as text, instead of FSM: --nstates ..., as in AutoMoDe."
 )
 @MISSION
 @click.option("-n", "--runs", type=click.IntRange(1, 10**6), default=100, show_default=True, help="Experiments to run.")
@@ -32,7 +32,7 @@ from mercator_design.sim.simulate import Simulator
     type=click.IntRange(0, 2**63 - 1),
     multiple=True,
     metavar="SEED",
-    help="Run on the instance of this seed, instead of on fresh ones. May be repeated.",
+    help="Run on the instance of this seed instead of fresh instances. May be repeated.",
 )
 @JOBS
 @ROBOT_MODEL
@@ -96,7 +96,7 @@ def evaluate(
 def _controller(
     fsm: Path | None, fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
 ) -> tuple[Pfsm, Simulator]:
-    """What is measured, from a file or as it is, and on what."""
+    """The controller to measure, from a file or the command line, and its mission."""
     if (fsm is None) == (fsm_config is None):
         raise click.UsageError("expected either FSM or --fsm-config")
     if fsm is not None:

@@ -27,10 +27,10 @@ from mercator_design.system.files import replacing
 
 @click.group(short_help="Write a mission, a race or a robot's log for other programs.")
 def export() -> None:
-    """Write a mission, a race or the log of a robot as other programs read it."""
+    """Write a mission, a race or the log of a robot in the formats of other programs."""
 
 
-@export.command(short_help="Write a mission as a scenario of irace's.")
+@export.command(short_help="Write a mission as a scenario of irace.")
 @click.argument("mission")
 @click.option(
     "-o",
@@ -45,7 +45,7 @@ def export() -> None:
     type=click.IntRange(0, 2**31 - 1),
     default=1,
     show_default=True,
-    help="Of all randomness; R has no larger.",
+    help="Master seed of all randomness, at most R's largest integer.",
 )
 @JOBS
 @click.option(
@@ -56,26 +56,26 @@ def export() -> None:
 def irace(
     mission: str, output: Path, budget: int, seed: int, jobs: int | None, flavour: str, overrides: tuple[str, ...]
 ) -> None:
-    """Write MISSION as a scenario of irace's, which R's irace and `mdesign tune` run.
+    """Write MISSION as a scenario of irace, for R's irace and `mdesign tune`.
 
-    The command that runs it is printed.
+    Prints the command that runs it.
     """
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(print_message)
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
     for note in designer.race.notes:
-        print_message(f"Warning: R's irace refuses this: {note}")
+        print_message(f"Warning: R's irace refuses this scenario: {note}")
     print_result(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 
 
-@export.command("irace-log", short_help="Write a race as a log of irace's, for R.")
+@export.command("irace-log", short_help="Write a race as a log of irace, for R.")
 @click.argument("directory", type=click.Path(path_type=Path, file_okay=False))
 @click.option("-o", "--output", type=OUTPUT_FILE, help="File to write.  [default: irace.Rdata in DIRECTORY]")
 def irace_log(directory: Path, output: Path | None) -> None:
-    """Write the race of DIRECTORY as the log that irace would have written, for R: irace's functions, iraceplot.
+    """Write the race of DIRECTORY as a log of irace, for irace's functions and iraceplot in R.
 
-    The race may be under way, of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
+    The race may still run. It may be of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
     """
     file = output or directory / "irace.Rdata"
     record = read_journal(directory).record
@@ -89,9 +89,8 @@ def irace_log(directory: Path, output: Path | None) -> None:
 def csv(logs: tuple[Path, ...], output: Path) -> None:
     """Write LOGs, of runs or of recordings of mercator-robot, as one table for pandas, R and spreadsheets.
 
-    docs/reference/robot-logs.md tells what each column is. Rows of several robots are in the order of their clock,
-    which was measured if `mdesign deploy --start` started them. A log that is still being written is exported as far as
-    it goes.
+    docs/reference/robot-logs.md describes the columns. Rows of several robots are in the order of a common clock if
+    `mdesign deploy --start` started them. A log that is still being written is exported up to its last line.
     """
 
     def write(file: BinaryIO) -> list[str]:
@@ -113,8 +112,8 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
 def mcap(log: Path, output: Path) -> None:
     """Write LOG, of a run or a recording of mercator-robot, as MCAP, which Foxglove shows and plots.
 
-    docs/reference/robot-logs.md tells what each channel is. A log that is still being written is exported as far as it
-    goes.
+    docs/reference/robot-logs.md describes the channels. A log that is still being written is exported up to its last
+    line.
     """
     if output == Path("-"):
         raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")

@@ -1,4 +1,4 @@
-"""What verbs are given: a controller's file, the mission that it is for, a robot model."""
+"""Inputs of several verbs: a controller's file, its mission, a robot model."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -21,12 +21,12 @@ from mercator_design.sim.simulate import Simulator
 
 
 def new_simulator(mission: Mission, robot_model: str | None) -> "Simulator":
-    """The simulator of a mission, with its own robot model if no other is given."""
+    """The simulator of a mission, with the mission's robot model if no other is given."""
     return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
 
 
 class Given(TypedDict):
-    """What a user names beside a controller's file."""
+    """What a user names besides a controller's file."""
 
     mission: str | None
     robot_model: str | None
@@ -36,14 +36,14 @@ class Given(TypedDict):
 def simulator_of(
     fsm: Path, file: FsmFile, given: Given, *, warn: "Callable[[Iterable[str]], None]" = warn
 ) -> Simulator:
-    """The simulator for a controller: of the mission and robot model that the user gives, or that its header names.
+    """The simulator for a controller, with the mission and robot model that the user gives or that its header names.
 
-    The header has digests of what was raced. What the user does not give must have these digests. `warn` is messages if
-    a mission that they give has the raced one's name and is another, or comes with another robot model. A robot model
-    that they give is used without a word, as messages name it as the way to go on.
+    The header has digests of what was raced. What the user does not give must have these digests. There is a warning if
+    a given mission has the same name but another digest, or comes with another robot model. There is no warning for a
+    given robot model, because messages recommend to give one.
 
     Raises:
-        MissionError: Something that the user did not give is not what was raced.
+        MissionError: Something that the user did not give has changed since the race.
     """
     header, origin = file.header, origin_of(fsm, file.header)
     mission = _mission_of(origin, given["mission"], given["overrides"])
@@ -56,31 +56,31 @@ def simulator_of(
     name = excerpt(simulator.robot_model.name)
     differs = origin.what_differs(simulator.robot_model)
     if differs is None:
-        warn([f"{fsm}: has no digest of its robot model: whether {name} is what it was then cannot be checked"])
+        warn([f"{fsm}: has no digest of its robot model: it cannot be checked whether {name} has changed"])
     if not differs:
         return simulator
     if given["mission"] is None:
-        what = f"the robot model {name} is not what it was when this was designed ({differs})"
+        what = f"the robot model {name} has changed since this was designed ({differs})"
         raise MissionError(f"{fsm}: {what}; to use it as it is now, give --robot-model {mission.robot_model}")
     designed = excerpt(header.get("robot model", "another"))
-    warn([f"{fsm}: was designed for the robot model {designed} as it was then; the robot model {name} of now differs"])
+    warn([f"{fsm}: was designed for another version of the robot model {designed} than the present {name}"])
     return simulator
 
 
 def load_plugins(
     files: Iterable[Path], *, controller: Path | None, folder: Path | None, flavour: str | None, refuse: bool
 ) -> None:
-    """Run plugins; what is known of them is compared before.
+    """Run plugins, after comparing them with their known digests.
 
     Args:
         files: The plugins.
-        controller: An fsm.txt that is used with them, if one is.
-        folder: A run folder that is, if one is.
-        flavour: Of the controller, if its header does not count.
-        refuse: Whether one that differs from what the controller was designed with is refused.
+        controller: The fsm.txt that is used with them, if any.
+        folder: The run folder that is used with them, if any.
+        flavour: Flavour of the controller, if it replaces that of its header.
+        refuse: Whether to refuse a plugin that has changed since the controller was designed.
 
     Raises:
-        MissionError: One is not what it must be, or cannot be run.
+        MissionError: A plugin has another digest, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
     found = [(file, read_plugin(file)) for file in files]
@@ -93,26 +93,26 @@ def load_plugins(
         for file, plugin in found:
             if raced.get(plugin.name, plugin.digest) != plugin.digest:
                 raise MissionError(
-                    f"{file}: expected a plugin of digest {raced[plugin.name]}, as {folder} was raced with, found "
-                    f"{plugin.digest}; nothing of it was run"
+                    f"{file}: expected a plugin of digest {raced[plugin.name]}, as in the race of {folder}, found "
+                    f"{plugin.digest}; it was not run"
                 )
     for file, plugin in found:
         run_plugin(plugin, str(file))
 
 
 def ignore(_: object) -> None:
-    """Say nothing of it."""
+    """Ignore a warning."""
 
 
 def _key(assignment: str) -> str:
-    """What an override assigns to."""
+    """The key that an override sets."""
     return assignment.partition("=")[0].strip()
 
 
 def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> Mission:
-    """The mission to measure a controller on: the one given, the one raced beside it, the one its header names.
+    """The mission of a controller: the given one, the one in its run folder, or the one that its header names.
 
-    If the header has the digest of the mission that was raced, the last two must have it too.
+    If the header has the digest of the mission, the last two must have it, too.
     """
     if given is not None:
         return load_mission(given, overrides)
@@ -120,13 +120,13 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
     fsm, header = origin.file, origin.header
     named, digest = header.get("mission"), header.get("mission digest")
     if named is None:
-        raise click.UsageError(f"{fsm} does not say which mission it is for; give --mission")
+        raise click.UsageError(f"{fsm}: names no mission; give --mission")
     beside = fsm.parent / "mission.yaml"
     if digest and beside.exists() and load_mission(beside).digest == digest:
         return load_mission(beside, overrides)
     changed = ""
     if digest and beside.exists():
-        changed = f"{beside} is not what it was when this was designed; to use it as it is now, give --mission {beside}"
+        changed = f"{beside} has changed since this was designed; to use it, give --mission {beside}"
     raced_with = _overrides_of(fsm, header)
     try:
         mission = load_mission(named, raced_with)
@@ -134,7 +134,7 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
         messages = [f"the mission of its header: {message}; give --mission" for message in error.messages]
         raise MissionError(*(f"{fsm}: {each}" for each in ([changed] if changed else messages))) from None
     if digest and mission.digest != digest:
-        what = changed or f"{excerpt(named)} is not what it was when this was designed; give --mission"
+        what = changed or f"{excerpt(named)} has changed since this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")
     if changed:
         warn([f"{changed}; {excerpt(named)} is used"])
@@ -142,7 +142,7 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
 
 
 def _overrides_of(fsm: Path, header: Mapping[str, str]) -> list[str]:
-    """The overrides that the header says the mission was raced with."""
+    """The overrides of the raced mission, by the header."""
     text = header.get("set", "[]")
     try:
         found = json.loads(text)

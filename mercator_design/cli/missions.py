@@ -30,20 +30,20 @@ def missions(context: click.Context) -> None:
 
 
 @missions.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON: all there is to know, and the file.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON with all facts and the file.")
 def list_missions(*, as_json: bool = False) -> None:
     """List the shipped missions."""
     print_result(missions_json() if as_json else missions_table(terminal_width()))
 
 
-@missions.command(short_help="Print the YAML of a mission as it stands.")
+@missions.command(short_help="Print the YAML of a mission.")
 @click.argument("mission")
 @SET
 @PLUGIN
 def show(mission: str, overrides: tuple[str, ...]) -> None:
-    """Print the YAML of MISSION as it stands, with its comments, to start one's own from.
+    """Print the YAML of MISSION with its comments, as a template for a mission of your own.
 
-    With --set it is what `mdesign race` would run: overrides and every default filled in, without comments.
+    With --set, print the mission that `mdesign race` would run: with overrides and all defaults, without comments.
     """
     loaded = load_mission(mission, overrides)
     if overrides:
@@ -60,14 +60,14 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     callback=picture,
-    help="Picture to write, .png or .svg.  [default: MISSION.png in this folder]",
+    help="Picture to write, .png or .svg.  [default: MISSION.png in the current folder]",
 )
-@seed_of("Instance to show: where the robots start, and the colours of tiles.")
+@seed_of("Seed of the instance to show: starting poses and colours of tiles.")
 @ROBOT_MODEL
 @SET
 @PLUGIN
 def preview(mission: str, output: Path | None, seed: int, robot_model: str | None, overrides: tuple[str, ...]) -> None:
-    """Draw MISSION from above: arena, floor, lights, the area in which robots start, and one start.
+    """Draw MISSION from above: arena, floor, lights, the starting area, and the starting poses of one instance.
 
     Prints the name of the picture.
     """
@@ -86,7 +86,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     "class_",
     type=click.Choice(["foraging", "homing", "aggregation-xor"]),
     required=True,
-    help="What the robots must do.",
+    help="Class of the missions.",
 )
 @SEED
 @click.option("-n", "--number", type=click.IntRange(1, 10_000), default=1, show_default=True, help="Missions to make.")
@@ -95,20 +95,20 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     default=".",
-    help="Folder of the missions.  [default: this one]",
+    help="Folder of the missions.  [default: the current folder]",
 )
 def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
-    """Write random missions of a class, for experiments on more missions than a method was made with.
+    """Write random missions of a class, to test a method on missions that it was not made with.
 
-    The same class and seed give the same missions, the first of many being the first of a few. Prints the names of the
-    files, CLASS-SEED-1.yaml and on; none may be there yet.
+    The same class and seed give the same missions, whatever their number. Prints the names of the files,
+    CLASS-SEED-1.yaml and so on. These files must not exist.
     """
     with naming(output):
         output.mkdir(parents=True, exist_ok=True)
     paths = [output / f"{class_}-{seed}-{k}.yaml" for k in range(1, number + 1)]
     for path in paths:
         if path.exists():
-            raise MercatorError(f"{path}: expected to write a new file, found that there is one")
+            raise MercatorError(f"{path}: expected a new file, found an existing one")
     for k, path in enumerate(paths, start=1):
         with naming(path):
             write_text(path, dump(sample_mission(class_, seed=seed, number=k)))

@@ -19,7 +19,7 @@ SET = click.option(
 )
 MISSION = click.option(
     "--mission",
-    help="YAML file or name of a shipped mission.  [default: the one that FSM's header says it was designed for]",
+    help="YAML file or name of a shipped mission.  [default: the mission in FSM's header]",
 )
 ROBOT_MODEL = click.option(
     "--robot-model", help="YAML file or name of a shipped robot model.  [default: the mission's]"
@@ -27,7 +27,7 @@ ROBOT_MODEL = click.option(
 
 
 def seed_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """The option --seed, with what it is the seed of."""
+    """The option --seed, with a help text."""
     return click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help=text)
 
 
@@ -36,12 +36,12 @@ JOBS = click.option(
     "-j",
     "--jobs",
     type=click.IntRange(1, 256),
-    help="Experiments run at once.  [default: the cores of this machine]",
+    help="Number of experiments that run at the same time.  [default: the cores of this machine]",
 )
 
 
 def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
-    """The option --plugin of a verb: before that begins, plugins are run, if they are what else it is given says."""
+    """The option --plugin of a verb: before the verb begins, plugins are compared with its other arguments and run."""
 
     @functools.wraps(verb)
     def with_plugins(*arguments: object, plugin: tuple[Path, ...], **given: Any) -> None:  # noqa: ANN401 - the verb's
@@ -65,7 +65,7 @@ def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as
 
 
 def picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-    """What an option for the name of a picture calls."""
+    """The callback of an option for the name of a picture."""
     if path is not None and path.suffix.lower() not in {".png", ".svg"}:
         raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
     return path

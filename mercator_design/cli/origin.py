@@ -1,4 +1,4 @@
-"""Where a controller comes from, as far as its header and the run folder that it lies in say."""
+"""The origin of a controller, from its header and its run folder."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -17,15 +17,15 @@ from mercator_design.sim.robot_model import RobotModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """Where a controller comes from."""
+    """The origin of a controller."""
 
     file: Path
     header: Mapping[str, str]
     folder: Path | None  # of its race
-    race: Mapping[str, Any]  # what makes it, by the folder's provenance; empty if that is not there
+    race: Mapping[str, Any]  # the start of its race, from the folder's provenance; empty if there is none
 
     def plugins(self) -> Iterator[tuple[str, str]]:
-        """Names and digests of the plugins that it was designed with; a name may come twice."""
+        """Names and digests of its plugins at design; a name may come twice."""
         for word in self.header.get("plugins", "").split(", "):
             name, _, digest = word.rpartition(" ")
             if name:
@@ -35,10 +35,10 @@ class Origin:
             yield from plugins.items()
 
     def check_loaded(self) -> None:
-        """Make sure that the plugins that it was designed with are loaded, and are what they were.
+        """Make sure that its plugins are loaded and have not changed since it was designed.
 
         Raises:
-            MissionError: One is not.
+            MissionError: A plugin is not loaded or has changed.
         """
         loaded = loaded_plugins()
         for name, digest in self.plugins():
@@ -50,30 +50,30 @@ class Origin:
                 raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")
 
     def _copy(self, name: str) -> Path | None:
-        """A plugin's file in the run folder, if it is there."""
+        """A plugin's file in the run folder; None if it is missing."""
         if self.folder is None or Path(name).name != name:
             return None
         file = self.folder / "plugins" / name
         return file if file.is_file() else None
 
     def check_plugin(self, name: str, digest: str, *, refuse: bool) -> None:
-        """Make sure that a plugin that is to be run is what it was, or warn that it is not.
+        """Refuse a plugin that has changed since the design, or warn of it.
 
         Raises:
-            MissionError: It is not, and that is to be refused.
+            MissionError: The plugin has changed and is to be refused.
         """
         if all(digest == known for other, known in self.plugins() if other == name):
             return
         if refuse:
-            raise MissionError(f"{self.file}: {self._edited(name)}; nothing of it was run; give --mission to use it")
-        warn([f"{self.file}: {self._edited(name)}; it is used as it is now"])
+            raise MissionError(f"{self.file}: {self._edited(name)}; it was not run; give --mission to use it")
+        warn([f"{self.file}: {self._edited(name)}; the present version is used"])
 
     @staticmethod
     def _edited(name: str) -> str:
-        return f"{excerpt(name)} is not what it was when this was designed"
+        return f"{excerpt(name)} has changed since this was designed"
 
     def what_differs(self, model: RobotModel) -> str | None:
-        """What says that a robot model is not what it was; empty if nothing does, None if not all could be compared."""
+        """What shows that a robot model has changed; empty if nothing, None if it cannot be compared completely."""
         found = digest_of(model)
         digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
         known = [digest for digest in digests if digest is not None]
@@ -88,17 +88,17 @@ class Origin:
 
 
 def origin_of(file: Path, header: Mapping[str, str]) -> Origin:
-    """Where the controller of a file with such a header comes from."""
+    """The origin of a controller's file with this header."""
     failed = file.parent.name == "failed"
     place = file.parent.parent if failed else file.parent
     race: Mapping[str, Any] = {}
     try:
         if (place / provenance.PROVENANCE).is_file():
             race = provenance.read(place).race
-    except MercatorError:  # of a folder that was damaged; the header says what it says
+    except MercatorError:  # the folder is damaged; the header can still be used
         pass
     if header.get("mission digest", race.get("mission_digest")) != race.get("mission_digest") or not (
         "mission digest" in header or failed or file.name == Designer.WINNER
     ):
-        race = {}  # this is not of that race
+        race = {}  # the controller is of another race
     return Origin(file=file, header=header, folder=place, race=race)

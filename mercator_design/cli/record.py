@@ -1,4 +1,4 @@
-"""mdesign record: what happens in one experiment."""
+"""mdesign record: the trace of one experiment."""
 
 from pathlib import Path
 
@@ -14,23 +14,23 @@ from mercator_design.sim.devices import DEVICES
 from mercator_design.system.files import replacing
 
 
-@click.command(short_help="Run one experiment and write what happened.")
+@click.command(short_help="Run one experiment and write its trace.")
 @click.argument("fsm", type=FILE)
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
 )
 @click.option(
-    "--devices", default="", metavar="NAME,...", help="What to record beside poses and states, e.g. imu,lidar."
+    "--devices", default="", metavar="NAME,...", help="Devices to record besides poses and states, e.g. imu,lidar."
 )
 @click.option(
     "--every",
     type=click.IntRange(1, 10**9),
     default=1,
     show_default=True,
-    help="Record every so many-th cycle, and the last.",
+    help="Record every N-th cycle, and the last.",
 )
 @MISSION
-@seed_of("Of the experiment itself: one of the `seeds` that evaluate --json lists.")
+@seed_of("Seed of the experiment: one of the `seeds` that evaluate --json lists.")
 @ROBOT_MODEL
 @FLAVOUR
 @LENIENT
@@ -48,20 +48,18 @@ def record(
     lenient: bool,
     overrides: tuple[str, ...],
 ) -> None:
-    """Run one experiment and write what happened: poses, states, and what devices measured, with time stamps.
+    """Run one experiment and write its trace: poses, states and the readings of devices, with time stamps.
 
     Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
-    quaternion. docs/reference/recorded-devices.md says what each measures.
+    quaternion. docs/reference/recorded-devices.md describes them.
     """
     if output.suffix not in FORMATS:
         raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
     names = list(dict.fromkeys(name.strip() for name in devices.split(",") if name.strip()))
     for name in names:
         if name not in DEVICES:
-            raise click.BadParameter(
-                f"no device is called '{name}'; known: {', '.join(DEVICES)}", param_hint="--devices"
-            )
+            raise click.BadParameter(f"expected a device: {', '.join(DEVICES)}, found '{name}'", param_hint="--devices")
     file = read_controller(fsm, flavour, lenient=lenient)
     simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
     loaded = simulator.mission

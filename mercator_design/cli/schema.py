@@ -1,4 +1,4 @@
-"""mdesign schema: what editors know of missions and robot models."""
+"""mdesign schema: the JSON Schema of missions and robot models, for editors."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What the verbs share of talking to people: messages and Ctrl-C."""
+"""Messages and signals of all verbs."""
 
 import contextlib
 import shutil
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 
 
 def warn_of_no_effect(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
-    """Say what makes no difference when a mission's robots run a PFSM, or any of a flavour."""
+    """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
     from mercator_design.sim.checks.no_effect import no_effect_warnings
 
     warn(no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
 
 
 def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
-    """Say what of a mission cannot be, or is hardly meant.
+    """Warn of what is impossible in a mission or probably a mistake.
 
     Raises:
-        MissionError: of what cannot be, if that is to be refused.
+        MissionError: Something is impossible, and it is to be refused.
     """
     warn(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible))
     if refuse:
@@ -36,7 +36,7 @@ def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
 
 
 def terminal_width() -> int | None:
-    """Characters in a line of the terminal that stdout is; None if it is no terminal."""
+    """Width of the terminal on stdout; None if stdout is no terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
@@ -52,7 +52,7 @@ def terminable() -> Iterator[None]:
 
 
 def _hang_up() -> list[signal.Signals]:
-    """SIGHUP, unless it is ignored, as nohup has it."""
+    """SIGHUP, unless it is ignored, as under nohup."""
     return [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
 
 
@@ -63,18 +63,18 @@ def _terminate(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - 
 
 
 def _terminated() -> Signalled:
-    """Of SIGTERM, as a scheduler sends it some time before it kills, or of SIGHUP: what is done can be resumed."""
+    """The exception for SIGTERM, which a scheduler sends before it kills, and for SIGHUP: the race can be resumed."""
     return Signalled("Terminated.", EX_TEMPFAIL)
 
 
 class Interrupt:
-    """Ctrl-C, SIGTERM and SIGHUP while experiments run: noted at once, acted on between them.
+    """Handles Ctrl-C, SIGTERM and SIGHUP between experiments.
 
-    An exception raised wherever the signal happens to arrive can be swallowed by a C library's callback. The second
-    time it is raised at once, but for SIGHUP, which comes twice when a terminal is closed.
+    If a signal handler raised an exception at once, a callback of a C library could swallow it. So the first signal is
+    only recorded. The second one raises at once, except SIGHUP, which comes twice when a terminal is closed.
 
     Args:
-        then: Called when one comes.
+        then: Called at the first signal.
     """
 
     def __init__(self, *, then: Callable[[], None] = lambda: None) -> None:
@@ -103,7 +103,7 @@ class Interrupt:
         return self._came is not None
 
     def check(self, what: str) -> None:
-        """Stop, and say what there is, if a signal came."""
+        """Print a message and stop, if a signal came."""
         if self._came is not None:
             print_message(what)
             raise KeyboardInterrupt if self._came == signal.SIGINT else _terminated()

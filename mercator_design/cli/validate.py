@@ -1,4 +1,4 @@
-"""mdesign validate: whether files say what they should."""
+"""mdesign validate: checks files."""
 
 from collections.abc import Set as AbstractSet
 from pathlib import Path
@@ -27,8 +27,8 @@ from mercator_design.sim.robot_model import RobotModel
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
     """Check missions and robot models (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
 
-    A mission is valid if its robots also find places to start from. Prints a line for each file; exit code 3 if any is
-    invalid.
+    A mission is valid only if its robots find places to start from. Prints a line for each file. The exit code is 3 if
+    any file is invalid.
     """
     invalid = False
     for file in files:
@@ -42,7 +42,7 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 
 def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
-    """What a valid file holds, in a few words."""
+    """Describe a valid file in a few words."""
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         from mercator_design.sim.checks.impossible import angle_warnings
@@ -53,10 +53,10 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         keys = set(map(spelling.folded, content))
         if _is_of_one_robot(keys):
             raise MissionError(
-                f"{file}: this is what one robot is told, robot.yaml: mercator-robot check --robot {file}"
+                f"{file}: these are the settings of one robot, robot.yaml: mercator-robot check --robot {file}"
             )
         if "robots" in content and isinstance(content["robots"].content, list):
-            raise MissionError(f"{file}: this is where robots are reached, robots.yaml: mdesign deploy --robots {file}")
+            raise MissionError(f"{file}: these are addresses of robots, robots.yaml: mdesign deploy --robots {file}")
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
             warn([*model_warnings(model), *(warning.message for warning in angle_warnings(model))])
@@ -76,7 +76,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
 
 def _content(file: Path) -> dict[str, Node]:
-    """Of a YAML file; empty if it has no keys, or is no such file."""
+    """The keys of a YAML file; empty if it has none, or is not a YAML file."""
     try:
         content = compose(read_text(file), str(file), file.parent).content
     except Fault:
@@ -85,13 +85,13 @@ def _content(file: Path) -> dict[str, Node]:
 
 
 def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
-    """Whether one of them is of robot.yaml alone."""
+    """Whether one of the keys exists only in robot.yaml."""
     one_robot, mission, model = (set(map(spelling.folded, fields_of(kind))) for kind in (Settings, Mission, RobotModel))
     return bool(keys & (one_robot - mission - model))
 
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
-    """Whether more of them are of robot models only than of missions only, misspelt ones aside."""
+    """Whether more keys belong only to robot models than only to missions; misspelt keys do not count."""
     model, mission = (
         set(map(spelling.folded, names)) for names in (["base", *fields_of(RobotModel)], fields_of(Mission))
     )

@@ -257,4 +257,4 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RaceError(f"{path}: cannot write results there: {error.strerror or error}") from None
+        raise RaceError(f"{path}: results cannot be written: {error.strerror or error}") from None

@@ -106,7 +106,7 @@ class Recording:
 
     def _measured(self, name: str, cycles: Cycles) -> Floats:
         if name not in DEVICES:
-            raise SimulationError(f"no device is called '{name}'; known: {', '.join(DEVICES)}")
+            raise SimulationError(f"expected a device: {', '.join(DEVICES)}, found '{name}'")
         sensor = getattr(self.robot_model, PARTS.get(name, name))
         if sensor is None or (name == "light_sensors" and isinstance(sensor, LightCamera)):
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")

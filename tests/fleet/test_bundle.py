@@ -185,7 +185,7 @@ def test_an_older_one_is_replaced_and_nothing_else(mdesign, tmp_path, applicatio
         archive.writestr("data.csv", "1")
     for data in (file.read_bytes(), b"#!/bin/sh\n", b""):
         file.write_bytes(data)
-        words = f"Error: {file} is there already, and is no zip application; give another name, or remove it\n"
+        words = f"Error: {file} exists and is not a zip application; give another name, or remove it\n"
         assert mdesign("bundle", "-o", file) == (1, "", words)
         assert file.read_bytes() == data
     with zipfile.ZipFile(file, "w") as archive:

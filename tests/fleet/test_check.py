@@ -46,7 +46,7 @@ def test_a_table_of_batteries_lines_and_clocks_and_what_is_wrong(deploy, robots,
     told = [row for row in rows[2:] if "r2" in row]
     assert any(re.fullmatch(r"WRONG  r2: battery: 9 %; .*charge it", row) for row in told), told
     assert any(row.startswith("WRONG  r2: lidar: ") and "no such port" in row for row in told), told
-    assert (code, bool(re.fullmatch(r"Error: something is wrong with \d of 2 robots\n", err))) == (1, True)
+    assert (code, bool(re.fullmatch(r"Error: \d of 2 robots failed the check\n", err))) == (1, True)
     assert not any(devices.drives() for devices in robots)
 
 
@@ -87,7 +87,7 @@ def test_robots_that_cannot_be_looked_at(deploy, field):
     rows = out.splitlines()[3:]
     assert [cells(row) for row in rows[:2]] == [[name, *["?"] * 5] for name in ("r1", "r2")]
     assert rows[2:] == ["WRONG  r1: not done after 3 s", "WRONG  r2: ssh: exit code 7"]
-    assert (code, err) == (1, "Error: something is wrong with 2 of 2 robots\n")
+    assert (code, err) == (1, "Error: 2 of 2 robots failed the check\n")
 
 
 def test_findings_as_lines_of_json(robots, field):
@@ -118,4 +118,4 @@ def test_a_check_that_breaks_off_is_told(deploy, field, ends):
     python.write_text(f"#!/bin/sh\ncase \"$*\" in *version*) echo 1; exit 0;; esac\necho '{finding}'\n{ends}\n")
     code, out, err = deploy("--check")
     assert [row.partition(":")[0] for row in out.splitlines()[5:]] == ["WRONG  r1", "WRONG  r2"], out
-    assert (code, err) == (1, "Error: something is wrong with 2 of 2 robots\n")
+    assert (code, err) == (1, "Error: 2 of 2 robots failed the check\n")

@@ -150,4 +150,4 @@ def test_a_run_folder_has_its_own_copies(mdesign, plugin, written, tmp_path):
     assert "mission_digest: raced with " in err
     code, out, err = mdesign("evaluate", b / "fsm.txt", "--plugin", plugin, "-n", 2)
     assert (code, out) == (3, "")
-    assert "mission.yaml is not what it was when this was designed" in err
+    assert "mission.yaml has changed since this was designed" in err

@@ -128,7 +128,7 @@ class TestResume:
         damaged = damaged if damaged != complete else b"".join([*lines[:40], b"x" + lines[40], *lines[41:]])
         path.write_bytes(damaged)
         with pytest.raises(
-            RaceError, match=r"line 41: expected the checksum [0-9a-f]{8}, found.*Lines 1 to 40 are whole"
+            RaceError, match=r"line 41: expected the checksum [0-9a-f]{8}, found.*Lines 1 to 40 are valid"
         ):
             Journal(path, new=False)
         assert path.read_bytes() == damaged
@@ -371,7 +371,7 @@ class TestFullDisk:
             return write(file, data[:written])
 
         monkeypatch.setattr(os, "write", full)
-        with pytest.raises(RaceError, match=r"cannot write results there: No space left on device; .* can be resumed"):
+        with pytest.raises(RaceError, match=r"results cannot be written: No space left on device; .* resume the race"):
             resumed(path)
         monkeypatch.undo()
         reading = read(path)
@@ -392,7 +392,7 @@ class TestFullDisk:
             fsync(file)
 
         monkeypatch.setattr(os, "fsync", full)
-        with pytest.raises(RaceError, match=r"Disk quota exceeded; .* can be resumed"):
+        with pytest.raises(RaceError, match=r"Disk quota exceeded; .* resume the race"):
             resumed(path)
         monkeypatch.undo()
         reading = read(path)

@@ -79,7 +79,7 @@ class TestConformance:
 
     def test_what_it_tells_of_itself(self, method):
         race = race_of(method)
-        with pytest.raises(RaceError, match="expected an iteration to have ended"):
+        with pytest.raises(RaceError, match="expected an iteration that has ended"):
             _ = race.best
         assert (race.used, race.iteration, race.elites, race.stop_reason) == (0, 0, [], None)
         told, iterations = [], []

@@ -484,7 +484,7 @@ def test_shapes(noisy, shape, names):
 
 
 def test_unknown_devices_are_named():
-    with pytest.raises(SimulationError, match="no device is called 'radar'; known: wheels, leds"):
+    with pytest.raises(SimulationError, match="expected a device: wheels, leds"):
         look().recording.measure("radar")
 
 

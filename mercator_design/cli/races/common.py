@@ -1,4 +1,4 @@
-"""What the verbs that race have in common: new and resumed races, their folders, failures, signals."""
+"""Shared by the verbs race and tune: new and resumed races, their folders, failures, signals."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -24,13 +24,13 @@ from mercator_design.runs.files import read_provenance
 from mercator_design.runs.folder import RunFolder
 
 _MAX_WARNINGS = 10
-"""Failures that are told one by one."""
+"""Number of failures that are reported one by one."""
 
 RESUME = click.option(
     "--resume",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIRECTORY",
-    help="Go on with the race of this folder, instead of a new one.",
+    help="Resume the race of this folder instead of starting a new one.",
 )
 OUTPUT = click.option(
     "-o",
@@ -43,12 +43,12 @@ ON_FAILURE = click.option(
     type=click.Choice(["stop", "reject"]),
     default="stop",
     show_default=True,
-    help="What an experiment that fails does: stop the race, or reject its configuration.",
+    help="Effect of an experiment that fails: stop the race, or reject its configuration.",
 )
 OPTUNA = click.option(
     "--optuna",
     metavar="URL",
-    help="Show the race in an Optuna storage too, e.g. sqlite:///race.db, for optuna-dashboard.",
+    help="Copy the race into an Optuna storage, e.g. sqlite:///race.db, for optuna-dashboard.",
 )
 
 
@@ -59,24 +59,24 @@ def method_option(default: str) -> Callable[[Callable[..., None]], Callable[...,
         type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
         default=default,
         show_default=True,
-        help="What proposes configurations and decides which of them run on.",
+        help="The method that proposes and eliminates configurations.",
     )
 
 
 def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[str], needed: Sequence[str]) -> None:
-    """Refuse what does not go together.
+    """Refuse parameters that exclude each other.
 
     Args:
-        context: Of the verb.
-        resumed: Whether there is a race to go on with.
-        began_with: Parameters that a race begins with, so that one that is resumed cannot have them.
-        needed: Parameters that one that is new must have.
+        context: The context of the verb.
+        resumed: Whether a race is resumed.
+        began_with: Parameters of a new race, which a resumed race cannot have.
+        needed: Parameters that a new race must have.
     """
     parameters = {one.name: one for one in context.command.params if one.name}
     for name in began_with if resumed else ():
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             hint = _hint(parameters[name])
-            raise click.UsageError(f"{hint} is what the race began with: it cannot be given with --resume")
+            raise click.UsageError(f"{hint} is fixed when a race begins: it cannot be given with --resume")
     for name in () if resumed else needed:
         if context.params[name] is None:
             kind = parameters[name].param_type_name
@@ -88,16 +88,16 @@ def _hint(parameter: click.Parameter) -> str:
 
 
 def reopen(path: Path, task: str) -> RunFolder:
-    """The folder of a race to go on with, which is of such a task."""
+    """Open the folder of a race to resume, of the given task."""
     found = str(read_provenance(path).race["task"])
     if found != task:
         verb = {"mission": "race", "scenario": "tune"}[found]
-        raise click.UsageError(f"{path} is the race of a {found}: it goes on with mdesign {verb} --resume")
+        raise click.UsageError(f"{path} is the race of a {found}: resume it with mdesign {verb} --resume")
     return RunFolder.reopen(path)
 
 
 def free_folder(name: str) -> Path:
-    """The first of runs/NAME-1, -2, ... that did not exist; it does now."""
+    """Create the first of runs/NAME-1, -2, ... that does not exist."""
     number = 1
     while True:
         folder = Path("runs") / f"{name}-{number}"
@@ -121,12 +121,12 @@ def run(
     """Run the race of a folder to its end, and print its summary.
 
     Args:
-        folder: Of the race.
-        executor: Runs its experiments.
-        how: They are run, for the journal.
-        on_failure: As `RaceRun`.
-        optuna: Storage to mirror the race into.
-        interrupt: What may stop it.
+        folder: The run folder.
+        executor: Runs the experiments.
+        how: The executor and its jobs, for the journal.
+        on_failure: As in `RaceRun`.
+        optuna: Optuna storage to copy the race into.
+        interrupt: Handles signals that stop the race.
     """
     for note in folder.journal.notes:
         print_message(f"Note: {note}")
@@ -143,11 +143,11 @@ def run(
     except ExecutorStopped:
         n, tests = len(folder.journal.record.experiments), len(folder.journal.record.tests)
         what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
-        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to go on: {resume}")
+        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to resume: {resume}")
         raise
     except ExperimentFailed as error:
-        print_message(f"To run what failed alone: {folder.keep_failed(error.finished)}")
-        print_message(f"To go on without it:      {resume} --on-failure reject")
+        print_message(f"To run only the failed experiment: {folder.keep_failed(error.finished)}")
+        print_message(f"To continue without it:            {resume} --on-failure reject")
         raise
     summary = race_summary(
         result,
@@ -183,7 +183,7 @@ def _run(
         nonlocal is_announced
         if interrupt.came() and not is_announced:
             is_announced = True
-            print_message("Stopping when the experiments under way have ended; Ctrl-C again stops at once")
+            print_message("Stopping when the running experiments have ended; Ctrl-C again stops at once")
         return interrupt.came()
 
     race = RaceRun(
@@ -209,7 +209,7 @@ def _run(
 
 
 def _mirror(storage: str | None, folder: RunFolder) -> "AbstractContextManager[OptunaMirror | None]":
-    """What copies the race into an Optuna storage, if there is to be one."""
+    """The mirror that copies the race into an Optuna storage, if one is given."""
     if storage is None:
         return nullcontext()
     task = folder.task

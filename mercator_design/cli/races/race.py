@@ -1,4 +1,4 @@
-"""mdesign race: a mission becomes a controller."""
+"""mdesign race: designs a controller for a mission."""
 
 import logging
 from dataclasses import replace
@@ -39,8 +39,8 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and cma-es. "
-    "With --resume, a larger one to go on to.",
+    help="Maximum number of experiments; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and "
+    "cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
 @JOBS
@@ -60,29 +60,31 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     type=click.Choice(["threads", "processes", "dask"]),
     default="threads",
     show_default=True,
-    help="What runs experiments; results do not depend on it.",
+    help="Executor of the experiments; results do not depend on it.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Of Dask, such as tcp://host:8786 or a scheduler file.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Dask scheduler: an address such as tcp://host:8786, or a scheduler file."
+)
 @click.option(
     "--timeout",
     type=NumberRange(0, min_open=True),
     metavar="SECONDS",
-    help="An experiment that takes longer has failed (with --executor processes).",
+    help="Time limit of an experiment, which fails when it is over (with --executor processes).",
 )
 @ON_FAILURE
 @click.option(
     "--test-runs",
     type=click.IntRange(0, 10**6),
     metavar="N",
-    help="Measure the winner on N fresh instances when the race has ended, beyond the budget.",
+    help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
 )
 @click.option(
     "--test-elites",
     type=click.IntRange(1, 10**6),
     metavar="N",
-    help="Measure so many of the elites there, the winner and the next best.  [default: 1]",
+    help="Test the N best elites.  [default: 1]",
 )
-@click.option("--test-iterations", is_flag=True, help="Measure as many of each iteration's elites there, too.")
+@click.option("--test-iterations", is_flag=True, help="Test as many elites of each iteration, too.")
 @OPTUNA
 @SET
 @PLUGIN
@@ -143,7 +145,7 @@ def race(
 
 
 def _testing(before: Testing | None, given: dict[str, Any]) -> "Testing | None":
-    """What is tested, as it was before unless something else is asked for."""
+    """The tests: as before, unless options change them."""
     asked = {name: value for name, value in given.items() if value is not None}
     if before is None and "runs" not in asked and asked:
         raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
@@ -160,7 +162,7 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
             "dask scheduler --scheduler-file s.json, then --scheduler s.json"
         )
     if timeout is not None and name != "processes":
-        raise click.UsageError("--timeout needs --executor processes: only a process can be stopped from outside")
+        raise click.UsageError("--timeout needs --executor processes: only a process can be killed")
     if scheduler is not None:
         from mercator_design.race.running.dask_executor import DaskExecutor
 

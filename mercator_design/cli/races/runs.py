@@ -1,4 +1,4 @@
-"""mdesign runs: what races have left behind."""
+"""mdesign runs: shows and analyses the run folders of races."""
 
 import contextlib
 from pathlib import Path
@@ -28,22 +28,22 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 @contextlib.contextmanager
 def _stoppable(task: Task[Any], jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
-    """What runs experiments of a task, and what tells that they are to stop."""
+    """The executor of a task's experiments, and a function that returns whether to stop."""
     with Interrupt(then=task.stop) as interrupt:
         try:
             with ThreadExecutor(jobs or available_jobs()) as executor:
                 yield executor, interrupt.came
         except ExecutorStopped:
-            interrupt.check("stopped before it was done")
+            interrupt.check("interrupted")
             raise
 
 
 @click.group(invoke_without_command=True)
 @click.pass_context
 def runs(context: click.Context) -> None:
-    """List, show, verify and analyse races that were run.
+    """List, show, verify and analyse races.
 
-    Without a command it lists those in the folder runs.
+    Without a command, list the races in the folder runs.
     """
     if context.invoked_subcommand is None:
         context.invoke(list_runs, folder=Path("runs"))
@@ -62,13 +62,13 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
     warn(notes)
 
 
-@runs.command(short_help="Show a race and what came of it.")
+@runs.command(short_help="Show a race and its results.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "--csv", "what", type=click.Choice(["experiments", "configurations", "tests"]), help="Print a table as CSV."
 )
 def show(directory: Path, what: str | None) -> None:
-    """Show the race of DIRECTORY, whether it runs, was stopped or has finished."""
+    """Show the race of DIRECTORY; it may be running, interrupted or finished."""
     if what is None:
         print_result(with_notes_wrapped(run_summary(directory), terminal_width()))
     elif what == "experiments":
@@ -87,14 +87,14 @@ def show(directory: Path, what: str | None) -> None:
     type=click.IntRange(0, 10**9),
     default=20,
     show_default=True,
-    help="Experiments to run again, spread over the race.",
+    help="Number of experiments to run again, spread over the race.",
 )
 @JOBS
 @PLUGIN
 def verify(directory: Path, number: int, jobs: int | None) -> None:
     """Check the journal of DIRECTORY, and run a sample of its experiments again.
 
-    Exit code 1 if something is not as it was.
+    The exit code is 1 if a result differs.
     """
     task = restored(directory)
     with _stoppable(task, jobs) as (executor, stopped):
@@ -102,36 +102,39 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
             print_result(line)
 
 
-@runs.command(short_help="Tell which modules or parameters explain the scores.")
+@runs.command(short_help="Show which modules or parameters explain the scores.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
     "--of",
     "what",
     type=click.Choice(["modules", "parameters"]),
-    help="How often each module is in a PFSM, or the parameters of the grammar.  [default: modules, if there are any]",
+    help="Explain scores by the number of each module in a PFSM, or by the parameters of the grammar.  "
+    "[default: modules, if there are any]",
 )
-@seed_of("Of what is random here.")
+@seed_of("Seed of the analysis.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
 @PLUGIN
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
-    """Tell which modules or parameters explain the scores in the race of DIRECTORY."""
+    """Show which modules or parameters explain the scores in the race of DIRECTORY."""
     task, explanation = analysis.importance(directory, modules=None if what is None else what == "modules", seed=seed)
     print_result((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
 
 
-@runs.command(short_help="Find what the winner of a race needs.")
+@runs.command(short_help="Find which parts the winner of a race needs.")
 @click.argument("directory", type=_FOLDER)
 @click.option(
-    "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this one to the winner."
+    "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this configuration to the winner."
 )
-@click.option("--from-first", "first", is_flag=True, help="Go from the best of the first iteration to the winner.")
+@click.option(
+    "--from-first", "first", is_flag=True, help="Go from the best configuration of the first iteration to the winner."
+)
 @click.option(
     "-n",
     "--runs",
     type=click.IntRange(2, 10**6),
     default=30,
     show_default=True,
-    help="Fresh instances that changes are chosen on, and as many others that their path is measured on.",
+    help="Number of fresh instances to choose changes on, and of other instances to measure the path on.",
 )
 @JOBS
 @click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
@@ -146,10 +149,10 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
 def ablation(
     directory: Path, start: int | None, first: bool, runs: int, jobs: int | None, as_csv: bool, plot: Path | None
 ) -> None:
-    """Find what the winner of DIRECTORY needs, by taking out of it what matters least, again and again.
+    """Find which parts the winner of DIRECTORY needs, by removing the least important part again and again.
 
-    States and transitions are taken out until the initial state is alone. With --from or --from-first, other
-    configurations become the winner instead, by the parameter that gains most, again and again.
+    States and transitions are removed until only the initial state is left. With --from or --from-first, another
+    configuration is changed into the winner instead, by the parameter that gains most in each step.
     """
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")

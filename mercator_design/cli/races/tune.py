@@ -1,4 +1,4 @@
-"""mdesign tune: the parameters of any program, as irace finds them."""
+"""mdesign tune: finds parameters of any program by irace's scenario."""
 
 import csv
 import io
@@ -52,25 +52,34 @@ _WHAT_IT_BEGAN_WITH = (
 
 @click.command(short_help="Find parameters of a program, by irace's scenario.")
 @click.argument("scenario", type=FILE, required=False)
-@click.option("-s", "--scenario", "scenario_option", type=FILE, help="SCENARIO, as irace's option.")
+@click.option("-s", "--scenario", "scenario_option", type=FILE, help="SCENARIO as an option, as in irace.")
 @click.option(
     "--max-experiments",
     type=click.IntRange(1, 10**9),
-    help="Experiments that may be run.  [default: the scenario's; with --resume, a larger number to go on to]",
+    help="Maximum number of experiments; with --resume, a larger one to continue with.  [default: the scenario's]",
 )
 @click.option(
     "--seed", type=click.IntRange(0, 2**31 - 1), help="Master seed of all randomness.  [default: the scenario's]"
 )
 @click.option(
-    "-j", "--parallel", type=click.IntRange(1, 256), help="Experiments run at once.  [default: the scenario's]"
+    "-j",
+    "--parallel",
+    type=click.IntRange(1, 256),
+    help="Number of experiments that run at the same time.  [default: the scenario's]",
 )
-@click.option("--exec-dir", type=click.Path(path_type=Path), help="Folder that they run in.  [default: the scenario's]")
-@click.option("--target-runner", type=FILE, help="Program that runs them.  [default: the scenario's]")
-@method_option("irace")
-@click.option("--speculate", is_flag=True, help="Let idle workers run ahead of the race: more runs than the budget.")
-@click.option("--check", is_flag=True, help="Run a few configurations on one instance, and no race.")
 @click.option(
-    "--only-test", type=FILE, help="Run the configurations of this file on the scenario's test instances, and no race."
+    "--exec-dir", type=click.Path(path_type=Path), help="Folder in which experiments run.  [default: the scenario's]"
+)
+@click.option("--target-runner", type=FILE, help="Program that runs experiments.  [default: the scenario's]")
+@method_option("irace")
+@click.option(
+    "--speculate", is_flag=True, help="Let idle workers run speculative experiments: more runs than the budget."
+)
+@click.option("--check", is_flag=True, help="Run a few configurations on one instance instead of a race.")
+@click.option(
+    "--only-test",
+    type=FILE,
+    help="Run the configurations of this file on the scenario's test instances instead of a race.",
 )
 @OUTPUT
 @RESUME
@@ -97,19 +106,19 @@ def tune(
 ) -> None:
     """Find parameters of the program of SCENARIO, irace's scenario.txt.
 
-    The best configurations are written to best.txt in the results' folder, as irace's configurationsFile has them, and
-    a summary to stdout. What is not obeyed of a scenario is refused.
+    The best configurations are written to best.txt in the results' folder, in the format of irace's configurationsFile,
+    and a summary to stdout. Options of a scenario that are not supported are refused.
 
     An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
     larger --max-experiments.
     """
     if scenario is not None and scenario_option is not None:
-        raise click.UsageError("SCENARIO and --scenario name the same: give one of them")
+        raise click.UsageError("SCENARIO and --scenario exclude each other")
     needed = () if scenario_option is not None else ("scenario",)
     check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=needed)
     scenario = scenario or scenario_option
     if (check or only_test is not None) and (optuna is not None or speculate):
-        raise click.UsageError("--optuna and --speculate are of a race: --check and --only-test run none")
+        raise click.UsageError("--optuna and --speculate need a race: --check and --only-test run none")
     if check and (only_test is not None or output is not None):
         raise click.UsageError("--check takes neither --only-test nor --output")
     if resume is not None:
@@ -140,7 +149,7 @@ def tune(
 
 
 def _given(**options: Path | int | None) -> "list[Assignment]":
-    """What the command line sets, by irace's names; its paths are relative to the present folder."""
+    """The settings of the command line, by irace's names; paths are relative to the current folder."""
     return [
         Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")
         for name, value in options.items()
@@ -149,18 +158,18 @@ def _given(**options: Path | int | None) -> "list[Assignment]":
 
 
 def _check(tuner: Tuner) -> None:
-    """Run the first experiments of a race: configurations to begin with, and two more.
+    """Run the first experiments of a race: the initial configurations and two more.
 
-    In a thread, as all runs of programs: a signal in the main thread then finds each program that has started.
+    They run in a thread, as all programs: so a signal in the main thread finds every program that has started.
     """
     failed = False
 
     def show(command: str, run: Callable[[], Measurement], *, is_cost: bool) -> bool:
-        """Show a command and what came of it; gives whether it ran."""
+        """Show a command and its result; return whether it succeeded."""
         nonlocal failed
         print_result(command)
         ((_, result),) = executor.run(lambda _: run(), [0])
-        interrupt.check("Not all of these have run")
+        interrupt.check("Not all of these experiments have run")
         if isinstance(result, Failed):
             failed = failed or not isinstance(result.error, Rejected)
             print_result(printable(f"  {result.reason}"))
@@ -180,11 +189,11 @@ def _check(tuner: Tuner) -> None:
             for call in ran:
                 show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
     if failed:
-        raise MercatorError("expected all of these to give a cost, found that some failed")
+        raise MercatorError("expected a cost from each of these, found failures")
 
 
 def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
-    """Test configurations, and show their costs as a table; with an output, write it there as tests.csv."""
+    """Test configurations and show their costs as a table; write it as tests.csv if there is an output folder."""
     instances = tuner.scenario.test_instances
     if not instances:
         expected = "testInstances, testInstancesDir or testInstancesFile"
@@ -198,7 +207,7 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
         try:
             costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
         except ExecutorStopped:
-            interrupt.check("No test is kept")
+            interrupt.check("Tests are not saved")
             raise
     rows: list[list[object]] = [["test instance", "seed", *range(1, len(configurations) + 1)]]
     for number, instance in enumerate(instances):

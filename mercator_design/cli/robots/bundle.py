@@ -22,13 +22,13 @@ from mercator_design.system.files import write_bytes
     help="File to write.",
 )
 def bundle(output: Path) -> None:
-    """Write mercator-robot as one file, which runs on a robot's Pi with Python 3.11 or later and nothing else.
+    """Write mercator-robot as one file, which needs only Python 3.11 or later on a robot's Pi.
 
-    What it needs, click, PyYAML and pyserial, is in it as it is installed here. One that is there already is replaced.
+    The file contains click, PyYAML and pyserial in the versions installed here. An existing file is replaced.
     """
     with naming(output):
         if output.is_file() and not is_bundle(output):
-            raise RobotError(f"{output} is there already, and is no zip application; give another name, or remove it")
+            raise RobotError(f"{output} exists and is not a zip application; give another name, or remove it")
     data = make()
     with naming(output):
         write_bytes(output, data)

@@ -31,8 +31,8 @@ from mercator_design.system.files import write_text
 @click.option(
     "--base", default="mercator", show_default=True, help="Robot model whose noise is measured: a file or name."
 )
-@click.option("--name", help="Of the robot model.  [default: the file's]")
-@seed_of("Of simulated measurements, which tell how exact and how good a fit is.")
+@click.option("--name", help="Name of the robot model.  [default: the file's]")
+@seed_of("Seed of the simulated measurements for intervals and p-values.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def calibrate(
     recordings: tuple[Path, ...],
@@ -45,18 +45,18 @@ def calibrate(
 ) -> None:
     """Fit the noise of a robot's sensors to what `mercator-robot record` wrote, and write it as a robot model.
 
-    The robot must be at rest, but may be moved between: each time that it stands still is a scene of its own. Of each
-    sensor the likelier of a Gaussian and a uniform distribution is taken. `mdesign evaluate --robot-model MODEL.yaml`
+    The robot must be at rest. It may be moved between recordings: each time that it stands still is a scene. For each
+    sensor the likelier distribution is taken, Gaussian or uniform. `mdesign evaluate --robot-model MODEL.yaml`
     then measures controllers with this noise.
 
     \b
     Columns: sensor; samples that counted; scenes; noise, with the
     interval of its parameter; by how much Akaike's criterion is larger
-    for the other distribution (below 2: nobody can tell); the chance p of
-    a fit as bad if the noise is this (below 0.05: it is something else).
+    for the other distribution (below 2: not decided); the p-value of the
+    fit (below 0.05: the noise has another distribution).
     """  # noqa: D301 - click reads the control character
     if output.exists():
-        raise MercatorError(f"{output} is there already; give another name, or remove it")
+        raise MercatorError(f"{output} exists; give another name, or remove it")
     result = fit(recordings, load_robot_model(base), seed=seed)
     for note in result.notes:
         print_message(f"Note: {note}")

@@ -29,22 +29,22 @@ from mercator_design.robot.run.senses import why_device_is_needed
 
 @click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
 @click.argument("fsm", type=FILE, required=False)
-@click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Where the robots are reached.")
+@click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Addresses of the robots.")
+@click.option("--check", is_flag=True, help="Check the robots: batteries, lines, clocks; also before a start.")
 @click.option(
-    "--check", is_flag=True, help="Look for what is wrong with the robots: batteries, lines, clocks; before a start."
+    "--start", is_flag=True, help="Run FSM on all robots together, if all earlier steps succeeded on all robots."
 )
-@click.option("--start", is_flag=True, help="Run FSM on all robots together, if all that was before went well on all.")
-@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Of the run that is started.")
-@click.option("--dry-run", is_flag=True, help="The run that is started does everything but turn the wheels.")
+@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="Duration of the run.")
+@click.option("--dry-run", is_flag=True, help="Run without turning the wheels.")
 @WITHOUT
 @FLAVOUR
 @LENIENT
-@click.option("--stop", is_flag=True, help="Instead, stop what runs on the robots.")
+@click.option("--stop", is_flag=True, help="Stop the runs on the robots instead of copying FSM.")
 @click.option(
     "--collect",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Instead, or after that, copy the logs of each robot to a folder of its name in DIR.",
+    help="Copy the logs of each robot to a folder of its name in DIR; instead of copying FSM, or after that.",
 )
 @click.option(
     "--timeout",
@@ -52,7 +52,7 @@ from mercator_design.robot.run.senses import why_device_is_needed
     default=60.0,
     show_default=True,
     metavar="SECONDS",
-    help="For each connection to a robot.",
+    help="Time limit of each connection to a robot.",
 )
 def deploy(
     fsm: Path | None,
@@ -70,18 +70,18 @@ def deploy(
 ) -> None:
     """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; check, start and stop them, collect logs.
 
-    Robots that are started begin within a control cycle of each other, or none does. Prints a row for each robot; exit
-    code 1 if something failed on any.
+    All robots start within one control cycle, or none starts. Prints a row for each robot. The exit code is 1 if
+    something failed on any robot.
     """
     ends = stop or collect is not None
     if (fsm is not None or check) == ends:
         raise click.UsageError("expected FSM or --check, or --stop or --collect")
     if (start and fsm is None) or ((duration is not None or dry_run) and not start):
-        raise click.UsageError("--start is of FSM; --duration and --dry-run are of --start")
+        raise click.UsageError("--start needs FSM; --duration and --dry-run need --start")
     if fsm is None and (flavour is not None or lenient):
-        raise click.UsageError("--flavour and --lenient are of FSM")
+        raise click.UsageError("--flavour and --lenient need FSM")
     if without and not (start or check):
-        raise click.UsageError("--without is of --start and --check")
+        raise click.UsageError("--without needs --start or --check")
 
     fleet = do.read_fleet(robots)
     results = []
@@ -111,7 +111,7 @@ def deploy(
 
 
 def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
-    """Refuse to go without devices that the PFSM needs; a robot whose own settings need one refuses that itself."""
+    """Refuse to leave out devices that the PFSM needs; a robot whose own settings need one refuses itself."""
     model = reference_model_of(file.header, ReferenceModel())
     for device in without:
         if why := why_device_is_needed(device, file.pfsm.reads, model):
@@ -126,7 +126,7 @@ def _check(fleet: Fleet, timeout: float, options: list[str]) -> None:
         print_result(f"WRONG  {printable(row)}")
     if found:
         names = {each.robot.name for each in checked if [*wrong([each])]}
-        raise RobotError(f"something is wrong with {len(names)} of {len(checked)} robots")
+        raise RobotError(f"{len(names)} of {len(checked)} robots failed the check")
 
 
 def _start(fleet: Fleet, options: list[str], timeout: float, cycle: float) -> None:

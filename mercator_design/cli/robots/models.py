@@ -16,7 +16,7 @@ from mercator_design.sim.robot_model import load_robot_model
 def robots(context: click.Context) -> None:
     """List and show the shipped robot models.
 
-    Without a command it lists them.
+    Without a command, list them.
     """
     if context.invoked_subcommand is None:
         context.invoke(list_robots)
@@ -31,7 +31,7 @@ def list_robots() -> None:
 @robots.command("show")
 @click.argument("name")
 def show_robot(name: str) -> None:
-    """Print the YAML of a robot model as it stands, with its comments."""
+    """Print the YAML of a robot model with its comments."""
     load_robot_model(name)
     print_result(
         text_of(shipped.find(name, shipped.robot_models(), "robot model"), error=MissionError), nl=False, exact=True

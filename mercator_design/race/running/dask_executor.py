@@ -1,9 +1,9 @@
-"""Experiments on the workers of a Dask cluster, wherever they are: other processes, other machines, a queue of SLURM's.
+"""Runs experiments on the workers of a Dask cluster: other processes, other machines, or jobs of SLURM.
 
-Dask gives an experiment whose worker dies to another one; how many workers it may cost is the scheduler's
-`distributed.scheduler.allowed-failures` (3 by default). As others may have been with it there, it then runs once more
-with nothing beside it, and is given up if that kills as many. Workers may come and go; while there
-is none, a race waits.
+If a worker dies, Dask gives its experiments to another one, as often as the scheduler's
+`distributed.scheduler.allowed-failures` allows (3 by default). Another experiment on the same worker may be the cause,
+so each then runs alone, and fails if it again kills as many workers. Workers may come and go; while there is none, the
+race waits.
 """
 
 import collections
@@ -22,14 +22,13 @@ from mercator_design.race.running.executors import Failed, WorkerUnfit, call_pac
 
 T = TypeVar("T")
 R = TypeVar("R")
-_Bundle = list[tuple[int, T]]  # items with their places
+_Bundle = list[tuple[int, T]]  # items with their indices
 
 BUNDLE = 0.2
-"""Seconds of work that go to a worker at once where there is work for all: the scheduler takes a millisecond or two for
-whatever it hands out."""
+"""Seconds of work in one task, if there is work for all workers: the scheduler takes a millisecond or two per task."""
 MAX_BUNDLED = 64
 LOOK_EVERY = 1.0
-"""Seconds after which workers are counted anew: the scheduler is asked, and takes some milliseconds."""
+"""Seconds between two counts of workers: asking the scheduler takes some milliseconds."""
 
 
 class DaskExecutor:
@@ -37,12 +36,12 @@ class DaskExecutor:
 
     Args:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
-        jobs: How many experiments to have under way; by default twice the threads that workers have at the time.
+        jobs: Number of experiments to submit at a time; by default twice the number of the workers' threads.
         timeout: Seconds to wait for the scheduler.
-        announce: Called with a sentence when experiments wait and no worker is there.
+        announce: Called with a message when experiments wait and there is no worker.
 
     Raises:
-        RaceError: There is no package distributed, or no such scheduler.
+        RaceError: The package distributed is not installed, or there is no such scheduler.
     """
 
     def __init__(
@@ -70,13 +69,13 @@ class DaskExecutor:
 
     @property
     def jobs(self) -> int:
-        """Threads of the workers that there are now, or were a moment ago; at least one."""
+        """Number of threads of the workers, counted now and then; at least one."""
         if (now := time.monotonic()) > self._looked + LOOK_EVERY:
             self._looked, self._jobs = now, max(self._n_threads(), 1)
         return self._jobs
 
     def stop(self) -> None:
-        """As `Executor.stop`: nothing waits for workers that are not there."""
+        """As `Executor.stop`; does not wait for workers if there are none."""
         self._is_stopping = True
 
     def __enter__(self) -> Self:
@@ -95,9 +94,9 @@ class DaskExecutor:
         numbered = enumerate(items)
         under_way = as_completed(loop=self._client.loop)
         bundles: dict[Any, _Bundle[T]] = {}
-        seconds = math.inf  # that an item takes
+        seconds = math.inf  # per item
 
-        suspects: collections.deque[tuple[int, T]] = collections.deque()  # of having killed their workers
+        suspects: collections.deque[tuple[int, T]] = collections.deque()  # items that may have killed their workers
 
         def submit(bundle: _Bundle[T]) -> None:
             future = self._client.submit(_call_all, packed, [item for _, item in bundle], pure=False)
@@ -123,13 +122,13 @@ class DaskExecutor:
             if results is None and not is_alone:
                 suspects += bundle
             elif results is None:
-                yield bundle[0][0], Failed("its worker died, however often it was given another")
+                yield bundle[0][0], Failed("its workers died")
             else:
                 seconds = spent / len(bundle) or seconds
                 yield from zip((index for index, _ in bundle), results, strict=True)
 
     def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
-        """Wait for a future that has ended; False if all is to stop and there is no worker that could end one."""
+        """Wait until a future has ended; False if the executor stops and there is no worker."""
         is_announced, look = False, time.monotonic() + LOOK_EVERY
         while not under_way.has_ready():
             with under_way.thread_condition:
@@ -145,17 +144,17 @@ class DaskExecutor:
         return True
 
     def _n_threads(self) -> int:
-        """Of all workers that there are; none if the scheduler does not answer."""
+        """Number of threads of all workers; 0 if the scheduler does not answer."""
         try:
             return sum(map(int, self._client.nthreads().values()))
-        except (OSError, RuntimeError, ValueError):  # its connection is closed, or it takes too long
+        except (OSError, RuntimeError, ValueError):  # the connection is closed, or a timeout
             return 0
 
     @staticmethod
     def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives
-        """What came of n items, and the seconds they took; None if their workers died.
+        """The results of n items and their time [s]; None if their workers died.
 
-        Dask does not know what a worker died of: it counts a death against all that the worker had before it.
+        Dask does not know the cause of a death: it counts against all tasks of the worker.
         """
         from distributed.scheduler import KilledWorker
 
@@ -181,6 +180,6 @@ def _until_none(numbered: Iterable[tuple[int, T | None]]) -> Iterator[tuple[int,
 
 
 def _call_all(packed: bytes, items: Sequence[Any]) -> tuple[list[Any], float]:
-    """In a worker: what comes of each item, and the seconds that all took."""
+    """In a worker: run all items; return their results and the time [s]."""
     start = time.perf_counter()
     return [call_packed(packed, item) for item in items], time.perf_counter() - start

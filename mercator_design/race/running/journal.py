@@ -1,24 +1,24 @@
-"""A race's record in a file that survives whatever stops the race.
+"""The journal: the record of a race in a file, which survives an interruption.
 
-A file has an event a line, as JSON, and is only ever appended to. Each line ends in its checksum, which covers the
-checksum of the line before ("after"): so damage is found, be it a line that is missing, changed, doubled or out of
-order. It is no seal: who edits a journal can compute the checksums anew. Then a line that is there twice is found (but
-for sessions and stops), and one that is missing where numbers have no gaps: configurations, iterations, and the
-experiments of iterations that have ended. Found by nothing are changed scores (but by the digest, of a race that has
-ended), and missing lines of what is run again: tests, experiments ahead or of the last iteration, the end. The lines of
-format 1 have no "after"; such a journal is read, and continued, as it is, and may repeat itself. Events:
+The file has one event per line, as JSON, and is only appended to. Each line ends in a checksum, which also covers the
+checksum of the line before ("after"). So a missing, changed, duplicate or misplaced line is found. The checksums do not
+protect against editing: an editor can compute them again. After that, duplicate lines are still found (except sessions
+and stops), and so are missing configurations, iterations, and experiments of ended iterations, because their numbers
+have no gaps. Not found are changed scores (except by the digest of a race that has ended) and missing lines of tests,
+of speculative experiments, of experiments of the last iteration, and of the end: these are run again. Lines of format 1
+have no "after"; such a journal is read and continued in its format, and may have duplicates. Events:
 
-    start          what makes the race: digests of all that it depends on, seed, budget, options
-    session        a process that began to work on it: its number, host, time, executor
-    configuration  one that is raced from now on: its number, its parent's, its values
-    experiment     one that has finished, in the order in which they do
-    ahead          an experiment that has finished before the race asked for it, and perhaps will not
-    revised        a score that has replaced another one, as an evaluator has compared configurations anew
-    iteration      one that has ended, for people who look at the journal
-    test           an experiment on a test instance, which the race never sees
-    extend         a larger budget, which counts from where the one before has ended
-    end            where the race ended under a budget, its winner, and the digest of all up to there
-    stop           a process that ended before the race did, and why
+    start          all that determines the race: digests of its inputs, seed, budget, options
+    session        a process has begun to work on the race: its number, host, time, executor
+    configuration  a new configuration: its number, its parent's number, its values
+    experiment     an experiment has finished; in the order in which they finish
+    ahead          a speculative experiment has finished
+    revised        a score has been replaced, because an evaluator has compared configurations again
+    iteration      an iteration has ended; for readers of the journal
+    test           an experiment on a test instance, which does not influence the race
+    extend         the budget has been extended, after the end under the budget before
+    end            the race has ended under a budget: its winner, and the digest up to here
+    stop           a process has ended before the race, and why
 """
 
 import contextlib
@@ -41,27 +41,27 @@ from mercator_design.race.running.record import Record
 from mercator_design.system.files import sync_folder
 
 SYNC_EVERY = 1.0
-"""Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+"""Seconds between two syncs to the disk: a loss of power loses at most as much."""
 _FIRST = "0" * 8
-"""What the first line has as the checksum of the line before."""
+"""The checksum of the line before the first one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What there is in a journal's file."""
+    """The contents of a journal's file."""
 
     record: Record
     length: int  # of its whole lines [bytes]
     lines: int  # that are whole
-    torn: str  # what is wrong with what comes after them, if anything does
+    torn: str  # what is wrong with the rest of the file, if there is any
     last: str  # checksum of the last whole line
 
 
 def read(path: Path) -> Reading:
-    """A journal's file as it is; others may be writing it.
+    """Read a journal's file, which another process may be writing.
 
     Raises:
-        RaceError: It cannot be read, or is corrupt before its end: with the line.
+        RaceError: It cannot be read, or is corrupt before its end; with the line.
     """
     record, length, lines, torn, before = Record(), 0, 0, "", _FIRST
     try:
@@ -92,15 +92,15 @@ def read(path: Path) -> Reading:
 
 
 def _advice(lines: int) -> str:
-    """What to do where so many lines are whole, and others after them are not."""
+    """What to do if so many lines are valid, and a later one is not."""
     advice = "the journal was damaged or changed after it was written"
     if lines:
-        advice += f". Lines 1 to {lines} are whole: delete those after them to run again what they were about"
+        advice += f". Lines 1 to {lines} are valid: delete the others; --resume runs their experiments again"
     return advice
 
 
 def _take(record: Record, data: dict[str, Any], before: str) -> None:
-    """Take in the data of a line."""
+    """Add the event of a line."""
     is_start = data.get("event") == "start"
     if (data if is_start else record.start).get("format") != 1:
         after = data.pop("after", None)
@@ -117,21 +117,21 @@ def _take(record: Record, data: dict[str, Any], before: str) -> None:
 
 
 class Journal:
-    """A record and the file that it is kept in; a context manager that closes the file.
+    """A record with its file; a context manager that closes the file.
 
-    One process at a time has it: it is locked, and the lock goes with the process, however that ends.
+    The file is locked for one process. The lock ends with the process, whatever ends it.
 
     Attributes:
-        path: Of the file.
-        record: What is in it.
-        notes: What a user should know.
+        path: The path of the file.
+        record: The record of the race.
+        notes: Notes for the user.
     """
 
     def __init__(self, path: Path, *, new: bool) -> None:
-        """Open a new or an old one.
+        """Open a new or an existing journal.
 
         Raises:
-            RaceError: Another process has it, or it is corrupt.
+            RaceError: Another process has locked it, or it is corrupt.
             OSError: It cannot be opened.
         """
         self.path = path
@@ -159,18 +159,18 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError, RaceError):  # what went wrong before matters more
+        with contextlib.suppress(OSError, RaceError):  # the first error matters more
             if kind is not None:
                 self.note(SessionStopped(why=kind.__name__, time=now()))
             self.sync()
         os.close(self._file)
 
     def open_session(self, executor: str = "", jobs: int = 0) -> None:
-        """Note that this process begins to work on the race.
+        """Record that this process begins to work on the race.
 
         Args:
-            executor: What runs experiments.
-            jobs: How many at once.
+            executor: The name of the executor.
+            jobs: Number of experiments that run at the same time.
         """
         host = socket.gethostname()
         self.note(SessionStarted(process=os.getpid(), host=host, time=now(), executor=executor, jobs=jobs))
@@ -185,10 +185,10 @@ class Journal:
         self._append({"event": "start", **self.record.start})
 
     def note(self, *events: Event) -> None:
-        """Take in events and append them to the file, whole or not at all.
+        """Add events and append them to the file, all or none.
 
         Raises:
-            RaceError: One does not fit to those before, or they cannot be written.
+            RaceError: An event is not consistent with those before, or they cannot be written.
         """
         self.record.note(*events)
         self._append(*map(to_json, events))
@@ -202,7 +202,7 @@ class Journal:
         self.note(self.record.with_digest(end))
 
     def sync(self) -> None:
-        """Force what was written to the disk."""
+        """Sync the file to the disk."""
         os.fsync(self._file)
         self._synced = time.monotonic()
 
@@ -220,20 +220,20 @@ class Journal:
             if os.write(self._file, data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as if it had said so
             self._length += len(data)
-            self._last = last  # also if they cannot be forced to the disk: the next line comes after them
+            self._last = last  # also if the sync fails: the next line comes after them
             if time.monotonic() - self._synced > SYNC_EVERY:
                 self.sync()
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, self._length)
             raise RaceError(
-                f"{self.path.parent}: cannot write results there: {error.strerror}; what finished before is in "
-                f"{self.path.name}, and the race can be resumed when there is room"
+                f"{self.path.parent}: results cannot be written: {error.strerror}; finished experiments are in "
+                f"{self.path.name}; resume the race when there is space"
             ) from None
 
     def _lock(self) -> None:
         try:
-            for _ in range(10):  # whoever looks whether it is locked has it for a moment
+            for _ in range(10):  # a process that checks the lock holds it for a moment
                 with contextlib.suppress(BlockingIOError):
                     fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     return
@@ -242,20 +242,20 @@ class Journal:
         except OSError as error:  # some network file systems have no locks
             self.notes.append(
                 f"{self.path.parent}: this file system has no locks ({error.strerror}): "
-                "see to it that no other process runs this race"
+                "make sure that no other process runs this race"
             )
 
     def _resume(self) -> None:
         reading = read(self.path)
         self.record, self._length, self._last = reading.record, reading.length, reading.last
         if reading.torn:
-            self.notes.append(f"{self.path}, {reading.torn}: cut off there; what it was about is run again")
+            self.notes.append(f"{self.path}, {reading.torn}: the rest was cut off; its experiments run again")
             os.ftruncate(self._file, reading.length)
             self.sync()
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process has a journal."""
+    """Whether a process has locked a journal."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -273,12 +273,12 @@ def is_locked(path: Path) -> bool:
 
 
 def now() -> str:
-    """The time, for people."""
+    """The current time as text."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _holder(path: Path) -> str:
-    """Who has a journal, as far as it says so."""
+    """The process that has locked a journal, by its last session."""
     with contextlib.suppress(RaceError):
         sessions = read(path).record.sessions
         if sessions and isinstance(last := sessions[-1], SessionStarted):

@@ -1,8 +1,7 @@
-"""What has happened in a race, in memory.
+"""The record of a race, in memory.
 
-The *digest* is of what happened, not of how: the start, configurations and experiments in order of their numbers, and
-the ends. So a race that was stopped and resumed has the same as one that was not, whatever ran its experiments, and a
-race that was tested the same as one that was not.
+Its *digest* covers the start, configurations and experiments in the order of their numbers, and the ends. So it does
+not depend on interruptions, executors or tests.
 """
 
 import hashlib
@@ -38,12 +37,12 @@ V = TypeVar("V")
 
 FORMAT = 2
 FORMATS = (1, 2)
-"""That can be read; the lines of the first are not chained."""
+"""Formats that can be read; lines of format 1 are not chained."""
 
 
 @dataclass(slots=True)
 class Record:
-    """What has happened in a race, in memory."""
+    """The record of a race, in memory."""
 
     start: dict[str, Any] = field(default_factory=dict)
     configurations: dict[int, Configuration] = field(default_factory=dict)
@@ -61,12 +60,12 @@ class Record:
 
     @property
     def record(self) -> "Record":
-        """This, as `Journal.record`: what is noted here is in memory alone."""
+        """This record, as `Journal.record`; it is only in memory."""
         return self
 
     @property
     def budget(self) -> int:
-        """The largest that was given."""
+        """The largest budget so far."""
         return self.budgets[-1]
 
     @property
@@ -75,7 +74,7 @@ class Record:
         return len(self.ends) == len(self.budgets)
 
     def results(self) -> list[ExperimentDone]:
-        """The experiments in order of their numbers, with the scores that they have by now."""
+        """The experiments in order of their numbers, with their current scores."""
         latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
         finished = [self.experiments[number] for number in sorted(self.experiments)]
         if not latest:
@@ -87,7 +86,7 @@ class Record:
         ]
 
     def test_scores(self) -> dict[int, tuple[float, ...]]:
-        """The scores of each configuration on the test instances, in order of these; without tests that failed."""
+        """The scores of each configuration in the order of the test instances, without failed tests."""
         found: dict[int, list[float]] = {}
         for where in sorted(self.tests):
             if (score := self.tests[where].score) is not None:
@@ -95,7 +94,7 @@ class Record:
         return {configuration: tuple(scores) for configuration, scores in found.items()}
 
     def digest(self, n_ends: int | None = None) -> str:
-        """Of the start and all that happened up to one of the ends (by default the last), as hexadecimal text."""
+        """The digest of the start and all events up to one of the ends (by default the last), as hexadecimal text."""
         ends = self.ends[:n_ends]
         most = ends[-1].experiments if ends else len(self.experiments)
         counted = sorted(number for number in self.experiments if number < most)
@@ -115,10 +114,10 @@ class Record:
         return digest.hexdigest()
 
     def begin(self, start: Mapping[str, Any]) -> None:
-        """Take in what makes the race.
+        """Set the start of the race.
 
         Raises:
-            RaceError: There was a start before, or this is of a format that is not known.
+            RaceError: There is a start already, or its format is unknown.
         """
         if self.start:
             raise RaceError("expected one start, found a second start")
@@ -126,17 +125,17 @@ class Record:
         if from_json(start["format"], int, error=RaceError, path="start.format") not in FORMATS:
             raise RaceError(
                 f"start.format: expected one of {', '.join(map(str, FORMATS))}, found {start['format']}: "
-                "another version of this program wrote it, and can read it"
+                "use the version of this program that wrote it"
             )
         budget = from_json(start.get("budget"), Annotated[int, Range(1)], error=RaceError, path="start.budget")
         self.start = from_json(start, Mapping[str, object], error=RaceError, path="start")
         self.budgets = [budget]
 
     def note(self, *events: Event) -> None:
-        """Take in events.
+        """Add events.
 
         Raises:
-            RaceError: One does not fit to those before.
+            RaceError: An event is not consistent with those before.
         """
         if not self.start:
             raise RaceError("expected the start of a race first, found another event")
@@ -144,11 +143,11 @@ class Record:
             self._take(event)
 
     def note_end(self, end: RaceEnded) -> None:
-        """Take in that the race has ended, with the digest of all up to there."""
+        """Add an end of the race, with the digest up to there."""
         self.note(self.with_digest(end))
 
     def with_digest(self, end: RaceEnded) -> RaceEnded:
-        """An end of the race with the digest of all up to there."""
+        """An end of the race with the digest up to there."""
         self.ends.append(end)
         digest = self.digest()
         self.ends.pop()
@@ -188,14 +187,14 @@ class Record:
 
     @property
     def _is_strict(self) -> bool:
-        """Whether nothing may be there twice, and numbers without gaps are so; versions before were not held to it."""
+        """Whether to refuse duplicates and gaps of numbers; earlier versions could write them."""
         return bool(self.start["format"] != 1)
 
     def _enter(self, known: dict[K, V], key: K, value: V, what: str) -> None:
-        """Take in what may be there only once.
+        """Add an entry that may exist only once.
 
         Raises:
-            RaceError: It is there.
+            RaceError: It exists.
         """
         if key in known and (self._is_strict or known[key] != value):
             raise RaceError(f"{what} is there twice")
@@ -221,7 +220,7 @@ class Record:
             raise RaceError(
                 f"configuration: expected number {len(self.configurations)}, as so many are before it, found {number}"
             )
-        # Their names are those of other configurations: once in memory is enough.
+        # The keys are the same in all configurations: keep one copy in memory.
         values = {sys.intern(name): value for name, value in event.values.items()}
         self._enter(self.configurations, number, values, f"configuration {number}")
         self._enter(self.parents, number, event.parent, f"configuration {number}")
@@ -239,14 +238,14 @@ class Record:
 
     @property
     def _n_concluded(self) -> int:
-        """Experiments of the iterations that have ended."""
+        """Number of experiments of the iterations that have ended."""
         return sum(iteration.used for iteration in self.iterations.values())
 
     def _count(self) -> int:
-        """How many experiments there are.
+        """Number of experiments.
 
         Raises:
-            RaceError: Their numbers have gaps, as they only may while an iteration goes on.
+            RaceError: Their numbers have gaps, which is allowed only during an iteration.
         """
         if (n := len(self.experiments)) != 1 + max(self.experiments, default=-1):
             raise RaceError(

@@ -252,7 +252,7 @@ class TestEvaluate:
         moved.write_text(moved.read_text().replace("robots=4", "robots=2"))
         code, _, err = mdesign("evaluate", moved, "-n", 10)
         assert code == 3
-        assert "not what it was" in err
+        assert "has changed since" in err
 
     def test_a_moved_file_of_a_mission_of_ones_own_wants_that(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("duration: 120", "duration: 3")

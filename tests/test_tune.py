@@ -201,7 +201,7 @@ class TestTune:
     def test_the_verb_of_another_task(self, mdesign, undisturbed):
         code, _, err = mdesign("race", "--resume", undisturbed[1])
         assert code == 2
-        assert "goes on with mdesign tune --resume" in err
+        assert "resume it with mdesign tune --resume" in err
 
     def test_a_runner_in_python(self, mdesign, tmp_path):
         runner = f"#!{sys.executable}\nimport sys\nprint(abs(int(sys.argv[6]) - 7), 'x' and 0.5)\n"
@@ -250,7 +250,7 @@ class TestCheck:
         code, out, err = mdesign("tune", folder / "scenario.txt", "--check")
         assert code == 1
         assert "expected exit status 0, found exit status 4; it printed 'no licence'" in out
-        assert "some failed" in err
+        assert "found failures" in err
 
 
 class TestOnlyTest:
@@ -519,7 +519,7 @@ class TestExport:
 
     def test_a_budget_that_irace_refuses_is_said(self, mdesign, tmp_path):
         _, _, err = mdesign("export", "irace", "aggregation", "-o", tmp_path / "e", "--budget", 1000)
-        assert "Warning: R's irace refuses this: a budget of 1000 is planned for" in err
+        assert "Warning: R's irace refuses this scenario: a budget of 1000 is planned for" in err
 
 
 def test_a_controller_is_given_once(mdesign):

@@ -217,9 +217,7 @@ def load_plugin(path: str | Path, digest: str | None = None) -> None:
     """
     plugin = read_plugin(Path(path))
     if digest not in {None, plugin.digest}:
-        raise MissionError(
-            f"{path}: expected a plugin of digest {digest}, found {plugin.digest}; nothing of it was run"
-        )
+        raise MissionError(f"{path}: expected a plugin of digest {digest}, found {plugin.digest}; it was not run")
     run_plugin(plugin, str(path))
 
 

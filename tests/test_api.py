@@ -101,7 +101,7 @@ def test_evaluate_has_the_instances_of_the_command_line_by_default():
 class TestDesign:
     def test_events_then_a_result(self, mission):
         run = md.design(mission, budget=60, method="irace", jobs=2, test_runs=3)
-        with pytest.raises(RaceError, match="expected a race that has come to its end"):
+        with pytest.raises(RaceError, match="expected a race that has ended"):
             run.result  # noqa: B018
         events = list(run)
         ended = next(event for event in events if isinstance(event, md.race.RaceEnded))

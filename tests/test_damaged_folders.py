@@ -445,7 +445,7 @@ class TestStarts:
         assert mdesign(*again, "-o", tmp_path / "c")[0] == 0
         assert read_journal(tmp_path / "c").record.digest() == read_journal(whole).record.digest()
         code, _, err = mdesign(*again, "-o", tmp_path / "c")
-        assert (code, f"found files in it: a race, which goes on with --resume {tmp_path}/c" in err) == (1, True)
+        assert (code, f"found files in it: a race; resume it with --resume {tmp_path}/c" in err) == (1, True)
 
     def test_an_empty_journal_with_a_race_under_way(self, tmp_path):
         with Journal(tmp_path / JOURNAL, new=True), pytest.raises(RaceError, match="is running this race"):

@@ -80,7 +80,7 @@ class TestFolders:
         folder.chmod(mode)
         found, problem = kernel_cache.place("x")
         assert found != folder
-        assert f"{folder}: other users may write to {folder}; so what is compiled is forgotten" in problem
+        assert f"{folder}: other users may write to {folder}; so compiled code is lost" in problem
         assert found.stat().st_mode & 0o777 == 0o700
 
     def test_others_may_write_where_it_is(self, cache):

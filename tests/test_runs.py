@@ -148,7 +148,7 @@ class TestResume:
         code, out, _ = mdesign("race", "--resume", folder)
         assert code == 0
         assert (folder / JOURNAL).read_bytes().count(b'"event":"experiment"') == before > 0
-        assert "seed 1; it had ended: --resume with a larger budget lets it go on\n" in out
+        assert "seed 1; it had ended: continue with --resume and a larger budget\n" in out
         assert (folder / "fsm.txt").read_bytes() == (undisturbed / "fsm.txt").read_bytes()
 
     def test_in_another_place_and_by_other_means(self, mdesign, folder, undisturbed, tmp_path, monkeypatch):

@@ -1,1 +1,1 @@
-"""What can be learned of a finished race: importance of modules, ablation, and what its winner needs."""
+"""Analysis of a finished race: importance of modules, ablation, and the parts that its winner needs."""

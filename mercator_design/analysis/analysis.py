@@ -1,6 +1,6 @@
-"""What a race that has ended tells: which parameters or modules matter, and what its winner needs.
+"""Analyses a finished race: which parameters or modules matter, and which parts its winner needs.
 
-The statistics (race/analysis/) know no robots; here they meet run folders and PFSMs.
+The statistics (race/analysis/) do not depend on robots; this module applies them to run folders and PFSMs.
 """
 
 from collections.abc import Callable, Sequence
@@ -50,7 +50,7 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         seed: Of folds and shuffles.
 
     Raises:
-        RaceError: There is no such race, or too little to learn from; see also `run_files.task_of`.
+        RaceError: There is no such race, or too little to learn from; see also `runs.files.task_of`.
     """
     task, record = task_of(path), read_journal(path).record
     check_configurations(path, record, task.race.space)
@@ -86,19 +86,19 @@ def ablation(
     """The path to the winner of a race from another configuration, or from a winning PFSM to its initial state alone.
 
     Args:
-        path: Of the run folder.
-        task: As `run_files.restored` gives it.
+        path: The path of the run folder.
+        task: The task, from `runs.files.restored`.
         executor: Runs experiments.
-        start: The configuration to begin with, by its number.
+        start: The number of the configuration to begin with.
         first: Begin with the best of the first iteration.
-        runs: Instances that changes are chosen on, and as many others that the path is measured on: test instances.
-        announce: Called with a sentence if there is something to compile.
-        watch: Called with the number of measurements done, and of experiments.
-        stopped: Asked before each experiment whether to stop.
+        runs: Number of test instances to choose changes on, and of others to measure the path on.
+        announce: Called with a message if there is something to compile.
+        watch: Called with the numbers of measurements and experiments done.
+        stopped: Returns whether to stop; called before each experiment.
 
     Raises:
         RaceError: There is no such race or configuration, or it has not ended.
-        Stopped: see `stopped`; what was under way has been waited for.
+        ExecutorStopped: see `stopped`; running experiments have finished.
     """
     record = read_journal(path).record
     if not record.ends:
@@ -128,7 +128,7 @@ def ablation(
 
 
 class _Simpler:
-    """What is left of a PFSM without some of its elements."""
+    """A PFSM without some of its elements."""
 
     def __init__(self, pfsm: Pfsm) -> None:
         self.pfsm = pfsm
@@ -142,7 +142,7 @@ class _Simpler:
         return found
 
     def configuration(self, out: frozenset[Element]) -> Configuration:
-        """What is left, in the grammar."""
+        """The reduced PFSM as a configuration of the grammar."""
         return from_pfsm(without(self.pfsm, out))
 
 
@@ -171,12 +171,12 @@ class _Measuring:
         self._executor = executor
         self._watch = watch
         self._stopped = stopped
-        self._numbers = count(10**9)  # that no configuration of a race has
+        self._numbers = count(10**9)  # not the number of a configuration
         self._calls = 0
         self._done = 0
 
     def of(self, configuration: Callable[[T], Configuration]) -> Callable[[Sequence[T], range], list[list[float]]]:
-        """What `ablate` measures with."""
+        """The function that `ablate` measures with."""
 
         def measure(several: Sequence[T], instances: range) -> list[list[float]]:
             items = []

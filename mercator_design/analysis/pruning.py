@@ -1,4 +1,4 @@
-"""What a PFSM consists of: how often each module is in it, and what is left when something is taken out."""
+"""Counts the modules of a PFSM, and removes elements from it."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ Element = tuple[int, int | None]
 
 
 def max_modules(flavour: str) -> dict[str, int]:
-    """The modules of a flavour, each with how often a PFSM may have it."""
+    """The modules of a flavour, each with its maximum number in a PFSM."""
     behaviours, conditions = numbered(BEHAVIOURS, flavour).values(), numbered(CONDITIONS, flavour).values()
     return {
         **{module.name: MOST_STATES for module in behaviours},
@@ -21,7 +21,7 @@ def max_modules(flavour: str) -> dict[str, int]:
 
 
 def module_counts(pfsm: Pfsm) -> dict[str, int]:
-    """How often each module of its flavour is in a PFSM, in states that can be reached."""
+    """The number of each module of its flavour in the reachable states of a PFSM."""
     counts = dict.fromkeys(max_modules(pfsm.flavour), 0)
     for _, module in without(pfsm, frozenset()).modules:
         counts[module.name] += 1
@@ -29,7 +29,7 @@ def module_counts(pfsm: Pfsm) -> dict[str, int]:
 
 
 def elements(pfsm: Pfsm) -> dict[Element, str]:
-    """What can be taken out of a PFSM, in words: all states but the initial one, and transitions."""
+    """The removable elements of a PFSM, with descriptions: all states except the initial one, and transitions."""
     found: dict[Element, str] = {
         (i, None): f"state {i} ({state.behaviour})" for i, state in enumerate(pfsm.states) if i > 0
     }
@@ -40,14 +40,14 @@ def elements(pfsm: Pfsm) -> dict[Element, str]:
 
 
 def removed(pfsm: Pfsm, out: frozenset[Element]) -> frozenset[Element]:
-    """All that goes with some elements of a PFSM: these, and what cannot be reached without them."""
+    """Some elements of a PFSM, and those that cannot be reached without them."""
     reached = _reached(pfsm, out)
     kept = {(i, j) for i in reached for j, _ in _transitions(pfsm, i, out)}
     return frozenset(elements(pfsm)) - {(i, None) for i in reached} - kept
 
 
 def without(pfsm: Pfsm, out: frozenset[Element]) -> Pfsm:
-    """What is left of a PFSM when some elements are taken out, and with them what cannot be reached."""
+    """Remove elements from a PFSM, and those that cannot be reached without them."""
     reached = _reached(pfsm, out)
     places = {i: place for place, i in enumerate(reached)}
     states = [
@@ -61,7 +61,7 @@ def without(pfsm: Pfsm, out: frozenset[Element]) -> Pfsm:
 
 
 def _reached(pfsm: Pfsm, out: frozenset[Element]) -> list[int]:
-    """The states that the initial one leads to without some elements."""
+    """The states that can be reached from the initial one without some elements."""
     found, ahead = set(), {0}
     while ahead:
         i = ahead.pop()
@@ -71,7 +71,7 @@ def _reached(pfsm: Pfsm, out: frozenset[Element]) -> list[int]:
 
 
 def _transitions(pfsm: Pfsm, i: int, out: frozenset[Element]) -> list[tuple[int, Transition]]:
-    """Those of a state that are left, with their numbers."""
+    """The remaining transitions of a state, with their numbers."""
     return [
         (j, transition)
         for j, transition in enumerate(pfsm.states[i].transitions)

@@ -1,4 +1,4 @@
-"""What an analysis of a race has found, as pages, tables and pictures."""
+"""The results of an analysis as text, tables and pictures."""
 
 import io
 from collections.abc import Iterable, Iterator
@@ -17,14 +17,14 @@ from mercator_design.report.columns import aligned, difference
 
 _ALPHA = 0.05
 _MOST = 20
-"""Parameters that a page has."""
+"""Maximum number of parameters on a page."""
 _COLOUR = "#0072b2"
 _WIDE = 120
-"""Characters that all columns of an ablation take."""
+"""Width of all columns of an ablation [characters]."""
 
 
 def importance_page(task: Task[Any], explanation: Explanation) -> str:
-    """What a race tells of its parameters or modules, as text."""
+    """The importance of parameters or modules, as text."""
     rows: list[tuple[object, ...]] = [("", "share of variance", "active in", "favours", "gain")]
     rows += [
         (
@@ -44,7 +44,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             *(
                 []
                 if explanation.explained > 0
-                else ["Note       no better than their mean: there is too little to learn from for shares to be exact"]
+                else ["Note       no better than the mean: there are too few results for exact shares"]
             ),
             "",
             *aligned(rows),
@@ -69,11 +69,11 @@ def _value(task: Task[Any], one: Importance) -> str:
 
 
 def ablation_page(ablation: Ablation, width: int | None = None) -> str:
-    """A path of changes as text, and what is left of the start as far as no difference was found.
+    """A path of changes as text, with the last step before one that is significantly worse.
 
     Args:
-        ablation: What was found.
-        width: Characters in a line; below 120 there is no column of differences from the step before.
+        ablation: The result of the ablation.
+        width: Width of a line; below 120 characters there is no column of differences from the step before.
     """
     rows: list[tuple[object, ...]] = [
         ("step", "change", "mean", f"at {CONFIDENCE:.0%}", "against the step before", "against the start", "p")
@@ -140,11 +140,11 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
     """Draw a path of changes: mean scores with their confidence intervals.
 
     Args:
-        path: With the suffix .png or .svg, which says what is written.
-        ablation: What to draw.
+        path: The picture; its suffix .png or .svg is the format.
+        ablation: The result to draw.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The picture cannot be written.
     """
     from matplotlib.figure import Figure
 

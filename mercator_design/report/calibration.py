@@ -1,4 +1,4 @@
-"""What recordings of a robot at rest tell of its noise: as a table, as JSON, as a picture, as a robot model."""
+"""The noise of a robot at rest: as a table, as JSON, as a picture, as a robot model."""
 
 import json
 import math
@@ -30,7 +30,7 @@ def calibration_page(calibration: Calibration) -> str:
 
 
 def calibration_json(calibration: Calibration, seed: int) -> str:
-    """The same as JSON, with all digits and notes."""
+    """The noise as JSON, with all digits and notes."""
     return json.dumps(
         {
             "base": calibration.base.name,
@@ -45,14 +45,14 @@ def calibration_json(calibration: Calibration, seed: int) -> str:
 
 
 def model_text(calibration: Calibration, base: str, name: str | None) -> str:
-    """A robot model that says no more than the noise, and in comments where that is from."""
+    """A robot model with only the noise, and its origin in comments."""
     lines = ["# Noise measured on a robot at rest, by `mdesign calibrate` from"]
     for recording in calibration.recordings:
         start = recording.start
         lines.append(f"#   {recording.path.name}: {start.robot}, {start.time}, {recording.duration:.0f} s")
     lines += [
         f"# In brackets: the interval at {CONFIDENCE:.0%}; p, by {SIMULATIONS} simulations, of a fit as bad by chance.",
-        "# All that is not said here is as in the base.",
+        "# All other keys are those of the base.",
     ]
     text = "".join(f"{printable(line)}\n" for line in lines) + "schema: 1\n"
     if name is not None:
@@ -68,14 +68,14 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
 
 
 def save_noise(path: Path, calibration: Calibration) -> None:
-    """Draw what was measured of each sensor that has noise, around what it would measure without, and what was fitted.
+    """Draw a histogram of the noise of each sensor, and the fitted distribution.
 
     Args:
-        path: With the suffix .png or .svg, which says what is written.
-        calibration: What to draw.
+        path: The picture; its suffix .png or .svg is the format.
+        calibration: The result to draw.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The picture cannot be written.
     """
     noisy = [(one, one.noise) for one in calibration.sensors if one.noise is not None]
     rows = max(1, math.ceil(len(noisy) / _COLUMNS))
@@ -90,7 +90,7 @@ def save_noise(path: Path, calibration: Calibration) -> None:
 
 
 def _draw(axes: Axes, one: SensorNoise, noise: Noise) -> None:
-    """A histogram, whose bars are some steps wide, and the density of the noise after it is rounded."""
+    """A histogram with bars of whole steps, and the density of the noise after rounding."""
     levels = noise.levels
     found = levels.level - noise.centres[levels.channel]
     reach = float(np.abs(found).max()) + 0.5 * levels.step

@@ -8,7 +8,7 @@ from mercator_design.errors import excerpt, printable
 from mercator_design.race.racing.summary import Scores
 
 _NOISE = 1e-9
-"""Part of the largest score below which figures are nothing but its rounding."""
+"""Differences below this part of the largest score are rounding errors."""
 
 
 def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
@@ -19,11 +19,11 @@ def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
 
 
 def difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
-    """How much larger scores are than others on the same instances, with half of the confidence interval; or nothing.
+    """The mean difference of scores on the same instances, with half of its confidence interval.
 
     Args:
         ours: Scores.
-        theirs: As many, in the same order of instances; of a single one nothing is said.
+        theirs: Other scores, in the same order of instances. The text is empty for a single score.
     """
     found = Scores(tuple(map(sub, ours, theirs)))
     if found.confidence_interval is None:
@@ -36,11 +36,11 @@ def difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
 
 
 def with_notes_wrapped(page: str, width: int | None) -> str:
-    """A page whose notes are wrapped between words, below their beginning.
+    """Wrap the notes of a page.
 
     Args:
-        page: Its lines; all but notes stay as they are, as they are tables, commands and values.
-        width: Characters in a line; None wraps nothing.
+        page: Its lines; only notes are wrapped, not tables, commands and values.
+        width: Width of a line [characters]; None: no wrapping.
     """
     if width is None:
         return page

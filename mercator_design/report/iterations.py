@@ -1,4 +1,4 @@
-"""The iterations of a race as a table, from its record: of races that still run, too."""
+"""The iterations of a race as a table, from its record; the race may be running."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -9,16 +9,16 @@ from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
 
 _FIRST, _LAST = 10, 20
-"""Iterations that are told of, if there are more."""
+"""Numbers of iterations that are shown, if there are more."""
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
 
 
 def iterations_table(record: Record) -> list[str]:
     """A line for each iteration that has ended.
 
-    The mean is of the best, over the n instances that it has seen by then, by the scores of then: an evaluator may give
-    others later. Against the best before: how much larger its scores are than those of the best of the iteration before
-    on the instances that both have seen by then, with the confidence interval.
+    The mean is that of the best configuration over the n instances that it has seen by the end of the iteration, with
+    the scores at that time: an evaluator may replace them later. The last column is the mean difference to the best of
+    the iteration before, on the instances that both have seen by then, with its confidence interval.
     """
     iterations = [one for _, one in sorted(record.iterations.items())]
     bests = {one.elites[0] for one in iterations}
@@ -41,7 +41,7 @@ def iterations_table(record: Record) -> list[str]:
 
 
 def _happened(record: Record) -> list[ExperimentDone | ScoreRevised]:
-    """The experiments in order of their numbers, and what has replaced their scores at the place where it did."""
+    """The experiments in order of their numbers, and replaced scores where they were replaced."""
     revised = [
         one for number in record.revised if number in record.experiments for one in record.revised[number].values()
     ]
@@ -49,7 +49,7 @@ def _happened(record: Record) -> list[ExperimentDone | ScoreRevised]:
 
 
 def iteration_notes(record: Record) -> list[str]:
-    """What a user should know of them, a line each."""
+    """The notes of iterations, a line each."""
     return [
         f"Note       iteration {one.iteration}: {one.note}" for _, one in sorted(record.iterations.items()) if one.note
     ]

@@ -1,4 +1,4 @@
-"""What is shipped, as tables and as JSON."""
+"""The shipped missions and robot models, as tables and as JSON."""
 
 import json
 from collections.abc import Sequence

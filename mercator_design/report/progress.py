@@ -1,4 +1,4 @@
-"""Progress on stderr while long work runs; silent where stderr is not a terminal."""
+"""Progress bars on stderr; none if stderr is not a terminal."""
 
 import time
 from types import TracebackType
@@ -15,20 +15,20 @@ from mercator_design.race.running.events import Event, ExperimentDone, TestDone
 from mercator_design.race.running.task import Task
 
 _REFRESH = 0.1
-"""Seconds from one look at a race to the next."""
+"""Seconds between two updates."""
 _WIDE = 100
-"""Characters of a terminal from which on there is room for a bar and for the spread of scores."""
+"""Minimum width of a terminal for a bar and the spread of scores [characters]."""
 
 
 class _Display:
-    """A line that counts experiments, with their rate and the time left, and a bar where there is room."""
+    """A line that counts experiments, with their rate, the remaining time, and a bar if there is space."""
 
     def __init__(self, what: str, total: int) -> None:
         console = Console(stderr=True)
         self._started = time.monotonic()
         self._shown = 0.0
         self._is_wide = console.width >= _WIDE
-        # Where there is too little room it is the text that is cut, as figures tell more.
+        # If there is too little space, the text is cut, because the figures are more important.
         self._progress = Progress(
             TextColumn(
                 "{task.description}",
@@ -56,7 +56,7 @@ class _Display:
         self._progress.stop()
 
     def _is_silent(self) -> bool:
-        """Whether nobody sees what would be shown, or has just seen something."""
+        """Whether nothing is shown, or there was an update just before."""
         now = time.monotonic()
         if self._progress.disable or now - self._shown < _REFRESH:
             return True
@@ -69,14 +69,14 @@ class _Display:
         return time.monotonic() - self._started
 
     def show(self, done: int, description: str | None = None, total: int | None = None) -> None:
-        """Set the count, the text before the bar, and what it counts to."""
+        """Set the count, the text before the bar, and the total."""
         description = None if description is None else printable(description)
         rate = f"{done / max(self.seconds, 1e-3):.0f}/s"
         self._progress.update(self._task, completed=done, total=total, rate=rate, description=description)
 
 
 class RaceDisplay(_Display):
-    """Progress of a race: iteration, alive configurations, the best's mean and spread, experiments, time left."""
+    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time."""
 
     def __init__(self, task: Task[Any], budget: int, testing: Testing | None) -> None:
         self._raced = task
@@ -86,7 +86,7 @@ class RaceDisplay(_Display):
         super().__init__(task.name, budget)
 
     def note(self, event: Event) -> None:
-        """Take in what has happened in the race, and show where that is."""
+        """Show the progress after an event."""
         match event:
             case ExperimentDone():
                 self._n_run += 1
@@ -105,7 +105,7 @@ class RaceDisplay(_Display):
             sd = f"sd {now.best.sd:.3g}, " if now.best.n_results > 1 else ""
             how = f" ({sd}n={now.best.n_results})" if self._is_wide else ""
             best = f", best {self._raced.score(now.best.mean):.4g}{how}"
-        # When the iterations are over, what is left of the budget goes into a race of the best.
+        # After the last iteration, the rest of the budget goes into a race of the best.
         stage = f"iteration {now.iteration}" if now.iteration <= now.iterations else "final race"
         if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
             stage += f"/{now.iterations}"
@@ -120,7 +120,7 @@ class EvaluationDisplay(_Display):
 
 
 class AblationDisplay(_Display):
-    """Progress of an ablation, of which nobody knows how long it will be."""
+    """Progress of an ablation, whose length is not known."""
 
     def __init__(self) -> None:
         super().__init__("ablation", 0)
@@ -129,7 +129,7 @@ class AblationDisplay(_Display):
         return self  # there may be nothing to do: it starts with the first experiment
 
     def update(self, step: int, done: int) -> None:
-        """Show at which step it is, when a number of experiments is done."""
+        """Show the current step and the number of experiments done."""
         if not self._is_silent():
             self._progress.start()
             self.show(done, f"ablation: step {step + 1}")

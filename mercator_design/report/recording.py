@@ -1,4 +1,4 @@
-"""One experiment as a file: where the robots were, their states, and what devices measured, with time stamps."""
+"""One experiment as a file: poses, states and readings of devices, with time stamps."""
 
 from collections.abc import Sequence
 from typing import BinaryIO
@@ -16,10 +16,10 @@ _POSE_AND_STATE = 4
 
 
 def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, every: int) -> None:
-    """Make sure that an experiment of so many cycles can be recorded, by a recording of one cycle of it.
+    """Check by a recording of one cycle that an experiment of so many cycles can be recorded.
 
     Raises:
-        SimulationError: if the robot lacks a device, or it would be too large to keep in memory and in one file.
+        SimulationError: if the robot lacks a device, or the recording would be too large.
     """
     kept = sum(array[:1].size for array in rehearsal.history)
     written = rehearsal.history.states[0].size * _POSE_AND_STATE + sum(map(rehearsal.values, devices))
@@ -33,7 +33,7 @@ def write_recording(file: BinaryIO, trace: Trace, devices: Sequence[str], *, eve
         file: To write to: `.npz` has `Trace.arrays`, `.csv` has `Trace.to_frame`.
         trace: Of an experiment run with `record=True`.
         devices: Names of sim.devices.DEVICES.
-        every: Which cycles: every so many-th, and the last.
+        every: Record every n-th cycle, and the last.
         suffix: Of FORMATS.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What journals say of races: a line for each, or a page on one."""
+"""Reports on races from their journals: a table of all, or a page on one."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journa
 
 
 def runs_table(folder: Path) -> tuple[str, list[str]]:
-    """The races in the folders within one, a line each; and notes on those that are not what they should be.
+    """A table of the races in the subfolders of a folder, and notes on damaged ones.
 
     Raises:
         RaceError: if there is no such folder.
@@ -30,7 +30,7 @@ def runs_table(folder: Path) -> tuple[str, list[str]]:
 
 
 def runs_json(folder: Path) -> str:
-    """The same as JSON.
+    """The table as JSON.
 
     Raises:
         RaceError: if there is no such folder.
@@ -39,10 +39,10 @@ def runs_json(folder: Path) -> str:
 
 
 def run_summary(path: Path) -> str:
-    """A page on the race of a folder.
+    """A page on the race of a run folder.
 
     Raises:
-        RaceError: if there is none, or its journal is corrupt.
+        RaceError: if there is no race, or its journal is corrupt.
     """
     reading = read_journal(path)
     record, run = reading.record, _run(path, reading)
@@ -65,7 +65,7 @@ def run_summary(path: Path) -> str:
         *([f"Extra      {unasked} speculative experiments, not counted"] if unasked else []),
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
-        *([f"Note       {reading.torn}: torn, as when power is lost"] if reading.torn else []),
+        *([f"Note       {reading.torn}: incomplete, for example after a loss of power"] if reading.torn else []),
         *(f"Note       {note}" for note in run["notes"]),
         f"Digest     {record.digest()}",
     ]
@@ -105,7 +105,7 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
 def _changed(file: Path) -> float:
     try:
         return file.stat().st_mtime
-    except OSError:  # it is a link that leads nowhere, or was taken away just now
+    except OSError:  # a broken link, or just removed
         return 0.0
 
 
@@ -137,7 +137,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
 
 
 def _warnings(path: Path, record: Record) -> tuple[str, list[str]]:
-    """What is missing at the end of a journal that is whole, and what else is wrong with its folder."""
+    """What is missing at the end of a valid journal, and what else is wrong with its folder."""
     try:
         return wrong_end(path, record), []
     except RaceError as error:

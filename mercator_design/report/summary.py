@@ -1,4 +1,4 @@
-"""One page of text about a race or an evaluation."""
+"""The summary of a race or an evaluation, as text."""
 
 import json
 import shlex
@@ -36,17 +36,17 @@ def race_summary(
     jobs: int,
     folder: Path,
 ) -> str:
-    """What was asked, what happened in each iteration, what won, and where it lies.
+    """The request, the iterations, the winner and the files of a race.
 
     Args:
-        result: What the race came to.
-        task: What was raced.
-        record: Of the race.
-        new: Experiments that were run by this process, not before the race was resumed.
-        tested: Tests that were.
-        seconds: That this took.
-        jobs: Experiments run at once.
-        folder: Of the race.
+        result: The result of the race.
+        task: The task.
+        record: The record of the race.
+        new: Number of experiments that this process has run.
+        tested: Number of tests that this process has run.
+        seconds: Run time of this process.
+        jobs: Number of experiments that ran at the same time.
+        folder: The run folder.
     """
     race = task.race
     all_equal = len({one.score for one in result.finished}) == 1
@@ -57,7 +57,7 @@ def race_summary(
         now += f"{seconds:.1f} s with {jobs} job{'s' * (jobs != 1)}, "
         now += f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s"
     else:
-        now = "it had ended: --resume with a larger budget lets it go on"
+        now = "it had ended: continue with --resume and a larger budget"
     lines = [
         *_asked(task),
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
@@ -69,7 +69,7 @@ def race_summary(
         f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
         *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
-        *(["Note       all experiments had the same score: the race could tell nothing apart"] if all_equal else []),
+        *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",
         *(_design(result, task, record, folder) if isinstance(task, Designer) else _elites(result, task, record)),
         "",
@@ -112,7 +112,7 @@ def _design(result: RaceResult, designer: Designer, record: Record, folder: Path
 
 
 def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
-    """The best configurations as a table, a line for each of their values, and the best as a command line."""
+    """The best configurations as a table with a line for each parameter, and the best one as a command line."""
     race = task.race
     numbers = [elite.configuration for elite in race.elites]
     columns = task.columns(task.start(), [race.configurations[number] for number in numbers])
@@ -127,12 +127,12 @@ def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
 
 
 def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:
-    """What the tests came to, a line for each configuration: the winner, the other elites, those of former iterations.
+    """The results of tests, a line for each configuration: the winner, the other elites, elites of earlier iterations.
 
     Args:
-        record: Of the race.
-        tests: Scores of configurations.
-        how: They were tested.
+        record: The record of the race.
+        tests: Scores of the tested configurations.
+        how: How they were tested, as text.
     """
     if not tests:
         return []
@@ -146,7 +146,7 @@ def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[st
 
 
 def _roles(record: Record) -> dict[int, str]:
-    """What configurations are in a race that has ended: the better of two roles, and of equal ones the later."""
+    """The roles of configurations in a race that has ended: their best one, and the latest of equal ones."""
     iterations = [one for _, one in sorted(record.iterations.items(), reverse=True)]
     last, former = iterations[:1], iterations[1:]
     roles = {record.ends[-1].winner: "winner"}
@@ -185,7 +185,7 @@ def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
 
 
 def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:
-    """The figures of an evaluation, a line each; instances that were given have no master seed."""
+    """The figures of an evaluation, a line each; given instances have no master seed."""
     scores, mission, robot_model = result.scores, simulator.mission, simulator.robot_model
     low, middle, high = scores.quartiles
     lines = [

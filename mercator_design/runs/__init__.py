@@ -1,8 +1,8 @@
-"""Run folders: what a race leaves behind.
+"""Run folders: the results of races.
 
-folder        what is in a run folder, in which order it appears, and how a race resumes
-provenance    who ran what, where, with which versions
-files         a run folder, read
-tables        its experiments, tests and configurations as tables
-verification  whether it is what it says
+folder        creates, resumes and completes a run folder
+provenance    versions, request and machine of a race
+files         reads a run folder
+tables        experiments, tests and configurations as tables
+verification  checks a run folder
 """

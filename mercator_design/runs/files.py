@@ -1,4 +1,4 @@
-"""What a run folder says, read: its journal, and the task that it is about."""
+"""Reads a run folder: its journal, its task and its provenance."""
 
 import json
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from mercator_design.system.files import Unreadable, read_small
 JOURNAL = "journal.jsonl"
 _LARGEST = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
-"""What can be raced, by the name that a race's start has for it."""
+"""The tasks, by their names in the start of a race."""
 _START: Mapping[str, Kind] = {
     "mercator_design": str,
     "name": str,
@@ -34,14 +34,14 @@ _START: Mapping[str, Kind] = {
 
 
 class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
-    """A run folder was written by another version of this program, which says other things of races."""
+    """A run folder was written by another version of this program, in another format."""
 
 
 def task_of(path: Path) -> Task[Any]:
-    """The task of a run folder, as this program understands it.
+    """Restore the task of a run folder, for reports.
 
     Raises:
-        RaceError: if there is none.
+        RaceError: if there is no race.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
     start = read_provenance(path).race
@@ -49,16 +49,16 @@ def task_of(path: Path) -> Task[Any]:
 
 
 def restored(path: Path) -> Task[Any]:
-    """The task of a run folder, whose experiments this program runs as they were run.
+    """Restore the task of a run folder, to run its experiments again.
 
     Raises:
-        RaceError: if there is none, or this program would run another race.
+        RaceError: if there is no race, or the same race cannot be run by this program.
         MissionError: if its mission, robot model or plugins cannot be read.
     """
     task, start = task_of(path), read_provenance(path).race
     here = task.start()
     for key in {**here, **start}:
-        # Another version may do all the same.
+        # Another version may give the same results.
         if key != "mercator_design" and not is_same(here.get(key), start.get(key)):
             raise RaceError(
                 f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
@@ -69,16 +69,16 @@ def restored(path: Path) -> Task[Any]:
 
 
 def is_same(one: object, other: object) -> bool:
-    """Whether two things are the same in JSON, in which 1 is neither 1.0 nor true."""
+    """Whether two values are equal as JSON, where 1 differs from 1.0 and from true."""
     return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
 
 
 def read_provenance(path: Path) -> Provenance:
-    """Where a run folder comes from.
+    """Read the provenance of a run folder.
 
     Raises:
         OtherVersion: see there.
-        RaceError: if it is no run folder, or its provenance is damaged.
+        RaceError: if it is not a run folder, or its provenance is damaged.
     """
     if unfinished := without_provenance(path):
         raise RaceError(unfinished)
@@ -88,7 +88,7 @@ def read_provenance(path: Path) -> Provenance:
 
 
 def without_provenance(path: Path) -> str:
-    """What to do with a folder that has a journal, but no provenance; nothing for others.
+    """Advice for a folder with a journal, but without provenance; empty for others.
 
     Raises:
         RaceError: Its journal cannot be read.
@@ -97,22 +97,22 @@ def without_provenance(path: Path) -> str:
     if (path / PROVENANCE).exists() or not journal.is_file():
         return ""
     if not journal.stat().st_size:
-        return f"{path}: no race has begun here, it was stopped before; begin it again with -o {path}"
+        return f"{path}: the race was interrupted before it began; begin it again with -o {path}"
     if not (start := read_journal(path).record.start):
         return ""
     command = TASKS[start["task"]].command(start, path)
     return (
-        f"{path}: a race has begun here, but its {PROVENANCE} is missing, so it cannot go on: put a copy of that back, "
+        f"{path}: a race has begun here, but its {PROVENANCE} is missing, so it cannot be resumed: restore a copy, "
         f"or begin the race again in another folder with: {command} -o ANOTHER"
     )
 
 
 def read_journal(path: Path) -> Reading:
-    """The journal of a run folder as it is; others may be writing it.
+    """Read the journal of a run folder, which another process may be writing.
 
     Raises:
         OtherVersion: see there.
-        RaceError: if there is none, or it is corrupt.
+        RaceError: if there is no journal, or it is corrupt.
     """
     reading = read(path / JOURNAL)
     if reading.record.start:
@@ -121,9 +121,9 @@ def read_journal(path: Path) -> Reading:
 
 
 def wrong_end(path: Path, record: Record) -> str:
-    """What is wrong if the journal of a folder does not end as its provenance, or the file of its winner, says.
+    """Compare the end of a journal with the provenance or the winner's file; return what is wrong, or nothing.
 
-    So lines that are missing at its end are found, which no line after them shows. Nothing if nothing is wrong.
+    This finds missing lines at the end, which the checksums do not show.
 
     Raises:
         RaceError: if the folder's provenance cannot be read.
@@ -133,7 +133,7 @@ def wrong_end(path: Path, record: Record) -> str:
     if said.finished is not None:
         file, expected, budget = PROVENANCE, said.journal or "", str(said.budget)
         after = f" after {said.experiments} experiments"
-    else:  # it was stopped before that was written, but perhaps not before the file of the winner was
+    else:  # interrupted before the provenance was completed, perhaps after the winner's file was written
         file, after = TASKS[str(said.race["task"])].WINNER, ""
         header = _comments(path / file)
         expected, budget = header.get("journal", ""), header.get("budget", "")
@@ -143,12 +143,12 @@ def wrong_end(path: Path, record: Record) -> str:
         return f"{path / JOURNAL}: expected the digest {expected[:64]}, as {file} says, found {found[budget]}"
     return (
         f"{path / JOURNAL}: expected the end of the race{after}, as {file} says, found none after "
-        f"{len(record.experiments)} experiments: lines are missing at its end; --resume runs again what they were about"
+        f"{len(record.experiments)} experiments: lines are missing at its end; --resume runs their experiments again"
     )
 
 
 def _comments(file: Path) -> dict[str, str]:
-    """What the comment lines of a winner's file say, `# key: value`; nothing if there is no such file."""
+    """The header of a winner's file: its comments `# key: value`; empty if there is no such file."""
     try:
         lines = read_small(file, _LARGEST).decode(errors="replace").splitlines()
     except Unreadable:
@@ -158,10 +158,10 @@ def _comments(file: Path) -> dict[str, str]:
 
 
 def check_configurations(path: Path, record: Record, space: Space) -> None:
-    """Make sure that the configurations of a journal are of a space.
+    """Check that the configurations of a journal belong to a space.
 
     Raises:
-        RaceError: with the first that is not.
+        RaceError: with the first that does not.
     """
     for number, configuration in record.configurations.items():
         try:
@@ -171,7 +171,7 @@ def check_configurations(path: Path, record: Record, space: Space) -> None:
 
 
 def _check_start(start: Mapping[str, Any], label: str) -> None:
-    """Make sure that what makes a race has all that reports and `Task.restore` read."""
+    """Check that the start of a race has all keys that reports and `Task.restore` read."""
     task = start.get("task")
     wanted = {**_START, **TASKS[task].START} if isinstance(task, str) and task in TASKS else None
     if wanted is None or not wanted.keys() <= start.keys():

@@ -1,15 +1,14 @@
-"""The folder that a race writes: what is in it, in which order it appears, and how a race goes on from it.
+"""The run folder of a race: its files, in the order in which they are written, and how to resume from them.
 
-journal.jsonl      what has happened so far (see race/running/journal.py), written as it happens; it claims the folder
-...                what the task needs to go on (see race/running/task.py): of a mission its own file, the robot
-                   model's, and plugins/, files/ and floor.png if there were any, with every default and override
-                   filled in
-provenance.json    versions, seed, budget, platform, what makes the race
-failed/            the control software of experiments that failed, if there were any
+journal.jsonl      all events so far (see race/running/journal.py); its lock reserves the folder
+...                the files that the task needs (see race/running/task.py): of a mission its file and the robot
+                   model's, with all defaults and overrides; and plugins/, files/ and floor.png if there are any
+provenance.json    versions, seed, budget, platform, start of the race
+failed/            the control software of failed experiments, if there are any
 fsm.txt            the winner; its name depends on the task
-results.csv        every configuration that was raced, the elites first
+results.csv        all configurations of the race, the elites first
 
-A run that came to its end has "finished" in its provenance, which is written anew after all else.
+When a race has finished, its provenance is written again, with "finished", after all other files.
 """
 
 import contextlib
@@ -43,9 +42,9 @@ class RunFolder:
     """The folder of one race; a context manager that closes the journal.
 
     Attributes:
-        path: Of the folder.
-        task: What is raced; its race has not begun.
-        journal: Of the race so far, which this process has to itself.
+        path: The path of the folder.
+        task: The task; its race has not begun.
+        journal: The journal so far, locked by this process.
     """
 
     def __init__(self, path: Path, task: Task[Any], journal: Journal, provenance: Provenance) -> None:
@@ -56,15 +55,15 @@ class RunFolder:
 
     @property
     def testing(self) -> Testing | None:
-        """What is tested when the race has ended."""
+        """The tests after the end of the race."""
         return self._provenance.testing
 
     @classmethod
     def create(cls, path: Path, task: Task[Any], *, request: Request, testing: Testing | None = None) -> Self:
-        """A new one; or one in which a race was stopped before it began.
+        """Create a run folder; also in a folder where a race was interrupted before it began.
 
         Raises:
-            RaceError: if the folder has files in it already, or cannot be written.
+            RaceError: if the folder has files, or cannot be written.
         """
         start = task.start()
         provenance = Provenance(
@@ -98,11 +97,11 @@ class RunFolder:
 
     @classmethod
     def reopen(cls, path: Path) -> Self:
-        """That of a race which has begun.
+        """Open the run folder of a race that has begun.
 
         Raises:
-            RaceError: if there is none, if it is not the race that this program would run, if another process runs it,
-                or if its journal is corrupt.
+            RaceError: if there is no race, if this program would run another race, if another process runs it, or if
+                its journal is corrupt.
             MissionError: if its mission, robot model or plugins cannot be read.
         """
         provenance = read_provenance(path)
@@ -133,10 +132,10 @@ class RunFolder:
         self.journal.__exit__(kind, error, traceback)
 
     def extend(self, budget: int) -> None:
-        """Let the race go on to a larger budget when it has ended under the one it has.
+        """Extend the budget of the race.
 
         Raises:
-            RaceError: if the budget is smaller than that.
+            RaceError: if the new budget is smaller.
         """
         if budget < self.journal.record.budget:
             raise RaceError(
@@ -146,33 +145,33 @@ class RunFolder:
             self.journal.note(BudgetExtended(budget=budget))
 
     def test(self, testing: Testing | None) -> None:
-        """Let these be the tests, from now on.
+        """Set the tests.
 
         Raises:
-            RaceError: if that cannot be written.
+            RaceError: if they cannot be written.
         """
         self._provenance = replace(self._provenance, testing=testing)
         with _naming(self.path):
             write(self.path, self._provenance)
 
     def keep_failed(self, finished: ExperimentDone | TestDone) -> str:
-        """Write what an experiment that failed needs; gives the command that runs it alone.
+        """Write the files of a failed experiment; return the command that runs it alone.
 
         Raises:
-            RaceError: if it cannot be written.
+            RaceError: if they cannot be written.
         """
         with _naming(self.path):
             return self.task.command_of_failed(finished, self.path, self._header())
 
     def finish(self, result: RaceResult, *, seconds: float) -> None:
-        """Write what the race came to: the winner first, that it is not lost where there is no room for all.
+        """Write the results of the race: the winner first, in case there is no space for all.
 
         Args:
-            result: Of the race.
-            seconds: That this process took for it.
+            result: The result of the race.
+            seconds: Run time of this process.
 
         Raises:
-            RaceError: if it cannot be written.
+            RaceError: if they cannot be written.
         """
         scores, race = result.scores, self.task.race
         tested = result.tests.get(result.configuration)
@@ -204,7 +203,7 @@ class RunFolder:
             write(self.path, self._provenance)
 
     def _header(self) -> dict[str, str]:
-        """What the file of a winner says of where it comes from."""
+        """The header of the winner's file."""
         start, overrides = self._provenance.race, self._provenance.request.set
         raced_with = {} if overrides is None else {"set": json.dumps(overrides)}
         return {
@@ -215,15 +214,15 @@ class RunFolder:
         }
 
     def _remove_drafts(self) -> None:
-        """Remove halves of files that were written when this was stopped before."""
+        """Remove incomplete files of an interruption."""
         for name in (PROVENANCE, _RESULTS, self.task.WINNER, *self.task.files()):
             remove_drafts(self.path / name)
 
 
 def _claimed(path: Path) -> Journal:
-    """The journal by which a race claims a folder: of two races that get here at once, one fails and writes nothing.
+    """Open the journal, which reserves the folder: of two races at the same time, one fails and writes nothing.
 
-    That of a race which was stopped before it began is empty, and there is no provenance.
+    The journal of a race that was interrupted before it began is empty, and there is no provenance.
     """
     file = path / JOURNAL
     is_new = not file.exists()
@@ -237,10 +236,10 @@ def _claimed(path: Path) -> Journal:
 
 
 def _taken(path: Path) -> RaceError:
-    """What says that a folder is taken, and what to do."""
+    """The error on a folder that is not empty, with advice."""
     taken = f"{path}: expected a new or empty folder for the results, found files in it"
     if (path / JOURNAL).exists() and (path / PROVENANCE).exists():
-        return RaceError(f"{taken}: a race, which goes on with --resume {path}")
+        return RaceError(f"{taken}: a race; resume it with --resume {path}")
     with contextlib.suppress(RaceError):
         if (path / JOURNAL).exists() and (lost := without_provenance(path)):
             return RaceError(taken, lost)

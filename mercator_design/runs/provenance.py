@@ -1,4 +1,4 @@
-"""Where a run folder comes from: what makes the race, who asked for it how, and on what machine it began and ended."""
+"""The provenance of a run folder: start of the race, request, versions and machine."""
 
 import json
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _LARGEST = 1024 * 1024  # bytes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What a user asked for, in the words of the command line."""
+    """The request of the user, in the terms of the command line."""
 
     mission: str | None = None
     scenario: str | None = None
@@ -32,9 +32,9 @@ class Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What provenance.json says; from `finished` on, of a race that has ended."""
+    """The contents of provenance.json; keys from `finished` on are those of a race that has ended."""
 
-    race: Mapping[str, object]  # what makes it, as the start of its journal
+    race: Mapping[str, object]  # its start, as in its journal
     request: Request
     testing: Testing | None = None
     started: str
@@ -52,10 +52,10 @@ class Provenance:
 
 
 def read(folder: Path) -> Provenance:
-    """That of a run folder.
+    """Read the provenance of a run folder.
 
     Raises:
-        RaceError: There is none, or it is not what this program writes: with the key.
+        RaceError: There is none, or it is not valid; with the key.
     """
     file = folder / PROVENANCE
     if not file.exists():
@@ -71,7 +71,7 @@ def read(folder: Path) -> Provenance:
 
 
 def write(folder: Path, provenance: Provenance) -> None:
-    """Write that of a run folder; what is None is left out."""
+    """Write the provenance of a run folder, without keys that are None."""
     data = _given(plain(provenance)) | {"race": provenance.race}
     write_text(folder / PROVENANCE, json.dumps(data | {"request": _given(data["request"])}, indent=2) + "\n")
 

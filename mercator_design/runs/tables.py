@@ -1,4 +1,4 @@
-"""What happened in a race, as tables: its experiments, its tests, its configurations."""
+"""The experiments, tests and configurations of a race as tables."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Whether a run folder is what it says: its journal is whole, and its experiments give the same results again."""
+"""Verifies a run folder: its journal is valid, and its experiments give the same results again."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,19 +20,19 @@ def verify(
     announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """Check a run folder, and run a sample of its experiments again; gives what was checked, in sentences.
+    """Check a run folder, and run a sample of its experiments again; yield what was checked, as sentences.
 
     Args:
         path: The folder.
-        task: As `restored` gives it.
-        number: Experiments to run again, evenly spread over the race.
-        executor: Runs them.
-        announce: Called with a sentence if there is something to compile.
-        stopped: Asked before each whether to stop.
+        task: The task, from `restored`.
+        number: Number of experiments to run again, evenly spread over the race.
+        executor: Runs the experiments.
+        announce: Called with a message if there is something to compile.
+        stopped: Returns whether to stop; called before each experiment.
 
     Raises:
-        RaceError: if something is not as it was.
-        Stopped: see `stopped`; what was under way has been waited for.
+        RaceError: if something differs.
+        ExecutorStopped: see `stopped`; running experiments have finished.
     """
     reading = read_journal(path)
     record = reading.record

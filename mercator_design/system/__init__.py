@@ -1,1 +1,1 @@
-"""What the operating system gives: files, memory, signals, and the cache of machine code."""
+"""The operating system: files, memory, signals, and the cache of machine code."""

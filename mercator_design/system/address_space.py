@@ -1,7 +1,7 @@
-"""Whether a process may still take the memory that libraries need, where a limit is set (`ulimit -v`).
+"""Checks that libraries have enough address space, if there is a limit (`ulimit -v`).
 
-Python raises MemoryError where there is none. OpenBLAS and LLVM, below numpy, scipy and numba, end the process. So what
-they need was measured, and is asked for before they do.
+Python raises MemoryError if there is too little. OpenBLAS and LLVM, which numpy, scipy and numba use, end the process.
+So their needs were measured, and are checked before.
 """
 
 import os
@@ -17,10 +17,10 @@ TO_COMPILE = 320 << 20
 
 
 def prepare_for_libraries() -> None:
-    """Under a limit, make sure that libraries can be imported; to be called before numpy is.
+    """If there is a limit, check that libraries can be imported; call this before importing numpy.
 
     Raises:
-        MemoryError: They cannot.
+        MemoryError: There is too little address space.
     """
     if (limit := _limit()) is None:
         return
@@ -32,10 +32,10 @@ def prepare_for_libraries() -> None:
 
 
 def require(needed: int, purpose: str) -> None:
-    """Make sure that so many bytes can be taken.
+    """Check that so many bytes of address space are left.
 
     Raises:
-        MemoryError: They cannot.
+        MemoryError: There is too little address space.
     """
     if (limit := _limit()) is None:
         return

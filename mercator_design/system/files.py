@@ -1,4 +1,4 @@
-"""Reading files that may be anything, and writing files so that a reader never sees half of one."""
+"""Reads untrusted files, and writes files atomically: a reader never sees an incomplete file."""
 
 import contextlib
 import glob
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-class Unreadable(Exception):  # noqa: N818 - becomes the error class of who reads
+class Unreadable(Exception):  # noqa: N818 - callers raise their own error class
     """What is wrong with a file."""
 
 
@@ -41,7 +41,7 @@ def read_small(path: Path, most: int) -> bytes:
 
 
 def sync_folder(path: Path) -> None:
-    """So that a new file is found in it after a loss of power."""
+    """Sync a folder, so that a new file is in it after a loss of power."""
     folder = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(folder)
@@ -50,7 +50,7 @@ def sync_folder(path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file atomically: after a crash there is the old one or the new one, whole."""
+    """Write a file atomically: after a crash there is either the old or the new one."""
     write_bytes(path, text.encode())
 
 
@@ -61,7 +61,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def remove_drafts(path: Path) -> None:
-    """Remove what is left of a file's contents whose writer was killed. Nobody else may be writing it."""
+    """Remove drafts of a file whose writer was killed. No other process may be writing it."""
     for draft in path.parent.glob(glob.escape(_draft_of(path)) + "[0-9a-f]" * 8):
         draft.unlink()
 
@@ -72,9 +72,9 @@ def _draft_of(path: Path) -> str:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write that takes the place of a path's when it is whole; if something goes wrong, nothing is left.
+    """Open a draft that replaces a file when it is complete; if an error occurs, the draft is removed.
 
-    It has the owner and the rights of the one before it. A link is followed, and a device or pipe written to.
+    The new file has the owner and the permissions of the old one. Links are followed; a device or pipe is written to.
     """
     before = path.stat() if path.exists() else None
     if before is not None and not stat.S_ISREG(before.st_mode):
@@ -86,7 +86,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     try:
         with draft.open("xb") as file:
             if before is not None:
-                with contextlib.suppress(OSError):  # who may not give files away keeps it
+                with contextlib.suppress(OSError):  # only root may change the owner
                     os.fchown(file.fileno(), before.st_uid, before.st_gid)
                 os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
             yield file

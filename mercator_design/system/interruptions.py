@@ -1,4 +1,4 @@
-"""Ctrl-C and other signals, told apart from what the code of a user raises, be it KeyboardInterrupt."""
+"""Distinguishes exceptions of signal handlers from those of a user's code, also KeyboardInterrupt."""
 
 import contextlib
 import signal
@@ -11,10 +11,10 @@ _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def signals_first() -> Iterator[None]:
-    """What the handler of a signal raises in here comes out, whatever the code in here makes of it.
+    """Raise an exception of a signal handler at the end of the block, even if code in the block catches it.
 
-    So the code may take whatever else is raised, KeyboardInterrupt too, for a failure of what it calls. Python calls
-    handlers in the main thread only: in others this does nothing.
+    So the code may treat any other exception, also KeyboardInterrupt, as a failure of the function that it calls.
+    Python calls handlers only in the main thread: in other threads this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

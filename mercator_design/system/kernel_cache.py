@@ -1,9 +1,8 @@
-"""Where machine code lies between processes, so that nothing but what this user wrote there, whole, is ever run.
+"""The cache of machine code on disk, which only runs complete files that this user has written.
 
-A file of machine code is loaded by unpickling it and by executing it: a flipped bit may end the interpreter, and who
-can put a file there can run anything. So the folder must be this user's alone, on a path that no other user can change;
-each file must be this user's; and its contents end in a digest of them, which is compared first. What fails is compiled
-anew.
+A file of machine code is unpickled and executed: a flipped bit may end the interpreter, and whoever can write a file
+can run any code. So the folder must belong to this user, on a path that no other user can change; each file must belong
+to this user; and its contents end in a digest, which is checked first. A file that fails a check is compiled again.
 """
 
 import atexit
@@ -25,17 +24,17 @@ _DIGEST = 32
 
 
 class Place(NamedTuple):
-    """Where machine code is cached."""
+    """The folder of the cache."""
 
     folder: Path | None  # None: nowhere
-    problem: str  # why it is not the usual folder; empty if it is
+    problem: str  # why the usual folder is not used; empty if it is
 
 
 @functools.cache
 def place(name: str) -> Place:
-    """The folder of a name in the user's cache, or if need be one of this process alone.
+    """The folder of this name in the user's cache; if that is not possible, a folder of this process.
 
-    It is below NUMBA_CACHE_DIR if that is set, else below the user's cache folder.
+    The cache is NUMBA_CACHE_DIR if that is set, else the user's cache folder.
     """
     import platformdirs
 
@@ -49,9 +48,9 @@ def place(name: str) -> Place:
         if not problem:
             with tempfile.TemporaryFile(dir=folder):
                 return Place(folder, "")
-    problem = f"{Path(usual) / name}: {problem}; so what is compiled is forgotten when this process ends"
+    problem = f"{Path(usual) / name}: {problem}; so compiled code is lost when this process ends"
     try:
-        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # which nobody else may enter
+        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # only this user may enter it
     except OSError:
         return Place(None, problem)
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -59,10 +58,10 @@ def place(name: str) -> Place:
 
 
 def why_not_private(folder: Path) -> str:
-    """What lets another user change what is found in a folder, on a path without links; empty if nothing does.
+    """Why another user could change the contents of a folder; empty if none could. The path has no links.
 
-    The folder must be this user's. Those that it is in may be root's, too; where others may write there, as in /tmp,
-    the sticky bit must keep them from replacing what is not theirs.
+    The folder must belong to this user. Its parents may also belong to root; if others may write to a parent, as in
+    /tmp, its sticky bit must be set.
     """
     us = os.geteuid()
     for place in (folder, *folder.parents):
@@ -82,7 +81,7 @@ def _others_may_write(found: os.stat_result) -> bool:
 
 
 def _is_trusted(group: int) -> bool:
-    """Whether a group is of root's, or has no member but this user, as many systems make one for each user."""
+    """Whether a group is root's, or has only this user as a member, as many systems create one for each user."""
     import grp
     import pwd
 
@@ -96,7 +95,7 @@ def _is_trusted(group: int) -> bool:
 
 
 def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
-    """Let numba's cache of one function load what is whole alone, and raise for nothing but a lack of memory."""
+    """Make numba's cache of one function load only complete files, and raise only for a lack of memory."""
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
     if files is None:  # nothing is cached
         return _Forgiving(cache)
@@ -127,7 +126,7 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
 
 
 class _Digesting:
-    """A file that is written, with the digest of what was."""
+    """A file with the digest of what is written to it."""
 
     def __init__(self, file: Any) -> None:  # noqa: ANN401
         self._file = file
@@ -139,7 +138,7 @@ class _Digesting:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a file is this user's alone, and ends in the digest of what is before."""
+    """Whether a file belongs to this user, and ends in the digest of its contents."""
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             found = os.fstat(file.fileno())
@@ -152,9 +151,9 @@ def is_whole(path: Path) -> bool:
 
 
 class _Forgiving:
-    """A cache in which what cannot be read means recompiling, and a full disk no cache.
+    """A cache that recompiles if a file cannot be read, and is not used if the disk is full.
 
-    Where LLVM would end this process, as there is no memory for it, MemoryError is raised.
+    Raises MemoryError if LLVM would end this process for lack of memory.
     """
 
     def __init__(self, cache: Any) -> None:  # noqa: ANN401

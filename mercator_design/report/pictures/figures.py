@@ -1,4 +1,4 @@
-"""How pictures look and are written: the same figure gives the same file to the last byte."""
+"""The style of pictures, and writing them: equal figures give equal files."""
 
 import io
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Matplotlib as it comes, whatever the user's own style; figures are made and saved within."""
+    """Matplotlib's default style instead of the user's; make and save figures within."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
@@ -32,10 +32,10 @@ def house_style() -> Iterator[None]:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write a figure to a path with the suffix .png or .svg, which says what is written.
+    """Write a figure; the suffix .png or .svg of the path is the format.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The picture cannot be written.
     """
     suffix = path.suffix.lower()
     file = io.BytesIO()

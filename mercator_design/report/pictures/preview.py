@@ -1,8 +1,8 @@
 """A mission as a picture, seen from above: floor, walls, obstacles, lights, where robots may start, and one start.
 
-Nothing here knows kinds of zones or bodies: the floor is what `colours_at` says point by point, the start area what a
-placement says (fixed poses have none), and robots stand where an instance puts them. The same mission,
-seed and versions of the libraries give the same file to the last byte.
+This module does not depend on kinds of zones or bodies: the floor comes from `colours_at` point by point, the starting
+area from the placement (fixed poses have none), and the robots from an instance. The same mission, seed and versions of
+libraries give the same file.
 """
 
 import json
@@ -49,8 +49,8 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
     """Write the picture of a mission.
 
     Args:
-        path: With the suffix .png or .svg, which says what is written.
-        simulator: Of the mission, with the robot.
+        path: The picture; its suffix .png or .svg is the format.
+        simulator: The simulator of the mission and robot.
         seed: The instance whose floor and starting poses are shown.
 
     Raises:
@@ -110,7 +110,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
 
 
 def _title(mission: Mission) -> str:
-    """Who must do what, and the parameters of that, in a line or more each."""
+    """Robots, duration and objective, and the objective's parameters, in a line or more each."""
     objective = mission.objective
     parameters = "; ".join(f"{name}: {_written(value)}" for name, value in objective.parameters.items())
     robots = f"{mission.robots} robot{'s' * (mission.robots != 1)}"
@@ -213,9 +213,9 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
 
 
 def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:
-    """How far the robots' centres can come, and hatched what no part of the disc in their bodies can cover.
+    """Draw the border of what the robots' centres can reach, and hatch what the disc in their bodies cannot cover.
 
-    What is drawn, for a legend.
+    Returns what was drawn, for a legend.
     """
     reach = reach_of(simulator.mission, simulator.robot_model)
     if reach is None or not reach.reached.any():
@@ -244,7 +244,7 @@ def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:
 
 
 def _draw_robots(axes: Axes, instance: Instance) -> None:
-    """The bodies as they are, with an arrow towards their heading."""
+    """Draw the bodies, with an arrow towards their heading."""
     body = instance.robot_model.body.outline()
     arrow = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]]) * np.abs(body).max(axis=0)
     for x, y, heading in instance.swarm.poses[:, :3]:
@@ -257,7 +257,7 @@ def _draw_robots(axes: Axes, instance: Instance) -> None:
 
 
 def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
-    """The names of zones in one piece, where there is most room in them."""
+    """Draw the names of connected zones where there is most space in them."""
     grid = _within(mission, _CELLS)
     inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])
     for name, rows in instance.zone_rows.items():
@@ -269,7 +269,7 @@ def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
 
 
 def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Array) -> NDArray[np.bool_]:
-    """Which cells some rows of a floor cover, painted over or not."""
+    """Which cells some rows of a floor cover, also under later zones."""
     zones = floor.zones[list(rows)]
     zones[:, 6:] = 1.0
     nothing = floor._replace(zones=zones, background=np.zeros(3), extent=np.zeros(4))

@@ -1,9 +1,9 @@
-"""What a user writes becomes a checked value, and a value becomes text that can be read again.
+"""Reads users' files to checked values, and writes values as text that can be read again.
 
 yaml_tree    YAML text -> nodes that know their line
-schema       what the annotation of a field asks of a file
+schema       the annotations of fields
 building     nodes -> dataclasses, with all mistakes at once
-loading      files -> dataclasses, the way in
+loading      files -> dataclasses; the entry point
 writing      dataclasses -> YAML
 spelling     British and American spelling
 json_schema  dataclasses -> JSON Schema

@@ -1,7 +1,7 @@
-"""From a tree of nodes to the dataclass it describes: what a scalar may be, and what an error says.
+"""Builds the dataclass that a tree of nodes describes, with all mistakes at once.
 
-A scalar is read as what is expected (`1e3` is a number where a number is wanted, `no` is text where text is wanted),
-never guessed from its looks. All mistakes of a tree are gathered, up to MAX_MISTAKES; each message has the place, the
+A scalar is read as the expected type (`1e3` is a number if a number is expected, `no` is text if text is expected); the
+type is never guessed. All mistakes of a tree are collected, up to MAX_MISTAKES; each message has the place, the
 path of the key, what was expected with its unit, what was found, and a suggestion if there is one.
 """
 
@@ -59,7 +59,7 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
     Raises:
         Fault: with a message for each mistake.
     """
-    if node.content is None:  # which was told
+    if node.content is None:  # which is reported
         raise Fault
     base, rules = schema.unwrapped(kind)
     value = _builder(base)(node, base, way)
@@ -120,7 +120,7 @@ def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
 
 
 class _Mistakes(list[str]):
-    """What is wrong with the parts of something, part after part; `any` is set even if all has been told before."""
+    """What is wrong with the parts of something, part after part; `any` is set even if all are reported already."""
 
     any = False
 

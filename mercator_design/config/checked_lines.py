@@ -1,4 +1,4 @@
-"""Events as lines of a file that is appended to: JSON with a checksum in it, so that half a line is known as such."""
+"""Events as lines of a file that is appended to: JSON with a checksum, by which an incomplete line is found."""
 
 import json
 import zlib

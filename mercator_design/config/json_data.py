@@ -1,7 +1,7 @@
-"""JSON data that a program wrote, read by the annotations that YAML files are read by; fast, as journals are long.
+"""Reads JSON data of programs by the same annotations as YAML files; fast, because journals are long.
 
-A value is read as what it is, not by its looks: "1" is no number here, and 1 no text. `reader` only says whether data
-are as expected; what is wrong with them is said by config/building.py, as of a YAML file.
+Types are strict: "1" is not a number, and 1 is not text. `reader` only checks whether data are as expected;
+config/building.py finds the mistakes, as in a YAML file.
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
-"""What a user writes in YAML becomes a frozen dataclass; here is decided from which parts: a base, overrides, defaults.
+"""Reads a YAML file to a frozen dataclass, with its base, overrides and defaults.
 
-The schema is the dataclass: its annotations say what is expected where. Understood are float (finite), int, bool, str,
+The schema is the dataclass: its annotations say what is expected. Supported are float (finite), int, bool, str,
 Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: found apart by a field that is a
-one-word Literal), and the rules of schema.py in Annotated. What a value may be is decided in building.py, which texts
-are refused before anything is built in yaml_tree.py.
+one-word Literal), and the rules of schema.py in Annotated. building.py reads values; yaml_tree.py
+refuses unsafe texts before.
 """
 
 import dataclasses
@@ -137,7 +137,7 @@ def parse(
 ) -> T:
     """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`.
 
-    One that `may_be_empty`, or of comments only, says nothing of any key. Without `lines` errors do not tell them.
+    One that `may_be_empty`, or of comments only, says nothing of any key. Without `lines` errors do not name them.
     """
     try:
         tree, mistakes = compose_all(text, label, folder or Path.cwd(), may_be_empty=may_be_empty, lines=lines)

@@ -1,6 +1,6 @@
-"""What an annotation of a dataclass field asks of a YAML file, and how to say it to a user.
+"""Annotations of dataclass fields as a schema of YAML files, and their descriptions for users.
 
-The rules stand in `Annotated[type, rule]`. This file knows annotations only; config/loading.py applies them.
+The rules are in `Annotated[type, rule]`. This module only reads annotations; config/loading.py applies them.
 """
 
 import contextlib
@@ -49,8 +49,8 @@ def checked(errors: Iterable[FieldError]) -> None:
 def check(record: Any) -> None:  # noqa: ANN401 - a dataclass with CHECKS
     """What the `__post_init__` of a dataclass with CHECKS calls.
 
-    CHECKS are functions from some of its fields, named as these, to what is wrong with them: so a file's mistakes are
-    told at once, as a check needs only the fields that it looks at to be right.
+    CHECKS are functions from some of its fields, with parameters of the same names, to mistakes. A check runs if these
+    fields are valid, so all mistakes of a file are reported at once.
     """
     kind: Kind = type(record)
     checked(problems(kind, {name: getattr(record, name) for name in fields_of(kind)}))
@@ -344,7 +344,7 @@ def form(kind: Kind) -> type:
 
 
 def tags(kinds: list[Kind]) -> tuple[str, dict[str, Kind]]:
-    """The key that tells dataclasses apart (a one-word Literal in each), and its word for each."""
+    """The key that distinguishes dataclasses (a one-word Literal in each), and its word for each."""
     for key in fields_of(kinds[0]):
         found = [words(fields_of(kind)[key][0]) for kind in kinds if key in fields_of(kind)]
         if len(found) == len(kinds) and all(len(each) == 1 for each in found):

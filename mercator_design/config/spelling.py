@@ -1,4 +1,4 @@
-"""British and American spelling: both are read, everywhere by this; what is written has the spelling of the program."""
+"""British and American spelling: both are read, with this module; the program writes its own spelling."""
 
 from collections.abc import Collection
 

@@ -1,9 +1,8 @@
-"""From a YAML text to a tree of nodes that know their line; here is decided which texts are refused unseen.
+"""Parses YAML text to a tree of nodes with their lines, and refuses unsafe texts.
 
-Files come from students, colleagues and strangers, so nothing in one may hang, exhaust or run anything: only
-regular files of at most 256 KiB, plain data (no anchors, aliases, tags or second document), text keys without
-duplicates, and 32 levels of nesting. The tree is built from the parser's events, so a bomb is refused at the
-first event that shows it.
+Files are untrusted: nothing in a file may hang, use up memory or run code. Accepted are regular files of at most 256
+KiB, plain data (no anchors, aliases, tags or second document), text keys without duplicates, and 32 levels of nesting.
+The tree is built from the parser's events, so an attack is refused at the first event that shows it.
 """
 
 import json
@@ -24,21 +23,21 @@ LARGEST_FILE = 256 * 1024
 DEEPEST = 32
 LARGEST_INTEGER = 2**63 - 1  # that numpy holds
 MAX_MISTAKES = 20
-"""That are told of one text; its reading ends with the last of them."""
+"""Maximum number of reported mistakes in one text; reading ends with the last of them."""
 
 _Event: TypeAlias = Any  # yaml's event classes share no typed fields
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class Fault(Exception):  # noqa: N818 - becomes the error class that the caller of config/loading.py names
-    """What is wrong with a text: messages that name the places. Without any, all has been told."""
+    """The mistakes in a text: messages with places. Empty if all have been reported."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Node:
     """A piece of a text: a scalar, a list, or a mapping, whose values have the place of their keys.
 
-    One that could not be read, which was told, has no content. A scalar without quotes is plain; of JSON data, a plain
+    A node that could not be read has no content. A scalar without quotes is plain; of JSON data, a plain
     scalar is no text.
     """
 
@@ -177,7 +176,7 @@ class _Composer:
         return f"{self.label}:{mark.line + 1}" if self.lines and mark else self.label
 
     def _mistake(self, place: str, message: str) -> None:
-        """Note what is wrong at a place; the one too many ends the reading."""
+        """Record a mistake at a place; one too many ends the reading."""
         self.mistakes.append(f"{place}: {message}")
         if len(self.mistakes) >= MAX_MISTAKES:
             raise Fault

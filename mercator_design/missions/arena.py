@@ -1,7 +1,7 @@
-"""Where the robots are: walls around them, boxes among them, lights above them. Metres and radians.
+"""The arena: walls, boxes and lights. Metres and radians.
 
-What is decided here: an arena is the inside of one simple polygon, and its border is the inner face of the
-walls, so that the numbers in a mission file are what a tape measure between the walls shows.
+An arena is the inside of a simple polygon. Its border is the inner face of the walls, so the numbers in a mission file
+are what a tape measure between the walls shows.
 """
 
 import math

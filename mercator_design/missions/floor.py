@@ -1,8 +1,7 @@
-"""What the floor looks like: a background, an image, and painted zones, the later over the earlier.
+"""The floor: a background, an image, and painted zones, later ones over earlier ones.
 
-What is decided here: how a zone and what changes it are written, and how the floor of one instance (tiles may be drawn
-at random) becomes a `FloorTable` of numbers. What a table means at a point is
-said once, in floor_kernels.py, for sensors and objectives alike.
+This module defines zones and dynamics in mission files, and makes the `FloorTable` of an instance (tiles may be drawn
+at random). floor_kernels.py computes the colour at a point, for sensors and objectives.
 """
 
 import hashlib
@@ -35,7 +34,7 @@ DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
 """The first number of a row of a table."""
 
 LARGEST_IMAGE = 4_000_000
-"""Pixels: beyond, a small file could fill the memory."""
+"""Maximum number of pixels: a small file with more could fill the memory."""
 
 
 _MAX_ROWS = 10_000
@@ -47,7 +46,7 @@ _FORMATS = ("PNG", "JPEG", "BMP", "PPM")
 class FloorTable(NamedTuple):
     """The floor of one instance, as numbers for the kernels.
 
-    Only what changes it may write into it: into `zones` and `numbers`.
+    Only dynamics may write into it: into `zones` and `numbers`.
     """
 
     zones: Array  # (zones, 9): kind, five numbers of the shape, red, green, blue
@@ -313,7 +312,7 @@ class Floor:
                 raise
             except BaseException as error:  # also sys.exit()
                 place = line_of(error) or first_line(function)
-                if not place:  # it is our mistake, which shall be seen whole
+                if not place:  # it is our fault: show the traceback
                     raise
                 raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
         if len({len(row) for row in numbers}) > 1:

@@ -1,7 +1,7 @@
-"""A mission: what is asked of how many robots, where and for how long; one YAML file each.
+"""A mission: robots, arena, floor, placement, duration and objective, in one YAML file.
 
-What is decided here: the keys of a mission file, what must fit together in it, and how a name finds its file.
-The files in `scenarios/` are found by being there.
+This module defines the keys of a mission file, checks their consistency, and finds the file of a name. The files in
+`scenarios/` are found automatically.
 """
 
 import re
@@ -47,7 +47,7 @@ _GRAY = Floor()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Objective:
-    """A function of OBJECTIVES with its parameters, and whether more of it is better."""
+    """A function of OBJECTIVES with its parameters and direction."""
 
     name: str
     direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
@@ -69,7 +69,7 @@ class Objective:
         """The score of an experiment.
 
         Raises:
-            MissionError: if the function fails, or gives what is no score.
+            MissionError: if the function fails, or its value is not a score.
         """
         function = OBJECTIVES[self.name]
         with signals_first():
@@ -79,7 +79,7 @@ class Objective:
                 raise
             except BaseException as error:  # also sys.exit()
                 place = line_of(error) or first_line(function)
-                if not place:  # it is our mistake, which shall be seen whole
+                if not place:  # it is our fault: show the traceback
                     raise
                 raise MissionError(f"{place}objective {self.name}: {described(error)}") from error
         if not is_score(score):
@@ -142,7 +142,7 @@ def _placement_inside(arena: Arena, placement: Placement) -> Iterator[FieldError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """What a mission file says."""
+    """The contents of a mission file."""
 
     CHECKS: ClassVar = (
         _whole_cycles,
@@ -195,7 +195,7 @@ class Mission:
 
     @property
     def digest(self) -> str:
-        """Equal for missions that are equal, wherever their files are; of all but the robot model's, contents count."""
+        """Equal for equal missions, wherever their files are; contents of files count, except the robot model's."""
         image = self.floor.image.digest if self.floor.image else ""
         return digest_of(self.with_files(robot_model="", image=image, named=lambda file: file.digest))
 
@@ -229,11 +229,11 @@ class Mission:
         return [self.objective, *self.floor.dynamics]
 
     def cost(self, score: float) -> float:
-        """What a race minimises."""
+        """The cost of a score: what a race minimises."""
         return -score if self.objective.direction == "maximise" else score
 
     def score(self, cost: float) -> float:
-        """The score that a cost stands for."""
+        """The score of a cost."""
         return 0.0 - cost if self.objective.direction == "maximise" else cost
 
 

@@ -1,8 +1,8 @@
-"""Files that a mission names in parameters of its objective and of what changes its floor.
+"""Files that a mission names in parameters of its objective and dynamics.
 
-Their contents belong to the mission, as the pixels of a floor's image do: they are read when the mission is, count in
-its digest, and travel with it to run folders and workers. A function is given the path of a copy of what was read, so
-that it finds the same wherever and whenever it runs.
+Their contents belong to the mission, like the pixels of a floor's image: they are read with the mission, count in its
+digest, and are copied to run folders and workers. A function gets the path of a copy, so its contents are the same
+wherever and whenever it runs.
 """
 
 import atexit

@@ -1,7 +1,7 @@
 """Where robots may start.
 
-What is decided here: the distribution that a robot's first pose is proposed from. Whether a proposed pose is
-free of walls and other robots is the simulator's to say; it asks for more candidates until one is.
+A placement is the distribution of proposals for a robot's first pose. The simulator asks for proposals until one is
+free of walls and other robots.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""What a plugin is made of: its file, and the modules of its folder that it imports.
+"""The sources of a plugin: its file, and the modules of its folder that it imports.
 
-All of it is read before any of it runs, and from then on it is run from what was read: in this process, whenever it
-imports something, and in workers, which are sent it. So nobody runs a file that was edited in the meantime.
+All sources are read before any runs. From then on the plugin runs from these sources, in this process and in workers,
+to which they are sent. So a file that was edited in the meantime is never run.
 """
 
 import ast

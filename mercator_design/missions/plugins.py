@@ -1,11 +1,11 @@
-"""What a mission may name beyond its own words: objectives, and what changes a floor; and how more are added.
+"""Objectives and dynamics, which missions refer to by name, and how plugins add more.
 
-An objective is a function `f(trace, *, parameters...) -> float` marked `@objective`. What changes a floor is a function
-`f(site, *, parameters...) -> rows of numbers` marked `@dynamic(change=kernel)`. The keyword-only parameters are what a
-mission file may say beside `name`; their annotations are checked when the file is read.
+An objective is a function `f(trace, *, parameters...) -> float` marked `@objective`. A dynamic, which changes a floor,
+is a function `f(site, *, parameters...) -> rows of numbers` marked `@dynamic(change=kernel)`. The keyword-only
+parameters are keys of a mission file beside `name`; their annotations are checked when the file is read.
 
-The functions in the packages objectives/ and dynamics/ are found by being there. `load_plugin` adds those of a user's
-own file, which need not be near this package; plugin_files.py says what belongs to it.
+The functions in the packages objectives/ and dynamics/ are found automatically. `load_plugin` adds those of a user's
+file; plugin_files.py finds the modules that belong to it.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ _loading = threading.RLock()
 
 
 class _ZoneReference:
-    """Marks what names a zone of the floor; a mission refuses names its floor does not have."""
+    """Marks a parameter that names a zone; a mission refuses names that its floor does not have."""
 
 
 Zone: TypeAlias = Annotated[str, _ZoneReference()]
@@ -53,7 +53,7 @@ When: TypeAlias = Literal["end", "always"]
 
 
 class Site(NamedTuple):
-    """What a dynamic may look at when an experiment begins."""
+    """The inputs of a dynamic when an experiment begins."""
 
     zones: Array  # (zones, 9) as in FloorTable
     rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in `zones`
@@ -79,10 +79,9 @@ def objective(
 
     Args:
         function: The function.
-        checks: What is wrong with its parameters, found when a mission is read: functions from parameters of the same
-            names to errors (see schema.check).
-        by_zones: Whether a score follows from which of the zones that it is given each robot's centre is in, cycle by
-            cycle, and from nothing else.
+        checks: Checks of its parameters when a mission is read: functions from parameters of the same names to errors
+            (see schema.check).
+        by_zones: Whether the score depends only on which of the given zones each robot's centre is in, in each cycle.
 
     Raises:
         ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
@@ -136,7 +135,7 @@ def _module_of(function: Callable[..., Any]) -> str:
 
 
 def is_by_zones(function: Score) -> bool:
-    """Whether a score follows from who is in which zones."""
+    """Whether the score depends only on the robots in each zone."""
     return bool(getattr(function, "BY_ZONES", False))
 
 
@@ -209,7 +208,7 @@ def load_plugin(path: str | Path, digest: str | None = None) -> None:
 
     Args:
         path: The file. What it imports from its folder belongs to it.
-        digest: What its digest must be; if it is another one, nothing of it is run.
+        digest: What its digest must be; if it is another one, the plugin is not run.
 
     Raises:
         MissionError: if it cannot be read or run, is not what it must be, defines nothing or a name that is taken, or
@@ -258,7 +257,7 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
 
 
 def snapshot() -> Callable[[], None]:
-    """What puts all that plugins define back to what it is now."""
+    """A function that restores the present state of all that plugins define."""
     registries: list[dict[Any, Any]] = [OBJECTIVES, DYNAMICS, _change_of, _loaded, IMPORTER.paths, IMPORTER.sources]
     entries, changes, marked, modules = [{**each} for each in registries], [*CHANGES], jit.marked(), {*sys.modules}
 

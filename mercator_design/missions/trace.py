@@ -1,4 +1,4 @@
-"""What happened in one experiment; all that an objective may look at."""
+"""The trace of one experiment: all that an objective may use."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,13 +33,13 @@ def every_nth(cycles: int, n: int) -> NDArray[np.int64]:
 
 
 class Measure(Protocol):
-    """What a device measured, (cycles, robots, ...), in the cycles of `every_nth`."""
+    """The readings of a device, (cycles, robots, ...), in the cycles of `every_nth`."""
 
     def __call__(self, device: str, /, every: int = 1) -> Array: ...
 
 
 def not_measured(device: str, /, every: int = 1) -> Array:  # noqa: ARG001 - nobody to ask
-    """The `Measure` of tracked robots: nothing.
+    """The `Measure` of tracked robots, which have no readings.
 
     Raises:
         MissionError: always.
@@ -49,10 +49,10 @@ def not_measured(device: str, /, every: int = 1) -> Array:  # noqa: ARG001 - nob
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trace:
-    """Where the robots were, from the simulator or from a tracking camera.
+    """The poses and states of robots, from the simulator or from a tracking camera.
 
-    Of a floor that changes, only the start is kept: what happens to it follows from the poses, and is played again by
-    whoever looks at it later. It is then seen in each cycle as the robots sensed it, after they had moved.
+    Only the initial floor is kept: its changes follow from the poses and are computed again when they are needed. In
+    each cycle the floor is as the robots sensed it, after they had moved.
 
     Raises:
         ValueError: if the arrays do not fit together.

@@ -1,4 +1,4 @@
-"""Which colours the robots of a mission tell apart on its floor: the labels of their ground sensors."""
+"""The labels of ground sensors: which colours the robots of a mission distinguish on its floor."""
 
 import itertools
 from collections.abc import Collection
@@ -52,7 +52,7 @@ def label_of(labels: tuple[ColourName, ...], levels: RGB) -> ColourName:
 
 
 def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.generic]) -> dict[ColourName, float]:
-    """What noise makes of colours: the share of readings that count as another label than they would without it.
+    """The share of readings that count as another label because of noise.
 
     Args:
         labels: Of the device.

@@ -40,7 +40,7 @@ Bound = Annotated[float, Range(-1e9, 1e9)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotModel:
-    """A robot in simulation; what is left out, it does not have."""
+    """A robot in simulation; it has no device that is left out."""
 
     schema: Literal[1] = 1  # version of this format
     name: str  # by default the file's

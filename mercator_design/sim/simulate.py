@@ -1,4 +1,4 @@
-"""One experiment: a PFSM on a mission from a seed, to a score and a trace."""
+"""Runs one experiment: a PFSM on a mission with a seed gives a score and a trace."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,15 +33,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What came of an experiment."""
+    """The result of an experiment."""
 
-    score: float  # in the mission's own sense
+    score: float  # in the mission's direction
     trace: Trace
     recording: Recording  # with readings, draws and wheels if all was recorded
 
     @property
     def history(self) -> History:
-        """What happened, cycle by cycle."""
+        """The trace of the experiment."""
         return self.recording.history
 
 
@@ -55,22 +55,22 @@ class Simulator:
 
     @cached_property
     def warnings(self) -> "tuple[MissionWarning, ...]":
-        """What of the mission cannot be, or is hardly meant, for these robots."""
-        from mercator_design.sim.checks.impossible import mission_warnings  # takes long to import: scipy.ndimage
+        """Warnings of what is impossible or probably a mistake in the mission, for these robots."""
+        from mercator_design.sim.checks.impossible import mission_warnings  # slow: scipy.ndimage
 
         return tuple(mission_warnings(self.mission, self.robot_model))
 
     def refuse_impossible(self) -> None:
-        """Make sure that the mission can be: called by all that race or validate it.
+        """Refuse an impossible mission; called before races and by validation.
 
         Raises:
-            MissionError: with a message for each of `warnings` that says that it cannot.
+            MissionError: with a message for each of `warnings` that is impossible.
         """
         if impossible := [warning.message for warning in self.warnings if warning.is_impossible]:
             raise MissionError(*impossible)
 
     def instance(self, seed: int) -> Instance:
-        """The starting situation of a seed, with the robot model that holds in it."""
+        """The instance of a seed, with its robot model."""
         if not self.robot_model.vary:
             return self._world.instance(seed)
         return World(self.mission, self.robot_model.drawn(generator(seed, "robot model"))).instance(seed)
@@ -80,15 +80,15 @@ class Simulator:
 
         Args:
             pfsm: The control software of every robot.
-            seed: The instance: floor, starting poses, and all draws follow from it.
-            record: Whether to keep what the robots perceived, drew and did.
+            seed: The seed of the instance: floor, starting poses and all draws depend on it.
+            record: Whether to keep the readings, draws and wheel commands of the robots.
             referee: Whether to step through pymunk's public functions from Python instead of in one compiled call;
                 the outcome is the same to the last bit. Plain Python (NUMBA_DISABLE_JIT=1) always does.
 
         Raises:
             FsmError: if the PFSM needs a sensor that the robot lacks.
-            MissionError: if the robots do not fit, or the objective has no score for what they did.
-            SimulationError: if a robot's place is no number at the end.
+            MissionError: if the robots do not fit, or the objective fails.
+            SimulationError: if a robot's final pose is not finite.
         """
         self.check(pfsm)
         instance = self.instance(seed)
@@ -98,13 +98,13 @@ class Simulator:
         return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
 
     def rehearse(self, announce: Callable[[str], None]) -> Recording:
-        """One cycle of one experiment: shows that the robots fit, and compiles what is not yet compiled.
+        """Run one cycle of one experiment: check that the robots fit, and compile what is not compiled yet.
 
         Args:
-            announce: Called with a sentence if there is something to compile.
+            announce: Called with a message if there is something to compile.
 
         Returns:
-            All that was recorded of that cycle.
+            The recording of that cycle.
 
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
@@ -118,7 +118,7 @@ class Simulator:
             trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
-            if not plugins:  # then it is our mistake
+            if not plugins:  # then it is our fault
                 raise
             place = last_line(error.places) or f"plugin {plugins}: "
             raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
@@ -126,10 +126,10 @@ class Simulator:
         return recording
 
     def check_placement(self) -> None:
-        """Make sure that the robots find places to start from, and not only by luck.
+        """Check in ten instances that the robots find places to start from.
 
         Raises:
-            MissionError: if they do not, in one of ten instances.
+            MissionError: if they do not, in one of them.
         """
         for seed in range(10):
             self.instance(seed)
@@ -162,7 +162,7 @@ class Simulator:
         return trace, recording
 
     def check(self, pfsm: Pfsm) -> None:
-        """Make sure that the robot has what a PFSM needs.
+        """Check that the robot has the senses that a PFSM needs.
 
         Raises:
             FsmError: naming the module and the sense.
@@ -171,10 +171,10 @@ class Simulator:
             self.check_module(module, place)
 
     def check_module(self, module: Module, place: str) -> None:
-        """Make sure that the robot has the senses that a module reads.
+        """Check that the robot has the senses that a module reads.
 
         Raises:
-            FsmError: naming the one and the other.
+            FsmError: naming the module and the sense.
         """
         missing = sorted(module.reads - self.robot_model.senses)
         if missing:
@@ -188,7 +188,7 @@ def robot_model_of(mission: Mission) -> RobotModel:
     """The robot model that a mission names.
 
     Raises:
-        MissionError: naming the place in the mission, if there is none or it is not valid.
+        MissionError: naming the place in the mission, if the robot model does not exist or is not valid.
     """
     try:
         return load_robot_model(mission.robot_model)
@@ -214,7 +214,7 @@ def _compiled(instance: Instance, model: ReferenceModel, program: Program, histo
 
 
 def _referee(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
-    """The loop of `kernel.experiment`, with the space in the hands of pymunk's public functions."""
+    """The loop of `kernel.experiment` with pymunk's public functions."""
     scene, swarm = instance.scene, instance.swarm
     note_poses, sense_and_control = compiled(kernel.note_poses), compiled(kernel.sense_and_control)
     with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should

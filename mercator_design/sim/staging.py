@@ -1,4 +1,4 @@
-"""What is equal in all instances of a mission, as numbers for the kernels: the `Scene`; starts are world.py's."""
+"""Makes the `Scene`: all that is equal in all instances of a mission, as numbers for the kernels."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _QUIET = np.array([NO_NOISE, 0.0, 0.0])
 
 
 def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
-    """The scene of all instances of a mission; each puts its own floor into it."""
+    """The scene of all instances of a mission; each instance sets its floor."""
     walls = edges(mission.arena.corners())
     half_length, half_width = model.body.half_size
     return Scene(

@@ -1,6 +1,6 @@
-"""The starting situation of a seed: the floor, where the robots stand, their streams, and a pymunk space.
+"""Makes instances: the floor, starting poses, random streams and pymunk space of a seed.
 
-What is equal in all instances of a mission is decided in staging.py.
+staging.py makes what is equal in all instances of a mission.
 """
 
 import math
@@ -32,7 +32,7 @@ _BATCH = 20  # poses tried at a time
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A starting situation, for one run, which uses it up: robots move in it, and the floor may change."""
+    """An instance for one run, which changes it: robots move, and the floor may change."""
 
     robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
@@ -43,7 +43,7 @@ class Instance:
 
 
 class World:
-    """A mission with a robot model, from which instances are made.
+    """Makes the instances of a mission with a robot model.
 
     Raises:
         MissionError: if the robots do not fit.
@@ -73,7 +73,7 @@ class World:
             )
 
     def _check_steps(self) -> None:
-        """Bodies are pushed apart the short way, which is the right one as long as they overlap by less than half."""
+        """Check the time step: bodies are pushed apart correctly only if they overlap by less than half."""
         model = self.robot_model
         travel = model.fastest * self.mission.control_period / self._sub_steps
         if travel > 0.5 * min(model.body.half_size):
@@ -83,7 +83,7 @@ class World:
             )
 
     def _check_walls(self) -> None:
-        """The outer walls must not stick out into the arena elsewhere, where nobody would see them."""
+        """Check that the outer walls do not reach into the arena at another place."""
         slabs = self._wall_corners()
         just_within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
         outer = just_within[:, 2:].reshape(-1, 2)
@@ -94,7 +94,7 @@ class World:
             )
 
     def instance(self, seed: int) -> Instance:
-        """The starting situation of a seed."""
+        """The instance of a seed."""
         floor = self.mission.realise_floor(generator(seed, "floor"))  # its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots

@@ -1,1 +1,1 @@
-"""What is wrong with a mission before anything runs: what cannot be reached, cannot score, or never fires."""
+"""Checks of a mission before it runs: unreachable zones, constant scores, conditions that never fire."""

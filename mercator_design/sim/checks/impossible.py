@@ -1,8 +1,8 @@
-"""What a mission asks that cannot be, or is hardly meant: zones outside the walls or out of reach, angles in degrees,
-a score that cannot differ.
+"""Warnings of what is impossible or probably a mistake in a mission: zones outside the walls or out of reach, angles in
+degrees, a constant score.
 
-What cannot be is refused where a mission is checked and raced (`Simulator.refuse_impossible`), and else told; the rest
-is told. Each cause is told once, with what follows from it.
+Races and `mdesign validate` refuse what is impossible (`Simulator.refuse_impossible`); all else is a warning. Each
+cause has one message, with its consequence.
 """
 
 import math
@@ -24,27 +24,27 @@ from mercator_design.sim.robot_model import RobotModel
 
 _MAX_OUTSIDE_COUNTED = 0.1
 _MAX_OUTSIDE = 0.5
-"""Shares of a zone's area: for one that the objective looks at, and for another, which may end beyond a wall."""
+"""Shares of a zone's area: for a zone that the objective uses, and for another zone, which may extend beyond a wall."""
 _MUCH_SHARED = 0.1
 """Share of a nest's area."""
 _POINTS = 10_000
-"""At which the area of a zone is measured."""
+"""Number of points to measure the area of a zone."""
 
 
 @dataclass(frozen=True, slots=True)
 class MissionWarning:
-    """What is wrong, with its place."""
+    """A warning on a mission, with its place."""
 
     message: str
     is_impossible: bool = False
-    explains_score: bool = False  # why all scores are the same, if they are
+    explains_score: bool = False  # whether it is the cause of equal scores
 
 
 def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning]:
-    """What cannot be, or is hardly meant, of robots on a mission."""
+    """All warnings on a mission with a robot model."""
     found = [*angle_warnings(mission), *angle_warnings(model)]
     if not all(is_ours(DYNAMICS[dynamics.name]) for dynamics in mission.floor.dynamics):
-        return found  # which may move zones
+        return found  # dynamics of plugins may change which zones are reached
     reach = reach_of(mission, model)
     if reach is None or not reach.reached.any():
         return found
@@ -54,9 +54,9 @@ def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning
 
 
 def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
-    """Which angles look as if they were degrees.
+    """Warn of angles that may be in degrees.
 
-    Small degrees are valid radians. But hardly anybody writes an angle of more than half a turn as a whole number of
+    Small degrees are valid radians. But few users write an angle of more than half a turn as a whole number of
     radians.
     """
     for annotation, value, path in values_in(type(record), record):
@@ -73,7 +73,7 @@ def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
 
 
 def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
-    """Of zones that are outside the walls, in part or wholly, or out of reach."""
+    """Warn of zones that are outside the walls, partly or completely, or out of reach."""
     function = OBJECTIVES[mission.objective.name]
     counted = {name for _, name in zone_references(function, mission.objective.parameters)}
     size = 2.0 * min(model.body.half_size)
@@ -99,7 +99,7 @@ def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach)
 
 
 def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
-    """Of the area of some zones; 0 of half planes, which have no end."""
+    """The share of some zones' area outside the walls; 0 for half planes, which are infinite."""
     along = max(3, math.isqrt(_POINTS // len(rows)))
     inside = total = 0
     for row in rows:
@@ -116,7 +116,7 @@ def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
 
 
 def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
-    """Of nests that are sources too, where a robot is on the source."""
+    """Warn of nests that are also sources: a robot there is at the source."""
     given, zone_rows = mission.objective.parameters, mission.floor.zone_rows()
     if not {"sources", "nests"} <= given.keys():
         return
@@ -133,7 +133,7 @@ def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Missi
 
 
 def _with_score(mission: Mission, places: list[MissionWarning]) -> list[MissionWarning]:
-    """Doubts about places, and that every score is the same: said of each that explains it, else of the objective."""
+    """Add that all scores are equal: to each warning that is the cause of it, else as a warning on the objective."""
     is_proved = is_by_zones(OBJECTIVES[mission.objective.name])
     same = (
         "every score is the same, whatever the robots do"

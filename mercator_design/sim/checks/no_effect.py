@@ -1,6 +1,6 @@
-"""What is valid, and hardly meant: settings, conditions and colours that make no difference to the robots.
+"""Warnings of settings, conditions and colours that have no effect on the robots.
 
-A user is told of them; nothing is refused, because what is left may be what is wanted.
+Nothing is refused, because the user may want it.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,19 +19,19 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Neighbours
 
 _MISREAD = 0.01
-"""Share of the readings of a colour, or of an image."""
+"""Share of wrong readings of a colour or an image from which on there is a warning."""
 _PIXELS = 2_000
-"""Of an image that are looked at."""
+"""Number of pixels of an image to check."""
 
 
 def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
-    """A sentence for each doubt about robots on a mission.
+    """A sentence for each part of a mission, robot model or PFSM that has no effect.
 
     Args:
-        mission: With the floor.
-        model: Of the robots.
-        flavour: Whose conditions there are.
-        pfsm: What the robots run; None: anything of the flavour.
+        mission: The mission.
+        model: The robot model.
+        flavour: The flavour of the conditions.
+        pfsm: The PFSM of the robots; None: any PFSM of the flavour.
     """
     yield from model_warnings(model)
     places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
@@ -63,7 +63,7 @@ def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[s
 
 
 def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tuple[int, int]]:
-    """State and number of each transition that never fires on a mission, as its floor does not look like that."""
+    """State and number of each transition that never fires on the floor of a mission."""
     return [
         (i, j)
         for i, state in enumerate(pfsm.states)
@@ -73,7 +73,7 @@ def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tu
 
 
 def _never_fires(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
-    """Whether a condition on the ground has probability 0 whatever the robots read; False if that is not known."""
+    """Whether a condition on the ground has probability 0 for all readings; False if that is not known."""
     levels = _levels(mission, model)
     if "ground" not in condition.reads or levels is None:
         return False
@@ -81,7 +81,7 @@ def _never_fires(mission: Mission, model: RobotModel, condition: Module, paramet
 
 
 def _levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
-    """All that the ground may read; None if noise, a mean or votes may make anything of it."""
+    """All possible readings of the ground; None if noise, a mean or votes make others possible."""
     if labels := simulated_labels(mission.floor, model):
         return [COLOURS[name] for name in labels]
     device = model.ground
@@ -98,13 +98,13 @@ def _seen(mission: Mission, model: RobotModel) -> str:
 
 
 def swarm_warnings(mission: Mission, model: RobotModel) -> Iterator[str]:
-    """Whether robots can have neighbours."""
+    """Warn if robots cannot have neighbours."""
     if mission.robots == 1 and model.neighbours is not None:
         yield f"{mission.where('robots')}: one robot has no neighbours: what its modules read of them is always nothing"
 
 
 def model_warnings(model: RobotModel) -> Iterator[str]:
-    """Whether a robot model says what makes no difference."""
+    """Warn of settings of a robot model that have no effect."""
     camera, near = model.neighbours, model.reference_model.neighbour_range
     if isinstance(camera, Neighbours) and camera.noise is None and camera.range is not None and camera.range > near:
         yield (
@@ -114,7 +114,7 @@ def model_warnings(model: RobotModel) -> Iterator[str]:
 
 
 def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
-    """Whether the labels are those of the floor, and which of its colours robots take for each other."""
+    """Warn if the labels are not those of the floor, and of colours that robots confuse."""
     if model.ground is None:
         return
     labels, place = simulated_labels(mission.floor, model), mission.where("floor")
@@ -147,7 +147,7 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
 def _label_warning(
     mission: Mission, model: RobotModel, labels: tuple[ColourName, ...], expected: tuple[ColourName, ...]
 ) -> str:
-    """Which colours of the floor are not among the labels of a robot model, and the other way round."""
+    """Compare the colours of the floor with the labels of a robot model."""
     missing = [name for name in expected if name not in labels]
     absent = [name for name in labels if name not in expected]
     facts = [f"{name} counts as {label_of(labels, COLOURS[name])}" for name in missing]
@@ -157,7 +157,7 @@ def _label_warning(
 
 
 def _image_warnings(mission: Mission, model: RobotModel, labels: tuple[ColourName, ...]) -> Iterator[str]:
-    """Whether many pixels of a floor's image are between two labels."""
+    """Warn if many pixels of a floor's image are between two labels."""
     image = mission.floor.image
     if image is None or model.ground is None or not labels:
         return
@@ -169,7 +169,7 @@ def _image_warnings(mission: Mission, model: RobotModel, labels: tuple[ColourNam
 
 
 def _readings(model: RobotModel, levels: RGB) -> Readings:
-    """What a robot reads, after a while, on a floor of one colour."""
+    """The readings of a robot that has been on a floor of one colour for some time."""
     reference = model.reference_model
     red, green, blue = levels
     level = gray_level(red, green, blue)

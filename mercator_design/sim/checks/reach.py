@@ -1,7 +1,7 @@
-"""Where robots can come from their starting places, past walls and obstacles.
+"""Which places robots can reach from their starting poses, past walls and obstacles.
 
-A robot is taken for the disc that fits into its body, so that what is out of reach here is out of its reach in truth;
-what is within reach here may yet be too narrow for its corners. Other robots are in nobody's way.
+A robot is approximated by the largest disc in its body. So a place that is out of reach here is certainly out of reach;
+a place within reach may still be too narrow for the robot's corners. Other robots are ignored.
 """
 
 import math
@@ -22,7 +22,7 @@ from mercator_design.sim.robot_model import RobotModel
 Flags = NDArray[np.bool_]
 
 _SLACK = 0.005
-"""[m] that a robot is pushed into a wall at most, and more."""
+"""[m] Upper bound of how far a robot is pushed into a wall."""
 _FINE = 8  # cells along the disc's radius, if there are not too many
 _COARSEST = 3
 _MAX_CELLS = 100_000
@@ -32,7 +32,7 @@ _SIZES = ("body.length", "body.width", "body.radius")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """A grid of square cells over the arena; a robot's centre can come to a place in those that are reached."""
+    """A grid of square cells over the arena, with the cells that a robot's centre can reach."""
 
     low: Array  # (2,) its lower left corner [m]
     cell: float  # [m] of a cell's side
@@ -73,7 +73,7 @@ class Reach:
 
 
 def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
-    """Where the robots of a mission can come; None if they are so small in their arena that it is not known."""
+    """The reach of the robots of a mission; None if they are too small for the grid."""
     for key, (smallest, _) in (model.vary or {}).items():
         if key in _SIZES:
             model = replaced(model, key.split("."), smallest)
@@ -92,7 +92,7 @@ def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
         reached=np.zeros((rows, columns), dtype=np.bool_),
     )
     centres = grid.centres(~grid.inside)
-    for row, points in enumerate(centres.reshape(rows, columns, 2)):  # all at once fill the memory
+    for row, points in enumerate(centres.reshape(rows, columns, 2)):  # all at once would fill the memory
         grid.inside[row] = arena.contains(points)
     # A cell is free if the disc's centre may be anywhere in it.
     free = grid.inside & ~_blocked(arena, grid, radius - _SLACK - cell * math.sqrt(0.5))

@@ -1,6 +1,6 @@
-"""Whether anything that robots could do would change their score: an objective is tried on traces made up for it.
+"""Whether a score can differ: an objective is tried on artificial traces.
 
-The robots of these traces jump: a score that stays the same although they may be anywhere within reach, in any order,
+The robots of these traces jump: if a score stays the same although they are anywhere within reach, in any order, it
 does not depend on them.
 """
 
@@ -43,7 +43,7 @@ def score_can_differ(mission: Mission, reach: Reach) -> bool | None:
         )
         try:
             scores.add(mission.objective(trace))
-        except MercatorError:  # it needs what devices measure, or is wrong; a run will tell
+        except MercatorError:  # it needs readings of devices, or is wrong; a run will show
             return None
         if len(scores) > 1:
             return True

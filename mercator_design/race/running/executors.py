@@ -240,9 +240,9 @@ class ProcessExecutor:
     experiments are not affected.
     """
 
-    def __init__(self, jobs: int, *, timeout: float | None = None) -> None:
+    def __init__(self, jobs: int, *, timeout: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.jobs = jobs
-        self._timeout = timeout
+        self._timeout, self._clock = timeout, clock
         self._workers: list[ProcessPoolExecutor] = []  # of one process each
         self._new: set[int] = set()  # indices of workers that have not finished an experiment yet
 
@@ -271,13 +271,13 @@ class ProcessExecutor:
             while idle and (job := again.popleft() if again else next(todo, None)) is not None:
                 place = idle.pop()
                 if self._timeout is not None:
-                    job.deadline = time.monotonic() + self._timeout + START * (place in self._new)
+                    job.deadline = self._clock() + self._timeout + START * (place in self._new)
                 running[self._workers[place].submit(call_packed, packed, job.item)] = place, job
             if not running:
                 return
             soonest = min(job.deadline for _, job in running.values())
-            done = _done(running, soonest)
-            now = time.monotonic()
+            done = self._done(running, soonest)
+            now = self._clock()
             late = [future for future, (_, job) in running.items() if job.deadline <= now and future not in done]
             for future in [*done, *late]:
                 place, job = running.pop(future)
@@ -294,6 +294,14 @@ class ProcessExecutor:
                 else:
                     yield job.index, result
 
+    def _done(self, running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
+        """The futures that have ended; waits for one, but not longer than the deadline."""
+        while True:
+            left = max(deadline - self._clock(), 0.0)
+            done, _ = wait(running, timeout=min(left, _PATIENCE), return_when=FIRST_COMPLETED)
+            if done or left <= _PATIENCE:
+                return done
+
     def _timed_out(self, job: _Job[T]) -> Failed | None:
         job.timeouts += 1
         if job.timeouts < MAX_TIMEOUTS:
@@ -305,15 +313,6 @@ def _next(done: "queue.SimpleQueue[T]") -> T:
     while True:
         with contextlib.suppress(queue.Empty):
             return done.get(timeout=_PATIENCE)
-
-
-def _done(running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
-    """The futures that have ended; waits for one, but not longer than the deadline."""
-    while True:
-        left = max(deadline - time.monotonic(), 0.0)
-        done, _ = wait(running, timeout=min(left, _PATIENCE), return_when=FIRST_COMPLETED)
-        if done or left <= _PATIENCE:
-            return done
 
 
 def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:

@@ -235,7 +235,7 @@ class TestResume:
         ("line", "words"),
         [
             ({"event": "end", "budget": 1, "experiments": 1, "winner": 1}, "start of a race first"),
-            ({"event": "start", "format": 7}, "expected one of 1, 2, found 7: another version"),
+            ({"event": "start", "format": 7}, "expected one of 1, 2, found 7: use the version"),
             ({"event": "start", "format": 2}, "start.budget: expected a whole number >= 1, found null"),
         ],
     )

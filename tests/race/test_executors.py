@@ -135,7 +135,7 @@ def local_cluster():
     import dask
 
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),  # another worker takes seconds to start
+        dask.config.set({"distributed.scheduler.allowed-failures": 2}),  # another worker takes seconds to start
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
         ) as cluster,

@@ -4,6 +4,7 @@ import itertools
 import json
 import subprocess
 
+import optuna
 import pandas as pd
 import pytest
 
@@ -171,3 +172,19 @@ def test_the_command_that_shows_a_failure_runs_the_evaluator_too(mdesign, folder
     )
     assert (found.returncode, found.stdout) == (3, "")
     assert (folder / "log").read_text().splitlines()[-1].startswith("run 2-")
+
+
+def test_the_optuna_storage_has_the_scores_that_were_given_last(mdesign, folder, tmp_path):
+    """Also those of before a race was resumed: into a storage of its own, it brings all of them again."""
+    run = tmp_path / "r"
+    assert mdesign("tune", folder / "scenario.txt", "-o", run, "--optuna", f"sqlite:///{tmp_path}/a.db")[0] == 0
+    record = read(run / JOURNAL).record
+    assert record.revised
+    assert mdesign("tune", "--resume", run, "--optuna", f"sqlite:///{tmp_path}/b.db")[0] == 0
+    scores = {}
+    for one in record.results():
+        scores.setdefault(one.configuration, {})[one.instance] = one.score
+    for name in ("a", "b"):
+        (study,) = optuna.get_all_study_summaries(f"sqlite:///{tmp_path}/{name}.db")
+        trials = optuna.load_study(study_name=study.study_name, storage=f"sqlite:///{tmp_path}/{name}.db").trials
+        assert {trial.number: trial.intermediate_values for trial in trials} == scores

@@ -5,11 +5,12 @@ The start of a race is not among them: its keys depend on the task (see race/run
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, Self, TypeAlias
 
 from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, Length, Range
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.racing.summary import IterationSummary
 from mercator_design.race.space.parameter import Value
 
 Number = Annotated[int, Range(0)]
@@ -112,6 +113,22 @@ class IterationEnded:
     elites: Annotated[tuple[Number, ...], Length(1)]  # best first
     stagnant: Number
     note: str
+
+    @classmethod
+    def of(cls, summary: IterationSummary) -> Self:
+        """The event of an iteration's summary."""
+        return cls(
+            iteration=summary.iteration,
+            postselection=summary.postselection,
+            budget=summary.budget,
+            used=summary.used,
+            configurations=summary.n_configurations,
+            instances=summary.n_instances,
+            alive=summary.n_alive,
+            elites=tuple(elite.configuration for elite in summary.elites),
+            stagnant=summary.stagnant,
+            note=summary.note,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.methods.optimizer import Optimizer
-from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
+from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.space.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class OptunaMirror:
     def note(self, event: Event) -> None:
         """Copy an event; experiments come in any order, and some come twice."""
         match event:
-            case ExperimentDone():
+            case ExperimentDone() | ScoreRevised():
                 self._raced.add(event.configuration)
                 self._events.put(lambda study: study.report(event))
             case IterationEnded():
@@ -124,13 +124,14 @@ class _Study:
             if not trial.state.is_finished():
                 self._open[configuration] = trial._trial_id  # noqa: SLF001 - as above
 
-    def report(self, one: ExperimentDone) -> None:
+    def report(self, one: ExperimentDone | ScoreRevised) -> None:
         if one.configuration not in self._scores:
             for number in range(one.configuration + 1):
                 if number not in self._scores:
                     self._add(number)
         trial, scores = self._open.get(one.configuration), self._scores[one.configuration]
-        if trial is None or one.instance in scores:  # known from before the race was resumed
+        is_known = one.instance in scores and isinstance(one, ExperimentDone)
+        if trial is None or is_known:  # from before the race was resumed
             return
         if one.score is not None:
             scores[one.instance] = one.score

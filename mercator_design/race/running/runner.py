@@ -250,18 +250,7 @@ class RaceRun(Generic[T]):
     def _note_iterations(self) -> None:
         for ended in self._race.iterations[self._n_iterations :]:
             self._n_iterations += 1
-            iteration = IterationEnded(
-                iteration=ended.iteration,
-                postselection=ended.postselection,
-                budget=ended.budget,
-                used=ended.used,
-                configurations=ended.n_configurations,
-                instances=ended.n_instances,
-                alive=ended.n_alive,
-                elites=tuple(elite.configuration for elite in ended.elites),
-                stagnant=ended.stagnant,
-                note=ended.note,
-            )
+            iteration = IterationEnded.of(ended)
             known = self._record.iterations.get(ended.iteration)
             if known is None:
                 self._note(iteration)
@@ -285,6 +274,7 @@ class RaceRun(Generic[T]):
                 what = "configuration {} on instance {} with seed {} in iteration {}"
                 raise _another(f"experiment {number}: {what.format(*expected)}", what.format(*found))
             self._pending.append(one)
+        self._pending += self._record.revised.get(self._n_told, {}).values()
         under_way = set(self._under_way.values())
         for experiment in list(self._missing):
             if experiment in self._record.speculative:

@@ -215,27 +215,27 @@ class Terminals:
             self._send(fd, self._twin.robots[number].receive(device, data, now), now)
 
     def _renew(self, fd: int) -> None:
-        """Make a port that was closed as new: who opens it next finds no settings, no bytes and no lock of the former.
+        """Reset a port that its client has closed: the next client finds default settings, no old bytes and no lock.
 
-        Somebody may open it while this is done: he keeps it.
+        If a client opens the port at the same time, it keeps it.
 
         Raises:
-            RobotError: if the link is no longer the twin's.
+            RobotError: if the link was replaced or removed.
         """
         number, device = self._ports[fd]
         link = self._link(number, device)
         if not self._is_mine(link):
-            raise RobotError(f"{link} was removed or replaced; a twin needs its folder for itself until it ends")
+            raise _lost(link)
         try:
             slave = os.open(self._links[link], os.O_RDWR | os.O_NOCTTY)
         except OSError as error:
             if error.errno != errno.EBUSY:
                 raise
-            if self._is_hung_up(fd):  # who was killed had it to himself, and nobody can open it any more
+            if self._is_hung_up(fd):  # a client that was killed has left its lock, so no client can open it
                 self._plug_in(number, device)
                 self._close(fd)
         else:
-            tty.setraw(slave)  # and forget what nobody has read
+            tty.setraw(slave)  # also discards unread bytes
             fcntl.ioctl(slave, termios.TIOCNXCL)
             os.close(slave)
 
@@ -297,7 +297,7 @@ class Terminals:
         """
         link = self._link(number, device)
         if os.path.lexists(link) and not self._is_mine(link):
-            raise RobotError(f"{link} was removed or replaced; a twin needs its folder for itself until it ends")
+            raise _lost(link)
         fd, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(fd, False)
@@ -339,6 +339,10 @@ class Terminals:
 
     def _link(self, number: int, device: DeviceName) -> Path:
         return self._folder / str(number) / device
+
+
+def _lost(link: Path) -> RobotError:
+    return RobotError(f"{link} was removed or replaced; a twin needs its folder for itself until it ends")
 
 
 def _free_ports(count: int) -> list[int]:

@@ -37,20 +37,6 @@ LENIENT = click.option(
 )
 
 
-OPTIONAL_DEVICES = ("lidar", "proximity")
-"""Devices without which a robot can run a PFSM that does not need them."""
-LEFT_OUT = "left out, by --without"
-"""The finding of `mercator-robot check` for a device that is left out."""
-WITHOUT = click.option(
-    "--without",
-    type=click.Choice(OPTIONAL_DEVICES),
-    multiple=True,
-    callback=lambda _context, _parameter, devices: tuple(dict.fromkeys(devices)),
-    help="Leave this device alone, as one that is broken; a run refuses that if its PFSM needs what the device tells. "
-    "May be repeated.",
-)
-
-
 class OutputFile(click.Path):
     """A file to write; not `-`, which elsewhere is stdout."""
 

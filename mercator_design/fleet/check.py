@@ -5,20 +5,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 
-from mercator_design.command import LEFT_OUT
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
 from mercator_design.fleet.ssh import Conversation, RemoteRobot, hear
+from mercator_design.robot.devices.findings import Finding
 from mercator_design.robot.protocols.clocks import PROBE, Clock, from_line, probe
 
 COLUMNS = {
-    "battery": "battery",
-    "rvr": "rvr's line",
-    "lidar": "lidar's line",
-    "hub": "proximity's line",
+    "battery": ("rvr", "battery"),
+    "rvr": ("rvr", "line"),
+    "lidar": ("lidar", "line"),
+    "hub": ("proximity", "line"),
 }
-"""Findings of `mercator-robot check` that have a column, by its name."""
-_DEVICES = {"battery": "rvr", "rvr": "rvr", "lidar": "lidar", "hub": "proximity"}
-"""What is found instead if a device could not be looked at."""
+"""Column -> device and quantity of the finding of `mercator-robot check` that it shows."""
 _CHECK = f"""
 {BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
@@ -26,31 +24,22 @@ exec python3 {PROGRAM} check --json "$@"
 """
 
 
-@dataclass(frozen=True)
-class RobotFinding:
-    """One finding on a robot."""
-
-    what: str
-    is_fine: bool
-    words: str
-
-
 @dataclass
 class Checked:
-    """What was found on a robot.
+    """The findings on a robot.
 
-    is_done: Whether that is all.
-    failure: Why it could not be looked at, or not to the end; empty if it could.
+    is_done: Whether the check has ended.
+    failure: Why the check could not run to its end; empty if it did.
     """
 
     robot: RemoteRobot
-    findings: list[RobotFinding] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
     is_done: bool = False
     clock: Clock = field(default_factory=Clock)
     failure: str = ""
 
     def cell(self, column: str) -> str:
-        """Of the table, in a column of COLUMNS or `clock`."""
+        """The text in a column of the table: one of COLUMNS, or `clock`."""
         if self.failure:
             return "?"
         if column == "clock":
@@ -59,14 +48,12 @@ class Checked:
                 return "?"
             side = "ahead" if ahead > 0.0 else "behind"
             return f"{abs(ahead):.3f} s {side}, give or take {1000.0 * uncertainty:.1f} ms"
-        by_name = {found.what: found for found in self.findings}
-        found = by_name.get(COLUMNS[column]) or by_name.get(_DEVICES[column])
-        if found is None:
-            return "?"
-        if found.words == LEFT_OUT:
-            return "left out"
-        value = found.words.partition(";")[0] if found.what == COLUMNS[column] else "not found"
-        return value if found.is_fine else f"{value} WRONG"
+        device, quantity = COLUMNS[column]
+        for shown in (quantity, "presence"):
+            for found in self.findings:
+                if (found.device, found.quantity) == (device, shown):
+                    return found.value if found.is_fine else f"{found.value} WRONG"
+        return "?"
 
 
 def check(fleet: Fleet, timeout: float, options: Iterable[str] = ()) -> list[Checked]:
@@ -111,8 +98,9 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
             continue
         match said["say"]:
             case "finding":
-                is_fine = said.get("is_fine") is True
-                checked.findings.append(RobotFinding(str(said.get("what")), is_fine, str(said.get("words"))))
+                is_fine, device, quantity = said.get("is_fine") is True, said.get("device"), said.get("quantity")
+                what, words, value = (str(said.get(key)) for key in ("what", "words", "value"))
+                checked.findings.append(Finding(what, is_fine, words, False, device, quantity, value))
             case "done":
                 checked.is_done = True
             case "clock":

@@ -105,7 +105,8 @@ def test_findings_as_lines_of_json(robots, field):
     assert clock["sent"] == sent
     assert sent <= clock["monotonic"] <= time.monotonic()
     found = {each["what"]: each for each in said if each["say"] == "finding"}
-    assert {"clock", "battery", "lidar's turns", *COLUMNS.values()} <= found.keys()
+    assert {"clock", "battery", "lidar's turns", "rvr's line", "lidar's line", "proximity's line"} <= found.keys()
+    assert set(COLUMNS.values()) <= {(each["device"], each["quantity"]) for each in found.values()}
     assert found["battery"]["words"] == "87 %"
     assert all(from_line(json.dumps(each).encode()) for each in said)
 

@@ -15,11 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.errors import MercatorError, Signalled
 from mercator_design.robot.cli import cli
 from mercator_design.robot.cli.options import new_file
-from mercator_design.robot.devices.ports import DEVICES
+from mercator_design.robot.devices.ports import DEVICES, OPTIONAL_DEVICES
 from mercator_design.robot.run import network
 from mercator_design.robot.run.network import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
 

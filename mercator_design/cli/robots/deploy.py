@@ -9,7 +9,6 @@ from mercator_design.command import (
     FILE,
     FLAVOUR,
     LENIENT,
-    WITHOUT,
     NumberRange,
     naming_header,
     print_message,
@@ -23,6 +22,7 @@ from mercator_design.fleet.deploy import Fleet, RobotOutcome
 from mercator_design.fleet.start import start
 from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.text import FsmFile
+from mercator_design.robot.cli.options import WITHOUT
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of, reference_model_of
 from mercator_design.robot.run.senses import why_device_is_needed
 

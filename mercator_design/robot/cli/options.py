@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from mercator_design.command import FILE, NumberRange, naming
 from mercator_design.errors import SettingsError
+from mercator_design.robot.devices.ports import OPTIONAL_DEVICES
 from mercator_design.robot.devices.settings import Settings, read_settings
 
 _VARIABLE = "MERCATOR_ROBOT"
@@ -19,6 +20,15 @@ _SETTINGS, _FILE = "settings", "robot"
 DURATION, SEED = NumberRange(0.1, 1e6), click.IntRange(0, 2**63 - 1)
 """Of a run: seconds; of its random draws."""
 FC = TypeVar("FC", bound=Callable[..., Any])
+
+WITHOUT = click.option(
+    "--without",
+    type=click.Choice(OPTIONAL_DEVICES),
+    multiple=True,
+    callback=lambda _context, _parameter, devices: tuple(dict.fromkeys(devices)),
+    help="Do not use this device, for example because it is broken. A run refuses if its PFSM needs the device. "
+    "May be repeated.",
+)
 
 
 def settings_of(path: Path | None) -> Settings:

@@ -9,13 +9,12 @@ from mercator_design.command import (
     FILE,
     FLAVOUR,
     LENIENT,
-    WITHOUT,
     OutputFile,
     naming_header,
     print_message,
     read_controller,
 )
-from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, naming_in_the_end, new_file
+from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, WITHOUT, naming_in_the_end, new_file
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.run.joint import AtOnce, Joint

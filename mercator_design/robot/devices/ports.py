@@ -28,6 +28,8 @@ PortName = Annotated[
 ]
 DeviceName: TypeAlias = Literal["rvr", "lidar", "proximity"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
+OPTIONAL_DEVICES: tuple[DeviceName, ...] = ("lidar", "proximity")
+"""Devices without which a robot can run a PFSM that does not need them."""
 BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity": 115_200}
 _OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from mercator_design.command import OPTIONAL_DEVICES
 from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, Pfsm, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
-from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.ports import OPTIONAL_DEVICES, DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
 from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
 from mercator_design.robot.logs.log import Log, finite, plain

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mercator_design.command import LEFT_OUT
 from mercator_design.robot.devices.findings import Finding, Look, of_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, matters_below, percent
 from mercator_design.robot.devices.link import Event, Link
@@ -55,7 +54,9 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[
     yield from check_names(settings.ports, without)
     yield from of_devices(settings, {device: look for device, look in _DEVICES.items() if device not in without})
     for device in without:
-        yield Finding(device, is_fine=True, words=LEFT_OUT)
+        yield Finding(
+            device, is_fine=True, words="left out, by --without", device=device, quantity="presence", value="left out"
+        )
 
 
 def _text(path: Path) -> str:
@@ -170,7 +171,8 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     is_critical = found.battery < limits.battery_critical or found.battery_state == CRITICAL
     is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
     advice = f"; it is {'critical: no run starts' if is_critical else 'low'}: charge it" if is_low else ""
-    yield Finding("battery", not is_low, words["battery"] + advice)
+    level = words["battery"]
+    yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
     asked, before = round(_LISTEN / _ECHOES), link.counts("rvr")
     try:
@@ -202,9 +204,10 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     whole = 1.0 - missing / max(of_all, 1)
     least: float = getattr(settings.limits, f"{device}_whole")
     is_fine = whole >= matters_below(least)
-    words = f"{100.0 * whole:.1f} % arrives whole; {lost} of {received} bytes lost, {refused} frames refused"
+    value = f"{100.0 * whole:.1f} % arrives whole"
+    words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
     advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.remedy_of_damage(device)}"
-    return Finding(f"{device}'s line", is_fine, words + advice)
+    return Finding(f"{device}'s line", is_fine, words + advice, device=device, quantity="line", value=value)
 
 
 def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:

@@ -13,9 +13,10 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import ColourName
 from mercator_design.errors import MissionError
-from mercator_design.missions.arena import Arena, Array, Box, Light, RegularPolygon
+from mercator_design.missions.arena import Arena, Box, Light, RegularPolygon
 from mercator_design.missions.floor import Disc, Floor, Rectangle
 from mercator_design.missions.mission import Mission, Objective
 from mercator_design.missions.placement import DiscPlacement, HalfPlaneLimit
@@ -187,7 +188,7 @@ class _Draw:
         return DiscPlacement(radius=radius, half_plane=HalfPlaneLimit(point=(0.0, 0.0), normal=normal))
 
 
-def _distance_to_walls(corners: Array, x: float, y: float) -> float:
+def _distance_to_walls(corners: Floats, x: float, y: float) -> float:
     """Of a point in a convex polygon; negative outside."""
     along = np.roll(corners, -1, axis=0) - corners
     across = along[:, 0] * (y - corners[:, 1]) - along[:, 1] * (x - corners[:, 0])

@@ -9,8 +9,8 @@ import hashlib
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Keys
 from mercator_design.jit import jittable
 
 LARGEST_SEED = 2**31 - 1
@@ -33,7 +33,7 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(_sequence(seed, purpose)))
 
 
-def stream_keys(seed: int, purpose: str, n: int) -> NDArray[np.uint64]:
+def stream_keys(seed: int, purpose: str, n: int) -> Keys:
     """Keys of n independent streams, one a robot, for `uniform`."""
     return np.asarray(_sequence(seed, purpose).generate_state(n, np.uint64), dtype=np.uint64)
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special, stats
 
-Floats = NDArray[np.float64]
+from mercator_design.arrays import Floats, Numbers
+
 Distribution: TypeAlias = Literal["gaussian", "uniform"]
 
 CONFIDENCE = 0.95
@@ -41,9 +41,9 @@ class Levels:
         multiple of the step.
     """
 
-    channel: NDArray[np.int64]
+    channel: Numbers
     level: Floats
-    count: NDArray[np.int64]
+    count: Numbers
     step: float
 
     @property
@@ -57,7 +57,7 @@ class Levels:
         return self.level + 0.5 * self.step
 
     @property
-    def counts(self) -> NDArray[np.int64]:
+    def counts(self) -> Numbers:
         """(channels,) Measurements of each."""
         return self.totals(np.ones_like(self.level)).astype(np.int64)
 
@@ -66,7 +66,7 @@ class Levels:
         return np.bincount(self.channel, self.count * values).astype(float)
 
 
-def levels_of(channel: NDArray[np.int64], value: Floats, step: float) -> Levels:
+def levels_of(channel: Numbers, value: Floats, step: float) -> Levels:
     """Count measurements: (n,) the channel of each, from 0 on, and its value."""
     number = np.rint(value / step).astype(np.int64)
     least = number.min()

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.errors import RobotError
 from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import read
 from mercator_design.robot.protocols.ydlidar import correction
-
-Floats = NDArray[np.float64]
 
 SHORTEST = 5.0
 """[s] of a scene."""
@@ -143,7 +141,7 @@ def _moves(series: Mapping[str, Series]) -> Iterator[tuple[float, float]]:
         yield first * _BLOCK, (last + 2) * _BLOCK
 
 
-def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _runs(flags: Flags) -> Iterator[tuple[int, int]]:
     """First and last of each run of flags that are set, with those that one that is not set lies between."""
     places = np.flatnonzero(flags)
     for run in np.split(places, np.flatnonzero(np.diff(places) > 2) + 1):
@@ -151,7 +149,7 @@ def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
             yield int(run[0]), int(run[-1])
 
 
-def _changes(name: str, series: Series) -> NDArray[np.bool_]:
+def _changes(name: str, series: Series) -> Flags:
     """Whether the mean of a sensor changes from each block of time to the next."""
     block = (series.times / _BLOCK).astype(int)
     n = np.maximum(np.bincount(block), 1)

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_of
 from mercator_design.calibration.scenes import SHORTEST, RobotRecording, Series, StillScene, read_recording
 from mercator_design.errors import MercatorError
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Ground
-
-Floats = NDArray[np.float64]
 
 LEAST = 100
 """Measurements of a sensor, besides one for each of its channels in each scene."""
@@ -229,7 +227,7 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
     return values[:, use]
 
 
-def _kept(use: NDArray[np.bool_], good: NDArray[np.bool_], why: str, where: str, notes: list[str]) -> NDArray[np.bool_]:
+def _kept(use: Flags, good: Flags, why: str, where: str, notes: list[str]) -> Flags:
     """The channels in use that are good; a note tells how many are not, and why."""
     if out := np.sum(use & ~good):
         notes.append(f"{where}: {out} of {len(use)} channels left out: {why}")
@@ -244,7 +242,7 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
         return means, np.sqrt(np.nansum((values - means) ** 2, axis=0) / n)
 
 
-def _far_out(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _far_out(values: Floats, use: Flags) -> Flags:
     """What channels in use measure so far from their median that noise of any usual kind would never reach it.
 
     A standard deviation is that of a Gaussian with the same median of distances, which may be half a step more than
@@ -260,13 +258,13 @@ def _far_out(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return far
 
 
-def _is_flat(values: Floats, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _is_flat(values: Floats, use: Flags) -> Flags:
     """Which beams see what those beside them see, so that it matters little where exactly they go."""
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
     n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
     limits = np.median(sd[use]) * np.maximum(_SLANT, _SIGNIFICANT * np.sqrt(1.0 / n + 1.0 / np.roll(n, 1)))
-    like_before: NDArray[np.bool_] = steps <= limits
+    like_before: Flags = steps <= limits
     return like_before & np.roll(like_before, -1)
 
 
@@ -279,12 +277,12 @@ def _without_sweep(values: Floats, angles: Floats) -> Floats:
     return found
 
 
-def _is_spread(times: Floats, values: Floats) -> NDArray[np.bool_]:
+def _is_spread(times: Floats, values: Floats) -> Flags:
     """Which channels measured something at more than one time."""
     return np.array([len(np.unique(times[~np.isnan(channel)])) > 1 for channel in values.T], dtype=bool)
 
 
-def _steady(times: Floats, values: Floats, use: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], str]:
+def _steady(times: Floats, values: Floats, use: Flags) -> tuple[Flags, str]:
     """Which of the channels in use do not drift by more than their noise in a scene; how much the worst one does."""
     steady, worst = np.ones(values.shape[1], dtype=bool), 0.0
     for k in np.flatnonzero(use):

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.config.loading import FieldError, Length, NonNegative, Radians, Range
 
 WALL_THICKNESS = 0.01
@@ -23,7 +24,6 @@ Angle: TypeAlias = Annotated[float, Range(-1000.0, 1000.0), Radians()]
 Heading: TypeAlias = Annotated[float, Radians()]
 Height: TypeAlias = Annotated[float, Range(0.001, 100.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
-Array: TypeAlias = NDArray[np.float64]
 
 _SHORTEST_WALL = 0.001
 """[m]"""
@@ -41,7 +41,7 @@ class RegularPolygon:
     apothem: Size  # [m] from the centre to the inner face of a wall
     rotation: Angle = 0.0  # [rad] direction from the centre to the middle of the first wall
 
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """The corners (sides, 2), counter-clockwise; the first wall ends at the first one."""
         angles = self.rotation + math.pi * (2.0 * np.arange(self.sides) + 1.0) / self.sides
         radius = self.apothem / math.cos(math.pi / self.sides)
@@ -58,7 +58,7 @@ class Polygon:
     def __post_init__(self) -> None:
         check_polygon(self.vertices, side="wall")
 
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """The corners (n, 2), counter-clockwise, beginning with the first vertex."""
         vertices = np.array(self.vertices, dtype=float)
         if _signed_area(vertices) < 0.0:
@@ -75,7 +75,7 @@ class Box:
     angle: Angle = 0.0  # [rad] of its own x
     height: Height = 0.08  # [m] of its top above the floor
 
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """The corners (4, 2), counter-clockwise."""
         return rectangle_corners(self.center, self.size, self.angle)
 
@@ -99,7 +99,7 @@ class Arena:
     obstacles: tuple[Box, ...] = ()  # boxes in the arena, which may be walls
     room: RegularPolygon | Polygon | None = None  # around the arena; its walls reach to the ceiling
 
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """The corners of the walls' inner face (n, 2), counter-clockwise."""
         return self.walls.corners()
 
@@ -108,7 +108,7 @@ class Arena:
         """Between the walls, obstacles included [m2]."""
         return _signed_area(self.corners())
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> Flags:
         """Whether each of the points (n, 2) lies between the walls; obstacles do not matter."""
         return polygon_contains(self.corners(), points)
 
@@ -142,7 +142,7 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
         raise FieldError("vertices", "the corners enclose no area")
 
 
-def polygon_contains(start: Array, points: Array) -> NDArray[np.bool_]:
+def polygon_contains(start: Floats, points: Floats) -> Flags:
     """Whether each of the points (n, 2) lies in the polygon of corners (m, 2), in either sense."""
     end = np.roll(start, -1, axis=0)
     x, y = points[:, :1], points[:, 1:]
@@ -153,7 +153,7 @@ def polygon_contains(start: Array, points: Array) -> NDArray[np.bool_]:
     return np.asarray(crossings % 2 == 1, dtype=np.bool_)
 
 
-def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Array:
+def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Floats:
     """The corners (4, 2) of a rectangle, counter-clockwise."""
     along = 0.5 * size[0] * np.array([math.cos(angle), math.sin(angle)])
     across = 0.5 * size[1] * np.array([-math.sin(angle), math.cos(angle)])
@@ -161,19 +161,19 @@ def rectangle_corners(center: tuple[float, float], size: tuple[float, float], an
     return np.asarray(center + around, dtype=np.float64)
 
 
-def _signed_area(corners: Array) -> float:
+def _signed_area(corners: Floats) -> float:
     """Positive if counter-clockwise (the shoelace formula)."""
     x, y = corners[:, 0], corners[:, 1]
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def walls_meet(first: Array, second: Array) -> bool:
+def walls_meet(first: Floats, second: Floats) -> bool:
     """Whether the sides of two polygons of corners (n, 2) and (m, 2) touch."""
     meet, _ = _meetings(first, second)
     return bool(meet.any())
 
 
-def _crossing(corners: Array) -> tuple[int, int] | None:
+def _crossing(corners: Floats) -> tuple[int, int] | None:
     """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
     meet, level = _meetings(corners, corners)
     wall = np.arange(len(corners))
@@ -185,7 +185,7 @@ def _crossing(corners: Array) -> tuple[int, int] | None:
     return (int(found[0, 0]), int(found[0, 1])) if len(found) else None
 
 
-def _meetings(first: Array, second: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _meetings(first: Floats, second: Floats) -> tuple[Flags, Flags]:
     """Which sides of a polygon (n,) touch which of another (m,), and which lie on one line with which: (n, m) each."""
     of_starts, of_others_starts = _sides(first, second), _sides(second, first).T
     of_ends, of_others_ends = np.roll(of_starts, -1, axis=1), np.roll(of_others_starts, -1, axis=0)
@@ -199,7 +199,7 @@ def _meetings(first: Array, second: Array) -> tuple[NDArray[np.bool_], NDArray[n
     return meet, level
 
 
-def _sides(corners: Array, points: Array) -> NDArray[np.int8]:
+def _sides(corners: Floats, points: Floats) -> NDArray[np.int8]:
     """Where points (m, 2) lie of the line through each wall (n, m): 1 left of it, -1 right, 0 on it."""
     along = (np.roll(corners, -1, axis=0) - corners)[:, np.newaxis]
     x, y = points[:, 0] - corners[:, :1], points[:, 1] - corners[:, 1:]

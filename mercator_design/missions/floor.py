@@ -19,11 +19,12 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.config.colours import RGB, Colour, ColourName, rgb
 from mercator_design.config.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.config.schema import parameters_of, values_in
 from mercator_design.errors import described, excerpt
-from mercator_design.missions.arena import Angle, Array, Point, Size, check_polygon
+from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
 from mercator_design.system.interruptions import signals_first
@@ -49,13 +50,13 @@ class FloorTable(NamedTuple):
     Only dynamics may write into it: into `zones` and `numbers`.
     """
 
-    zones: Array  # (zones, 9): kind, five numbers of the shape, red, green, blue
-    background: Array  # (3,) red, green, blue in 0 .. 255
+    zones: Floats  # (zones, 9): kind, five numbers of the shape, red, green, blue
+    background: Floats  # (3,) red, green, blue in 0 .. 255
     image: NDArray[np.uint8]  # (rows, columns, 3), the first row at the top (+y); (1, 1, 3) if there is none
-    extent: Array  # (4,) left, bottom, width, height of the image [m]; widths 0 if there is none
-    vertices: Array  # (vertices, 2) of the polygons among the zones [m]
-    changes: NDArray[np.int64]  # (dynamics, 3) number of the kernel, its first row in `numbers`, and the row after them
-    numbers: Array  # (rows, columns) what the dynamics keep
+    extent: Floats  # (4,) left, bottom, width, height of the image [m]; widths 0 if there is none
+    vertices: Floats  # (vertices, 2) of the polygons among the zones [m]
+    changes: Numbers  # (dynamics, 3) number of the kernel, its first row in `numbers`, and the row after them
+    numbers: Floats  # (rows, columns) what the dynamics keep
 
     def copy(self) -> "FloorTable":
         """A floor that stays as it is when this one changes."""
@@ -201,7 +202,7 @@ class Image:
         Pillow.fromarray(self.pixels).save(file, "PNG")
         return file.getvalue()
 
-    def extent(self) -> Array:
+    def extent(self) -> Floats:
         """Left, bottom, width and height [m]."""
         width, height = self.size
         return np.array([self.center[0] - width / 2.0, self.center[1] - height / 2.0, width, height])
@@ -297,7 +298,7 @@ class Floor:
             numbers=numbers,
         )
 
-    def _numbers(self, dynamics: Dynamics, zones: Array, rng: np.random.Generator) -> list[tuple[float, ...]]:
+    def _numbers(self, dynamics: Dynamics, zones: Floats, rng: np.random.Generator) -> list[tuple[float, ...]]:
         site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
         function = DYNAMICS[dynamics.name]
         with signals_first():
@@ -325,7 +326,7 @@ class Floor:
             )
         return numbers
 
-    def _painted(self, rng: np.random.Generator) -> tuple[Array, Array]:
+    def _painted(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """The zones, and the vertices of the polygons among them, as in FloorTable."""
         corners: list[Point] = []
         rows = [row for zone in self.zones for row in zone.rows(rng, corners)]

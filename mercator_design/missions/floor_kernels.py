@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import RGB
 from mercator_design.jit import compiled, jittable
-from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import DISC, POLYGON, RECTANGLE, RING, FloorTable
 
 
@@ -40,7 +40,7 @@ def zone_contains(floor: FloorTable, index: int, x: float, y: float) -> bool:
 
 
 @jittable
-def _polygon_contains(vertices: Array, first: int, end: int, x: float, y: float) -> bool:
+def _polygon_contains(vertices: Floats, first: int, end: int, x: float, y: float) -> bool:
     """Whether a ray from a point crosses an odd number of sides, or the point lies on one."""
     inside = False
     last = end - 1
@@ -83,7 +83,7 @@ def colour_at(floor: FloorTable, x: float, y: float) -> RGB:
     return floor.background[0], floor.background[1], floor.background[2]
 
 
-def colours_at(floor: FloorTable, points: Array) -> Array:
+def colours_at(floor: FloorTable, points: Floats) -> Floats:
     """The colours (..., 3) at points (..., 2)."""
     flat = np.ascontiguousarray(points.reshape(-1, 2))
     colors = np.zeros((len(flat), 3))
@@ -91,6 +91,6 @@ def colours_at(floor: FloorTable, points: Array) -> Array:
     return colors.reshape(*points.shape[:-1], 3)
 
 
-def _fill_colors(floor: FloorTable, points: Array, colors: Array) -> None:
+def _fill_colors(floor: FloorTable, points: Floats, colors: Floats) -> None:
     for i in range(len(points)):
         colors[i, 0], colors[i, 1], colors[i, 2] = colour_at(floor, points[i, 0], points[i, 1])

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.config.loading import FieldError, Length, Range, checked
-from mercator_design.missions.arena import Arena, Array, Coordinate, Heading, Point, Size
+from mercator_design.missions.arena import Arena, Coordinate, Heading, Point, Size
 
 Headings: TypeAlias = Heading | Literal["uniform"]
 Pose: TypeAlias = tuple[Coordinate, Coordinate, Heading]  # x, y [m], heading [rad]
@@ -29,7 +29,7 @@ class HalfPlaneLimit:
         if math.hypot(*self.normal) < 1e-6:
             raise FieldError("normal", "expected a direction, found no length")
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> Flags:
         """Of points (n, 2)."""
         return np.asarray((points - self.point) @ np.array(self.normal) >= 0.0, dtype=np.bool_)
 
@@ -54,7 +54,7 @@ class DiscPlacement:
             found = f"{self.inner_radius:g} m"
             raise FieldError("inner_radius", f"expected less than the radius, {self.radius:g} m, found {found}")
 
-    def points(self, u: Array) -> Array:
+    def points(self, u: Floats) -> Floats:
         """The points (n, 2) that uniform draws (2 or more, n) from [0, 1) stand for."""
         if self.uniform_in == "radius":
             radius = self.inner_radius + u[0] * (self.radius - self.inner_radius)
@@ -63,12 +63,12 @@ class DiscPlacement:
         angle = 2.0 * math.pi * u[1]
         return np.column_stack([self.center[0] + radius * np.cos(angle), self.center[1] + radius * np.sin(angle)])
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> Flags:
         """Of points (n, 2), whatever the half plane."""
         distances = np.linalg.norm(points - self.center, axis=1)
         return np.asarray((self.inner_radius <= distances) & (distances <= self.radius), dtype=np.bool_)
 
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
         """At most n poses (poses, 3) for a robot; new ones at each call."""
         return _poses(self, rng, n)
 
@@ -86,16 +86,16 @@ class RectanglePlacement:
     half_plane: HalfPlaneLimit | None = None  # the side of a line to which robots keep
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
-    def points(self, u: Array) -> Array:
+    def points(self, u: Floats) -> Floats:
         """As in `DiscPlacement`."""
         (x, y), (width, height) = self.center, self.size
         return np.column_stack([x + width * (u[0] - 0.5), y + height * (u[1] - 0.5)])
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> Flags:
         """As in `DiscPlacement`."""
         return np.asarray((np.abs(points - self.center) <= 0.5 * np.array(self.size)).all(axis=1), dtype=np.bool_)
 
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
         """As in `DiscPlacement`."""
         return _poses(self, rng, n)
 
@@ -120,17 +120,17 @@ class DrawnPlacement:
             if getattr(region, field) != usual
         )
 
-    def points(self, u: Array) -> Array:
+    def points(self, u: Floats) -> Floats:
         """As in `DiscPlacement`; the last row of draws says which region."""
         which = (u[-1] * len(self.regions)).astype(int)
         points = np.array([region.points(u) for region in self.regions], dtype=np.float64)
         return np.asarray(points[which, np.arange(len(which))], dtype=np.float64)
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> Flags:
         """As in `DiscPlacement`."""
         return np.asarray(np.any([region.contains(points) for region in self.regions], axis=0), dtype=np.bool_)
 
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Array:
+    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
         """As in `DiscPlacement`."""
         return _poses(self, rng, n)
 
@@ -144,7 +144,7 @@ class FixedPlacement:
     shape: Literal["poses"] = "poses"
     poses: Annotated[tuple[Pose, ...], Length(1, 1000)]  # x, y [m] and heading [rad] of each robot
 
-    def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Array:
+    def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Floats:
         """The pose (1, 3) of a robot; the same at each call."""
         return np.array([self.poses[robot]], dtype=float)
 
@@ -153,13 +153,13 @@ Region: TypeAlias = DiscPlacement | RectanglePlacement | DrawnPlacement
 Placement: TypeAlias = Region | FixedPlacement
 
 
-def covers(placement: Region, points: Array) -> NDArray[np.bool_]:
+def covers(placement: Region, points: Floats) -> Flags:
     """Which of some points (n, 2) a robot may start on, whatever the walls."""
     inside = placement.contains(points)
     return inside if placement.half_plane is None else inside & placement.half_plane.contains(points)
 
 
-def _poses(placement: Region, rng: np.random.Generator, n: int) -> Array:
+def _poses(placement: Region, rng: np.random.Generator, n: int) -> Floats:
     # As many draws a pose whatever the heading and the half plane, so that neither moves a robot that it allows.
     u = rng.random((placement.draws, n))
     headings = 2.0 * math.pi * u[2] if placement.heading == "uniform" else np.full(n, placement.heading)

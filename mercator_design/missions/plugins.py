@@ -21,10 +21,10 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from mercator_design import jit
+from mercator_design.arrays import Floats
 from mercator_design.config.loading import FieldError, Length, check_parameter
 from mercator_design.config.schema import parameters_of, values_in
 from mercator_design.errors import MissionError, described
-from mercator_design.missions.arena import Array
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
 from mercator_design.system.interruptions import signals_first
 
@@ -33,7 +33,7 @@ DYNAMICS: dict[str, Callable[..., "list[tuple[float, ...]]"]] = {}
 
 Score: TypeAlias = Callable[..., float]
 Check: TypeAlias = Callable[..., Iterator[FieldError]]
-Change: TypeAlias = Callable[[Any, Array, Array, float], None]
+Change: TypeAlias = Callable[[Any, Floats, Floats, float], None]
 
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
@@ -55,7 +55,7 @@ When: TypeAlias = Literal["end", "always"]
 class Site(NamedTuple):
     """The inputs of a dynamic when an experiment begins."""
 
-    zones: Array  # (zones, 9) as in FloorTable
+    zones: Floats  # (zones, 9) as in FloorTable
     rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in `zones`
     rng: np.random.Generator  # of this instance
 

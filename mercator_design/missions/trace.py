@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.errors import MissionError, SimulationError
 from mercator_design.jit import compiled
-from mercator_design.missions.arena import Array
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colour_at, zone_contains
@@ -18,10 +18,8 @@ from mercator_design.missions.plugins import When, Zones
 if TYPE_CHECKING:
     import pandas as pd
 
-Flags = NDArray[np.bool_]
 
-
-def every_nth(cycles: int, n: int) -> NDArray[np.int64]:
+def every_nth(cycles: int, n: int) -> Numbers:
     """Which of some cycles, counted from 0, every n-th is: the n-th, the 2n-th and so on, and always the last.
 
     Raises:
@@ -35,10 +33,10 @@ def every_nth(cycles: int, n: int) -> NDArray[np.int64]:
 class Measure(Protocol):
     """The readings of a device, (cycles, robots, ...), in the cycles of `every_nth`."""
 
-    def __call__(self, device: str, /, every: int = 1) -> Array: ...
+    def __call__(self, device: str, /, every: int = 1) -> Floats: ...
 
 
-def not_measured(device: str, /, every: int = 1) -> Array:  # noqa: ARG001 - nobody to ask
+def not_measured(device: str, /, every: int = 1) -> Floats:  # noqa: ARG001 - nobody to ask
     """The `Measure` of tracked robots, which have no readings.
 
     Raises:
@@ -58,7 +56,7 @@ class Trace:
         ValueError: if the arrays do not fit together.
     """
 
-    poses: Array  # (cycles + 1, robots, 3) x [m], y [m], heading [rad]; row 0 is the start
+    poses: Floats  # (cycles + 1, robots, 3) x [m], y [m], heading [rad]; row 0 is the start
     states: NDArray[np.int8]  # (cycles, robots) state of each robot's PFSM after each cycle
     floor: FloorTable  # at the start
     zone_rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in floor.zones
@@ -79,18 +77,18 @@ class Trace:
         return int(self.states.shape[1])
 
     @property
-    def positions(self) -> Array:
+    def positions(self) -> Floats:
         """After each cycle (cycles, robots, 2); the start does not count."""
         return self.poses[1:, :, :2]
 
     @property
-    def final_positions(self) -> Array:
+    def final_positions(self) -> Floats:
         """After the last cycle (robots, 2)."""
         return self.poses[-1, :, :2]
 
-    def times(self, every: int = 1) -> Array:
+    def times(self, every: int = 1) -> Floats:
         """The ends [s] of every so many-th cycle and of the last (cycles,)."""
-        times: Array = np.multiply(self.control_period, every_nth(self.cycles, every) + 1)
+        times: Floats = np.multiply(self.control_period, every_nth(self.cycles, every) + 1)
         return times
 
     def arrays(self, devices: Sequence[str] = (), every: int = 1) -> dict[str, NDArray[np.generic]]:
@@ -126,7 +124,7 @@ class Trace:
             columns |= {label: flat[:, k] for k, label in enumerate(labels)}
         return pd.DataFrame(columns)
 
-    def counted(self, when: When) -> Array:
+    def counted(self, when: When) -> Floats:
         """The positions that count (cycles, robots, 2): of all cycles, or of the last alone."""
         return self.positions if when == "always" else self.positions[-1:]
 
@@ -137,13 +135,13 @@ class Trace:
         compiled(_mark_inside)(self.floor.copy(), self._poses, self.control_period, rows, inside)
         return inside
 
-    def colors(self, when: When) -> Array:
+    def colors(self, when: When) -> Floats:
         """The floor's colours (cycles, robots, 3) under the robots' centres; at the end: (1, robots, 3)."""
         colors = np.zeros((*self.counted(when).shape[:2], 3))
         compiled(_fill_colors)(self.floor.copy(), self._poses, self.control_period, colors)
         return colors
 
-    def zone_colors(self, zones: Zones) -> Array:
+    def zone_colors(self, zones: Zones) -> Floats:
         """The colours that the named zones (tiles: each of them) are painted in, after each cycle (cycles, n, 3)."""
         rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
         colors = np.zeros((self.cycles, len(rows), 3))
@@ -151,11 +149,11 @@ class Trace:
         return colors
 
     @property
-    def _poses(self) -> Array:
+    def _poses(self) -> Floats:
         return np.ascontiguousarray(self.poses)
 
 
-def _mark_inside(floor: FloorTable, poses: Array, period: float, rows: NDArray[np.int64], inside: Flags) -> None:
+def _mark_inside(floor: FloorTable, poses: Floats, period: float, rows: Numbers, inside: Flags) -> None:
     cycles = len(poses) - 1
     first = cycles - len(inside)
     for cycle in range(cycles):
@@ -168,7 +166,7 @@ def _mark_inside(floor: FloorTable, poses: Array, period: float, rows: NDArray[n
                     inside[cycle - first, i] = True
 
 
-def _fill_colors(floor: FloorTable, poses: Array, period: float, colors: Array) -> None:
+def _fill_colors(floor: FloorTable, poses: Floats, period: float, colors: Floats) -> None:
     cycles = len(poses) - 1
     first = cycles - len(colors)
     for cycle in range(cycles):
@@ -182,7 +180,7 @@ def _fill_colors(floor: FloorTable, poses: Array, period: float, colors: Array) 
             colors[cycle - first, i, 2] = blue
 
 
-def _fill_zone_colors(floor: FloorTable, poses: Array, period: float, rows: NDArray[np.int64], colors: Array) -> None:
+def _fill_zone_colors(floor: FloorTable, poses: Floats, period: float, rows: Numbers, colors: Floats) -> None:
     for cycle in range(len(poses) - 1):
         change_floor(floor, poses[cycle + 1], (cycle + 1) * period)
         for k in range(len(rows)):

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
-from mercator_design.missions.arena import Array, polygon_contains, rectangle_corners
+from mercator_design.arrays import Floats
+from mercator_design.missions.arena import polygon_contains, rectangle_corners
 from mercator_design.missions.floor import DISC, HALF_PLANE, POLYGON, RECTANGLE, RING, FloorTable
 
 _AROUND = 72  # points on a circle
 
 
-def distance_to(floor: FloorTable, row: int, points: Array) -> Array:
+def distance_to(floor: FloorTable, row: int, points: Floats) -> Floats:
     """From points (n, 2) to the zone in a row of `FloorTable.zones` [m] (n,); 0 within it."""
     kind, x, y, p, q, angle = floor.zones[row, :6]
     offset = points - (x, y)
@@ -28,7 +29,7 @@ def distance_to(floor: FloorTable, row: int, points: Array) -> Array:
     return np.asarray(np.maximum(0.0, np.maximum(away - p, inner - away)))
 
 
-def distance_to_box(half_size: tuple[float, float], angle: float, offset: Array) -> Array:
+def distance_to_box(half_size: tuple[float, float], angle: float, offset: Floats) -> Floats:
     """From points, given by their offsets (n, 2) from its centre, to a box whose x axis has a direction [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     along, across = c * offset[:, 0] + s * offset[:, 1], c * offset[:, 1] - s * offset[:, 0]
@@ -36,14 +37,14 @@ def distance_to_box(half_size: tuple[float, float], angle: float, offset: Array)
     return np.asarray(np.hypot(*beyond))
 
 
-def distance_to_segment(start: Array, end: Array, points: Array) -> Array:
+def distance_to_segment(start: Floats, end: Floats, points: Floats) -> Floats:
     """From points (n, 2) to the line between two points."""
     along, offset = end - start, points - start
     part = np.clip(offset @ along / (along @ along), 0.0, 1.0)
     return np.asarray(np.hypot(*(offset - part[:, np.newaxis] * along).T))
 
 
-def border_points(floor: FloorTable, row: int) -> Array:
+def border_points(floor: FloorTable, row: int) -> Floats:
     """Points (n, 2) of a zone's border, its corners if it has some; none of a half plane, which has no end."""
     kind, x, y, p, q, angle = floor.zones[row, :6]
     if kind == HALF_PLANE:

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.errors import SimulationError
 from mercator_design.fsm.reference import Readings
 from mercator_design.jit import compiled
@@ -61,8 +61,6 @@ from mercator_design.sim.robot_parts import (
 )
 from mercator_design.sim.staging import noise_row
 
-Floats = NDArray[np.float64]
-Cycles = NDArray[np.int64]
 """Numbers of cycles, from 0."""
 
 LARGEST = 2048
@@ -79,7 +77,7 @@ class Recording:
     robot_model: RobotModel
     scene: Scene  # with the floor of the start
     history: History
-    noise_keys: NDArray[np.uint64]  # (robots,)
+    noise_keys: Keys  # (robots,)
     control_period: float  # [s]
 
     def measure(self, name: str, every: int = 1) -> Floats:
@@ -104,7 +102,7 @@ class Recording:
         """How many numbers a device gives at each cycle; errors are those of `measure`."""
         return self._measured(name, self._cycles(1)[:1]).size
 
-    def _measured(self, name: str, cycles: Cycles) -> Floats:
+    def _measured(self, name: str, cycles: Numbers) -> Floats:
         if name not in DEVICES:
             raise SimulationError(f"expected a device: {', '.join(DEVICES)}, found '{name}'")
         sensor = getattr(self.robot_model, PARTS.get(name, name))
@@ -113,7 +111,7 @@ class Recording:
         with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
             return DEVICES[name](self, sensor, cycles)
 
-    def _cycles(self, every: int) -> Cycles:
+    def _cycles(self, every: int) -> Numbers:
         return every_nth(len(self.history.states), every)
 
     @property
@@ -143,17 +141,17 @@ def check_size(what: str, values: int) -> None:
         )
 
 
-def wheels(recording: Recording, _drive: Drive, cycles: Cycles) -> Floats:
+def wheels(recording: Recording, _drive: Drive, cycles: Numbers) -> Floats:
     """Speed of the left and right tread [m/s], with the drive's noise, as set at the end of each cycle."""
     return recording.recorded("commands")[cycles]
 
 
-def ground(recording: Recording, _sensors: Ground, cycles: Cycles) -> Floats:
+def ground(recording: Recording, _sensors: Ground, cycles: Numbers) -> Floats:
     """Red, green, blue of the ground, 0 to 255: the mean of several sensors, its label, or what they voted for."""
     return recording.recorded("readings")[cycles][..., _columns("ground_red", "ground_green", "ground_blue")]
 
 
-def ground_sensors(recording: Recording, sensors: Ground, cycles: Cycles) -> Floats:
+def ground_sensors(recording: Recording, sensors: Ground, cycles: Numbers) -> Floats:
     """Red, green, blue that each sensor measured (cycles, robots, sensors, 3), 0 to 255; equal if it is `gray`."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.positions), 3))
     scene = recording.scene._replace(floor=recording.scene.floor.copy())
@@ -162,12 +160,12 @@ def ground_sensors(recording: Recording, sensors: Ground, cycles: Cycles) -> Flo
     return found
 
 
-def neighbours(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+def neighbours(recording: Recording, _sensor: object, cycles: Numbers) -> Floats:
     """How many neighbours counted, and the vector to them, forwards and to the left: what controllers read."""
     return recording.recorded("readings")[cycles][..., _columns("neighbours", "neighbours_x", "neighbours_y")]
 
 
-def neighbour_places(recording: Recording, sensor: Neighbours | LidarNeighbours, cycles: Cycles) -> Floats:
+def neighbour_places(recording: Recording, sensor: Neighbours | LidarNeighbours, cycles: Numbers) -> Floats:
     """Distance [m] and bearing [rad] of each neighbour perceived in a cycle; NaN where there is none.
 
     By a camera (cycles, robots, robots, 2): of robot j in row j. By the lidar (cycles, robots, most clusters, 2): of
@@ -186,12 +184,12 @@ def neighbour_places(recording: Recording, sensor: Neighbours | LidarNeighbours,
     return found
 
 
-def light(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+def light(recording: Recording, _sensor: object, cycles: Numbers) -> Floats:
     """The vector to the light, forwards and to the left: what controllers read."""
     return recording.recorded("readings")[cycles][..., _columns("light_x", "light_y")]
 
 
-def light_sensors(recording: Recording, ring: LightRing, cycles: Cycles) -> Floats:
+def light_sensors(recording: Recording, ring: LightRing, cycles: Numbers) -> Floats:
     """What each sensor of the ring read (cycles, robots, sensors), 0 to 1."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(ring.angles)))
     model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
@@ -199,12 +197,12 @@ def light_sensors(recording: Recording, ring: LightRing, cycles: Cycles) -> Floa
     return found
 
 
-def velocity(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
+def velocity(recording: Recording, sensor: DeviceWithAxes, cycles: Numbers) -> Floats:
     """Commanded velocity in the start's frame (eqs. 3-5) [m/s], of which one axis points forwards."""
     return _finished(recording, sensor, VELOCITY_DRAWS, cycles, _velocities(recording, sensor)[cycles])
 
 
-def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) -> Floats:
+def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Numbers) -> Floats:
     """Change of that velocity over a cycle along x and y, and gravity along z (eqs. 6-9) [g]."""
     moved = _velocities(recording, sensor)
     changes = np.diff(moved, axis=0, prepend=0.0) / (recording.control_period * _GRAVITY)
@@ -212,25 +210,25 @@ def accelerometer(recording: Recording, sensor: DeviceWithAxes, cycles: Cycles) 
     return _finished(recording, sensor, ACCELEROMETER_DRAWS, cycles, upright[cycles])
 
 
-def gyroscope(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
+def gyroscope(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Turn about x, y and z over a cycle (eqs. 10-11) [rad/s]; the floor is level."""
     turns = np.diff(recording.headings, axis=0) / recording.control_period
     return _finished(recording, sensor, GYROSCOPE_DRAWS, cycles, _about_z(turns)[cycles])
 
 
-def imu(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
+def imu(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Pitch, roll and yaw against the world [rad], yaw from -pi to pi."""
     yaws = np.arctan2(np.sin(recording.headings[1:]), np.cos(recording.headings[1:]))
     return _finished(recording, sensor, IMU_DRAWS, cycles, _about_z(yaws)[cycles])
 
 
-def locator(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
+def locator(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Place from the start, along the world's axes (eq. 12) [m]."""
     places = recording.history.poses[1:, :, :2] - recording.history.poses[0, :, :2]
     return _finished(recording, sensor, LOCATOR_DRAWS, cycles, places[cycles])
 
 
-def quaternion(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Floats:
+def quaternion(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Orientation against that at the start (eq. 13): w, x, y, z."""
     half = 0.5 * (recording.headings[1:] - recording.headings[0])
     none = np.zeros_like(half)
@@ -238,7 +236,7 @@ def quaternion(recording: Recording, sensor: MotionSensor, cycles: Cycles) -> Fl
     return _finished(recording, sensor, QUATERNION_DRAWS, cycles, values[cycles])
 
 
-def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) -> Floats:
+def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Numbers) -> Floats:
     """Brightness (cycles, robots, 1) [lux]: of each light that nothing hides, by its distance and intensity."""
     found = np.zeros((len(cycles), len(recording.noise_keys), 1))
     law = (sensor.height, sensor.base, sensor.decay, sensor.reach)
@@ -246,7 +244,7 @@ def ambient_light(recording: Recording, sensor: AmbientLight, cycles: Cycles) ->
     return _finished(recording, sensor, AMBIENT_LIGHT_DRAWS, cycles, found)
 
 
-def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Floats:
+def proximity(recording: Recording, sensors: Proximity, cycles: Numbers) -> Floats:
     """Distances (cycles, robots, sensors) [m]; minus infinity if too near, infinity if too far or none (4.2.9)."""
     nearest, furthest = sensors.range
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
@@ -257,7 +255,7 @@ def proximity(recording: Recording, sensors: Proximity, cycles: Cycles) -> Float
     return np.where(hit, np.clip(disturbed, 0.0, None), np.where(found < nearest, -np.inf, np.inf))
 
 
-def proximity_weights(recording: Recording, sensors: Proximity, cycles: Cycles) -> Floats:
+def proximity_weights(recording: Recording, sensors: Proximity, cycles: Numbers) -> Floats:
     """How much what each sensor saw counted (cycles, robots, sensors): what an infra-red sensor reads."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
     model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
@@ -265,7 +263,7 @@ def proximity_weights(recording: Recording, sensors: Proximity, cycles: Cycles) 
     return found
 
 
-def lidar(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
+def lidar(recording: Recording, _sensor: object, cycles: Numbers) -> Floats:
     """Distances (cycles, robots, beams) [m]; 0 where nothing is in range (4.2.10)."""
     beams = len(recording.scene.lidar.beams_x)
     found = np.zeros((len(cycles), len(recording.noise_keys), beams))
@@ -274,7 +272,7 @@ def lidar(recording: Recording, _sensor: object, cycles: Cycles) -> Floats:
     return found
 
 
-def lidar_points(recording: Recording, sensor: Lidar, cycles: Cycles) -> Floats:
+def lidar_points(recording: Recording, sensor: Lidar, cycles: Numbers) -> Floats:
     """Where in the world each beam ended (cycles, robots, beams, 2) [m]; NaN where nothing is in range."""
     distances = lidar(recording, sensor, cycles)[..., np.newaxis]
     beams = np.stack([recording.scene.lidar.beams_x, recording.scene.lidar.beams_y], axis=1)
@@ -285,13 +283,13 @@ def lidar_points(recording: Recording, sensor: Lidar, cycles: Cycles) -> Floats:
     return np.where(distances > 0.0, ends, np.nan)
 
 
-def leds(recording: Recording, lamps: Leds, cycles: Cycles) -> Floats:
+def leds(recording: Recording, lamps: Leds, cycles: Numbers) -> Floats:
     """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255: they show the state."""
     shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
     return np.repeat(shown[:, :, np.newaxis], len(lamps.positions), axis=2)
 
 
-DEVICES: Mapping[str, Callable[[Recording, Any, Cycles], Floats]] = MappingProxyType(
+DEVICES: Mapping[str, Callable[[Recording, Any, Numbers], Floats]] = MappingProxyType(
     {
         function.__name__: function
         for function in (
@@ -351,7 +349,7 @@ def _about_z(values: Floats) -> Floats:
     return np.stack([none, none, values], axis=2)
 
 
-def _placed(recording: Recording, cycles: Cycles) -> Floats:
+def _placed(recording: Recording, cycles: Numbers) -> Floats:
     """Poses (cycles, robots, 5) as the kernels want them: with cosine and sine of the heading."""
     poses = recording.history.poses[1:][cycles]
     placed = np.concatenate([poses, np.zeros((*poses.shape[:2], 2))], axis=2)
@@ -377,14 +375,14 @@ def _finished(
     recording: Recording,
     sensor: MotionSensor | DeviceWithAxes | AmbientLight,
     number: int,
-    cycles: Cycles,
+    cycles: Numbers,
     values: Floats,
 ) -> Floats:
     """Values with the device's noise, within its range."""
     return np.clip(_disturbed(recording, noise_row(sensor.noise), number, cycles, values), *sensor.range)
 
 
-def _disturbed(recording: Recording, row: Floats, number: int, cycles: Cycles, values: Floats) -> Floats:
+def _disturbed(recording: Recording, row: Floats, number: int, cycles: Numbers, values: Floats) -> Floats:
     """Values (cycles, robots, n) with noise."""
     if row[0] == NO_NOISE:
         return values

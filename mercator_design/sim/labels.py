@@ -6,6 +6,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.jit import compiled
@@ -78,7 +79,7 @@ def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.
     return {labels[k]: float(counts[k]) / _READINGS for k in np.argsort(-counts, kind="stable") if counts[k]}
 
 
-def level_row(names: tuple[ColourName, ...]) -> NDArray[np.float64]:
+def level_row(names: tuple[ColourName, ...]) -> Floats:
     """Red, green and blue of each name (3 * names,), as `nearest_label` wants them."""
     return np.array(list(itertools.chain.from_iterable(COLOURS[name] for name in names)))
 
@@ -91,7 +92,7 @@ def _nearest(levels: NDArray[np.generic]) -> set[ColourName]:
     return {LABELS[k] for k in np.flatnonzero(found)}
 
 
-def _mark_nearest(labels: NDArray[np.float64], levels: NDArray[np.generic], found: NDArray[np.bool_]) -> None:
+def _mark_nearest(labels: Floats, levels: NDArray[np.generic], found: Flags) -> None:
     for i in range(len(levels)):
         red, green, blue = float(levels[i, 0]), float(levels[i, 1]), float(levels[i, 2])
         found[nearest_label(labels, red, green, blue)] = True

@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import STATE_COLOURS, ColourName, Levels
 from mercator_design.config.loading import Ascending, FieldError, Length, NonNegative, Range
-from mercator_design.missions.arena import Angle, Array, Height
+from mercator_design.missions.arena import Angle, Height
 
 Spread = Annotated[float, Range(0.0, 1000.0)]
 Extent = Annotated[float, Range(0.01, 10.0)]
@@ -81,7 +82,7 @@ class BoxBody:
         """Its size in words."""
         return f"{self.length:g} x {self.width:g} m"
 
-    def outline(self) -> Array:
+    def outline(self) -> Floats:
         """Its corners (4, 2) around the centre, counter-clockwise, the heading along x [m]."""
         return np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * self.half_size
 
@@ -123,7 +124,7 @@ class DiscBody:
         """Its size in words."""
         return f"{2.0 * self.radius:g} m across"
 
-    def outline(self) -> Array:
+    def outline(self) -> Floats:
         """Points (48, 2) of its border around the centre, counter-clockwise [m]."""
         angles = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
         return self.radius * np.column_stack([np.cos(angles), np.sin(angles)])

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
@@ -27,8 +27,6 @@ from mercator_design.sim.world import Instance, World
 
 if TYPE_CHECKING:
     from mercator_design.sim.checks.impossible import MissionWarning
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

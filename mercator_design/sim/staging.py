@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.arena import Box
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim.kernels import scene
 from mercator_design.sim.kernels.noise import GAUSSIAN, NO_NOISE, UNIFORM
-from mercator_design.sim.kernels.scene import Floats, Scene
+from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.labels import level_row, simulated_labels
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import DiscBody, Gaussian, LightCamera, LightRing, Neighbours, Noise, Uniform
@@ -131,7 +131,7 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
     highest = device.highest if isinstance(device, LightCamera) else math.inf
     everyone = range(mission.robots)
 
-    def sensed(kind: Literal["lamp", "beacon"]) -> NDArray[np.bool_]:
+    def sensed(kind: Literal["lamp", "beacon"]) -> Flags:
         """Who senses which light (lights, robots), with a device for this kind."""
         rows = [
             [light.kind in {None, kind} and robot in (light.seen_by or everyone) for robot in everyone]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
@@ -22,8 +22,6 @@ from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.staging import new_scene
-
-Floats = NDArray[np.float64]
 
 _TRIALS_A_ROBOT = 1000  # poses tried for one robot before all are placed anew, as in the original
 _TRIALS = 300_000  # poses tried in all: half a second

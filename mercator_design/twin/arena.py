@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
@@ -29,8 +29,6 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator, referee_motion
 from mercator_design.twin.devices.drive import Treads
 from mercator_design.twin.devices.lidar import FINE, TwinLidar
-
-Floats = NDArray[np.float64]
 
 MEASURED = (
     "ground_sensors",

@@ -7,8 +7,8 @@ was: a trace keeps the floor of the start and the robots' poses, from which all 
 import importlib
 import pkgutil
 
+from mercator_design.arrays import Floats
 from mercator_design.jit import dispatcher, jittable
-from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import CHANGES
 
@@ -19,7 +19,7 @@ _change = dispatcher(CHANGES)
 
 
 @jittable
-def change_floor(floor: FloorTable, poses: Array, time: float) -> None:
+def change_floor(floor: FloorTable, poses: Floats, time: float) -> None:
     """Bring a floor up to date, in place.
 
     Args:

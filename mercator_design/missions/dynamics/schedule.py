@@ -5,10 +5,10 @@ import math
 from collections.abc import Iterator
 from typing import Annotated
 
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import Colour, rgb
 from mercator_design.config.loading import FieldError, Length, Positive, Range, checked
 from mercator_design.jit import jittable
-from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import Site, Zones, dynamic
 
@@ -22,7 +22,7 @@ _EARLY = 1e-6
 
 
 @jittable
-def repaint(floor: FloorTable, table: Array, _poses: Array, time: float) -> None:
+def repaint(floor: FloorTable, table: Floats, _poses: Floats, time: float) -> None:
     """Rows of the table: when next [s], after how long again [s], row of the zone, red, green, blue."""
     for k in range(len(table)):
         if time > table[k, 0] - _EARLY:

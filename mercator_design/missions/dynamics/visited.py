@@ -1,9 +1,9 @@
 """Zones that take another colour when a robot has been there: trails, things taken away, fields that grow again."""
 
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import Colour, rgb
 from mercator_design.config.loading import Positive
 from mercator_design.jit import jittable
-from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Site, Zones, dynamic
@@ -12,7 +12,7 @@ _FOR_EVER = 0.0
 
 
 @jittable
-def mark_visited(floor: FloorTable, table: Array, poses: Array, time: float) -> None:
+def mark_visited(floor: FloorTable, table: Floats, poses: Floats, time: float) -> None:
     """Rows of the table: row of the zone, its new and its old colour, how long the new one lasts, and until when."""
     for k in range(len(table)):
         row = int(table[k, 0])

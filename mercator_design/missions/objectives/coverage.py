@@ -8,10 +8,10 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.config.loading import Positive, Range
-from mercator_design.missions.arena import Array, Point, Size
+from mercator_design.missions.arena import Point, Size
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
 
@@ -62,7 +62,7 @@ def cells_visited(
     return float(np.sum(trace.cycles - cycle[first]) / (cells * cells))
 
 
-def _visits(trace: Trace, side: float, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _visits(trace: Trace, side: float, cells: int) -> tuple[Numbers, Numbers]:
     """The numbers of the cells that robots are in, and when, cycle by cycle."""
     x = cells * (trace.positions[..., 0] / side + 0.5)
     y = cells * (trace.positions[..., 1] / side + 0.5)
@@ -138,7 +138,7 @@ def coverage_outside_zones(
     return max(0.0, farthest - float(np.mean(_nearest(points, robots, farthest)))) / unit
 
 
-def _surface_distance(robots: Array, center: Point, side: float, farthest: float) -> float:
+def _surface_distance(robots: Floats, center: Point, side: float, farthest: float) -> float:
     """The mean distance from a point of a square to the nearest robot in it."""
     along = side * ((np.arange(_ACROSS) + 0.5) / _ACROSS - 0.5)
     points = np.stack(np.meshgrid(center[0] + along, center[1] + along), axis=-1).reshape(-1, 2)
@@ -146,7 +146,7 @@ def _surface_distance(robots: Array, center: Point, side: float, farthest: float
     return float(np.mean(_nearest(points, robots[inside], farthest)))
 
 
-def _nearest(points: Array, robots: Array, farthest: float) -> Array:
+def _nearest(points: Floats, robots: Floats, farthest: float) -> Floats:
     """From each of some points (n, 2) the distance to the nearest robot, if that is not beyond `farthest`."""
     nearest = np.full(len(points), farthest)
     for x, y in robots:

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.jit import compiled
-from mercator_design.missions.arena import Array, Point
+from mercator_design.missions.arena import Point
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace
 
@@ -43,14 +44,14 @@ def distance_to(
     return float(np.sum(np.hypot(away[..., 0], away[..., 1])))
 
 
-def _distances(trace: Trace) -> Array:
+def _distances(trace: Trace) -> Floats:
     """In each cycle (cycles, 2): the sum over pairs, and the sum of each robot's distance to the nearest other."""
     sums = np.zeros((trace.cycles, 2))
     compiled(_sum_distances)(np.ascontiguousarray(trace.positions), sums)
     return sums
 
 
-def _sum_distances(positions: Array, sums: Array) -> None:
+def _sum_distances(positions: Floats, sums: Floats) -> None:
     robots = positions.shape[1]
     for cycle in range(len(positions)):
         for i in range(robots):

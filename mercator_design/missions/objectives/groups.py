@@ -7,17 +7,16 @@ robots matters. Areas are measured on fixed grids of points; the original sample
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.config.loading import Range
 from mercator_design.jit import compiled, jittable
-from mercator_design.missions.arena import Array, Size
+from mercator_design.missions.arena import Size
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
 
-Numbers = NDArray[np.int64]
 Radius = Annotated[float, Range(0.01, 10.0)]
 
 _FINE = 0.01
@@ -80,7 +79,7 @@ def network_diameter(
     return float(np.sum(diameters))
 
 
-def _disc(radius: float, spacing: float) -> Array:
+def _disc(radius: float, spacing: float) -> Floats:
     """Points (n, 2) of a square grid, symmetric about the origin, nearer to it than `radius`."""
     half = int(np.ceil(radius / spacing))
     along = spacing * (np.arange(-half, half) + 0.5)
@@ -88,7 +87,7 @@ def _disc(radius: float, spacing: float) -> Array:
     return np.ascontiguousarray(points[np.hypot(points[:, 0], points[:, 1]) < radius])
 
 
-def _covered(positions: Array, points: Array, counts: NDArray[np.bool_], link: float, sight: float) -> Numbers:
+def _covered(positions: Floats, points: Floats, counts: Flags, link: float, sight: float) -> Numbers:
     """In each cycle, how many points a robot that counts and is of the largest group sees (cycles,)."""
     seen = np.zeros(len(positions), dtype=np.int64)
     scratch = np.zeros((4, positions.shape[1]), dtype=np.int64)
@@ -98,7 +97,7 @@ def _covered(positions: Array, points: Array, counts: NDArray[np.bool_], link: f
 
 
 @jittable
-def _group(positions: Array, cycle: int, link: float, scratch: Numbers) -> int:
+def _group(positions: Floats, cycle: int, link: float, scratch: Numbers) -> int:
     """Number the groups in row 0 of the scratch, count their robots in row 1; rows 2 and 3 are `_walk`'s. The most."""
     robots = positions.shape[1]
     for i in range(robots):
@@ -118,7 +117,7 @@ def _group(positions: Array, cycle: int, link: float, scratch: Numbers) -> int:
 
 
 @jittable
-def _walk(positions: Array, cycle: int, link: float, source: int, scratch: Numbers) -> int:
+def _walk(positions: Floats, cycle: int, link: float, source: int, scratch: Numbers) -> int:
     """Visit a robot and all that it is linked with, by the number of links to them. How many these are.
 
     Row 2 of the scratch has them in this order; row 3 the number of links to each robot, -1 for who is not yet visited.
@@ -139,13 +138,13 @@ def _walk(positions: Array, cycle: int, link: float, source: int, scratch: Numbe
 
 
 @jittable
-def _linked(positions: Array, cycle: int, i: int, j: int, link: float) -> bool:
+def _linked(positions: Floats, cycle: int, i: int, j: int, link: float) -> bool:
     x = positions[cycle, j, 0] - positions[cycle, i, 0]
     y = positions[cycle, j, 1] - positions[cycle, i, 1]
     return bool(x * x + y * y < link * link)
 
 
-def _mark_points(floor: FloorTable, rows: Numbers, points: Array, inside: NDArray[np.bool_]) -> None:
+def _mark_points(floor: FloorTable, rows: Numbers, points: Floats, inside: Flags) -> None:
     for k in range(len(points)):
         for row in rows:
             if zone_contains(floor, row, points[k, 0], points[k, 1]):
@@ -153,9 +152,9 @@ def _mark_points(floor: FloorTable, rows: Numbers, points: Array, inside: NDArra
 
 
 def _count_points(
-    positions: Array,
-    points: Array,
-    counts: NDArray[np.bool_],
+    positions: Floats,
+    points: Floats,
+    counts: Flags,
     link: float,
     sight: float,
     scratch: Numbers,
@@ -178,7 +177,7 @@ def _count_points(
             seen[cycle] = max(seen[cycle], found)
 
 
-def _measure_diameters(positions: Array, link: float, scratch: Numbers, diameters: Numbers) -> None:
+def _measure_diameters(positions: Floats, link: float, scratch: Numbers, diameters: Numbers) -> None:
     robots = positions.shape[1]
     for cycle in range(len(positions)):
         largest = _group(positions, cycle, link, scratch)
@@ -188,7 +187,7 @@ def _measure_diameters(positions: Array, link: float, scratch: Numbers, diameter
 
 
 @jittable
-def _farthest(positions: Array, cycle: int, link: float, source: int, scratch: Numbers) -> int:
+def _farthest(positions: Floats, cycle: int, link: float, source: int, scratch: Numbers) -> int:
     """The most links from a robot to another that it is linked with."""
     for i in range(positions.shape[1]):
         scratch[3, i] = -1

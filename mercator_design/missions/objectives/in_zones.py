@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Numbers
 from mercator_design.config.colours import Colour, ColourName, rgb
 from mercator_design.config.loading import FieldError, Length, Range
 from mercator_design.missions.plugins import When, Zones, objective
@@ -54,7 +54,7 @@ def robots_in_emptiest_zone(
     return robots * len(zones) / trace.robots if share else robots
 
 
-def _counts(trace: Trace, zones: Zones, when: When) -> NDArray[np.int64]:
+def _counts(trace: Trace, zones: Zones, when: When) -> Numbers:
     """Robots in each zone (zones, cycles)."""
     return np.array([trace.inside((zone,), when).sum(axis=1) for zone in zones])
 

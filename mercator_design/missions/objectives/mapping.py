@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats
 from mercator_design.config.loading import FieldError, Range
 from mercator_design.jit import compiled
-from mercator_design.missions.arena import Array, Size
+from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace, every_nth
 
@@ -46,7 +46,7 @@ def seen_area(
     return float(np.count_nonzero(seen)) * (side / cells) ** 2
 
 
-def _mark_seen(positions: Array, points: Array, side: float, reach: float, seen: NDArray[np.bool_]) -> None:
+def _mark_seen(positions: Floats, points: Floats, side: float, reach: float, seen: Flags) -> None:
     cells = len(seen)
     scale = cells / side
     for n in range(len(points)):

@@ -19,10 +19,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon as Area
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from mercator_design.missions.arena import Array, Light
+from mercator_design.arrays import Flags, Floats
+from mercator_design.missions.arena import Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
@@ -134,7 +134,7 @@ def _round_up(step: float) -> float:
     return power * next(digit for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= step)
 
 
-def _extent(mission: Mission) -> tuple[Array, Array]:
+def _extent(mission: Mission) -> tuple[Floats, Floats]:
     """The lower left and upper right corner of what is shown: the arena, and lights and a room near it."""
     corners = mission.arena.corners()
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -148,7 +148,7 @@ def _extent(mission: Mission) -> tuple[Array, Array]:
     return low - margin, high + margin
 
 
-def _grid(low: Array, high: Array, along: int) -> Array:
+def _grid(low: Floats, high: Floats, along: int) -> Floats:
     """The centres (rows, columns, 2) of the square cells of a grid, `along` the longer side, the first row at +y."""
     cell = float((high - low).max()) / along
     columns, rows = (max(1, math.ceil(length / cell - 1e-9)) for length in high - low)
@@ -156,14 +156,14 @@ def _grid(low: Array, high: Array, along: int) -> Array:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def _bounds(grid: Array) -> tuple[float, float, float, float]:
+def _bounds(grid: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a grid's cells."""
     (left, top), (right, bottom) = grid[0, 0], grid[-1, -1]
     half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0]) if grid.shape[1] > 1 else 0.5 * (top - grid[1, 0, 1])
     return left - half, right + half, bottom - half, top + half
 
 
-def _within(mission: Mission, along: int) -> Array:
+def _within(mission: Mission, along: int) -> Floats:
     corners = mission.arena.corners()
     return _grid(corners.min(axis=0), corners.max(axis=0), along)
 
@@ -268,7 +268,7 @@ def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
             text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
 
-def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Array) -> NDArray[np.bool_]:
+def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Floats) -> Flags:
     """Which cells some rows of a floor cover, also under later zones."""
     zones = floor.zones[list(rows)]
     zones[:, 6:] = 1.0
@@ -276,7 +276,7 @@ def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Array) -> NDArray[n
     return np.asarray(colours_at(nothing, grid)[..., 0] > 0.0, dtype=np.bool_)
 
 
-def _roomiest(zone: NDArray[np.bool_]) -> tuple[int, int]:
+def _roomiest(zone: Flags) -> tuple[int, int]:
     """The cell farthest from the zone's border; of several, that nearest to their middle."""
     depth = ndimage.distance_transform_edt(np.pad(zone, 1))[1:-1, 1:-1]
     deepest = np.argwhere(depth >= depth.max() - 1.0)
@@ -284,7 +284,7 @@ def _roomiest(zone: NDArray[np.bool_]) -> tuple[int, int]:
     return int(row), int(column)
 
 
-def _draw_light(axes: Axes, light: Light, low: Array, high: Array) -> None:
+def _draw_light(axes: Axes, light: Light, low: Floats, high: Floats) -> None:
     """A sun at the light's place on the ground, with its height; at the border, with its place, if that is far away.
 
     It is hollow if the light is off.

@@ -8,18 +8,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from mercator_design.missions.arena import Arena, Array
+from mercator_design.arrays import Flags, Floats
+from mercator_design.missions.arena import Arena
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Placement, covers
 from mercator_design.missions.zone_distance import border_points, distance_to, distance_to_box, distance_to_segment
 from mercator_design.sim.fields import replaced
 from mercator_design.sim.robot_model import RobotModel
-
-Flags = NDArray[np.bool_]
 
 _SLACK = 0.005
 """[m] Upper bound of how far a robot is pushed into a wall."""
@@ -34,18 +32,18 @@ _SIZES = ("body.length", "body.width", "body.radius")
 class Reach:
     """A grid of square cells over the arena, with the cells that a robot's centre can reach."""
 
-    low: Array  # (2,) its lower left corner [m]
+    low: Floats  # (2,) its lower left corner [m]
     cell: float  # [m] of a cell's side
     inside: Flags  # (rows, columns) whether the cell's centre is between the walls; the first row is the lowest
     built: Flags  # (rows, columns) whether the cell's centre is in an obstacle
     reached: Flags  # (rows, columns)
 
-    def centres(self, cells: Flags) -> Array:
+    def centres(self, cells: Flags) -> Floats:
         """The centres (n, 2) of some cells [m]."""
         rows, columns = np.nonzero(cells)
         return np.asarray(self.low + self.cell * (np.column_stack([columns, rows]) + 0.5), dtype=np.float64)
 
-    def corners(self, cells: Flags) -> Array:
+    def corners(self, cells: Flags) -> Floats:
         """The corners (4 n, 2) of some cells [m]."""
         ways = 0.5 * self.cell * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         return np.asarray((self.centres(cells)[:, np.newaxis] + ways).reshape(-1, 2))
@@ -64,7 +62,7 @@ class Reach:
         """The cells (rows, columns) that may have a point of a zone in them."""
         return self.cells_of(floor, row, within=self.cell * math.sqrt(0.5))
 
-    def part(self, points: Array, distance: float) -> tuple[slice, slice]:
+    def part(self, points: Floats, distance: float) -> tuple[slice, slice]:
         """The rows and columns of all that is at most so far [m] from what has these points for its corners."""
         first = np.floor((points.min(axis=0) - distance - self.low) / self.cell).astype(int)
         last = np.ceil((points.max(axis=0) + distance - self.low) / self.cell).astype(int) + 1
@@ -107,7 +105,7 @@ def _blocked(arena: Arena, grid: Reach, distance: float) -> Flags:
     blocked = np.zeros_like(grid.inside)
     corners = arena.corners()
 
-    def near(points: Array) -> tuple[tuple[slice, slice], Array]:
+    def near(points: Floats) -> tuple[tuple[slice, slice], Floats]:
         """The part of the grid around some points, and the centres (n, 2) of its cells."""
         part, cells = grid.part(points, distance), np.zeros_like(blocked)
         cells[part] = True

@@ -6,8 +6,8 @@ does not depend on them.
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import MercatorError
-from mercator_design.missions.arena import Array
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.objectives import OBJECTIVES
@@ -50,7 +50,7 @@ def score_can_differ(mission: Mission, reach: Reach) -> bool | None:
     return False
 
 
-def _pools(floor: FloorTable, reach: Reach) -> list[Array]:
+def _pools(floor: FloorTable, reach: Reach) -> list[Floats]:
     """Places within reach (n, 2), in a list for each set of zones that has places of its own."""
     kinds = np.zeros(reach.reached.shape, dtype=np.uint64)
     weights = np.random.default_rng(1).integers(2**63, size=len(floor.zones), dtype=np.uint64)
@@ -67,7 +67,7 @@ def _pools(floor: FloorTable, reach: Reach) -> list[Array]:
     return [pool for pool in pools if len(pool)]
 
 
-def _zones(mission: Mission, floor: FloorTable, reach: Reach) -> list[Array]:
+def _zones(mission: Mission, floor: FloorTable, reach: Reach) -> list[Floats]:
     """Places within reach (n, 2) in each zone that the objective names, if there are some."""
     zone_rows, objective = mission.floor.zone_rows(), mission.objective
     pools = []
@@ -84,10 +84,10 @@ def _places(
     rng: np.random.Generator,
     number: int,
     shape: tuple[int, int],
-    everywhere: Array,
-    pools: list[Array],
-    zones: list[Array],
-) -> Array:
+    everywhere: Floats,
+    pools: list[Floats],
+    zones: list[Floats],
+) -> Floats:
     """Where robots are (cycles, robots, 2), in one of several ways."""
     way = number % 7
     cycles, robots = shape

@@ -16,13 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.errors import SimulationError
 from mercator_design.jit import c_call, jittable, memory_access
-
-Floats = NDArray[np.float64]
 
 _call_pointer_double = c_call("pointer", "double")
 _call_pointer_pointer = c_call("pointer", "pointer")
@@ -56,7 +54,7 @@ class Bridge(NamedTuple):
     remove_shape: int
     remove_constraint: int
     space: int
-    robots: NDArray[np.int64]  # (robots, 5): body, shape, pivot joint, gear joint, body with the aimed-at velocity
+    robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the aimed-at velocity
     layout: BodyLayout
 
 

@@ -7,13 +7,11 @@ a turn of 719 beams costs little more than one look at each.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels.noise import LIDAR_DRAWS, NO_NOISE, noise
 from mercator_design.sim.kernels.scene import Lidar, Scene
-
-Floats = NDArray[np.float64]
 
 _END = 1e-9
 """A beam so far beyond the end of a wall, as a fraction of its length, still meets it: none slips through a corner."""

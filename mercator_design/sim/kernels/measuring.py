@@ -6,9 +6,7 @@ the array that is its last argument, one row for each cycle that is asked for.
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
@@ -20,11 +18,8 @@ from mercator_design.sim.kernels.sensing import ground_under, sense_light, sense
 from mercator_design.sim.kernels.sight import cast, is_lit
 from mercator_design.sim.kernels.swarm import Swarm
 
-Floats = NDArray[np.float64]
-Cycles = NDArray[np.int64]
 
-
-def add_noise(row: Floats, keys: NDArray[np.uint64], number: int, cycles: Cycles, values: Floats) -> None:
+def add_noise(row: Floats, keys: Keys, number: int, cycles: Numbers, values: Floats) -> None:
     """Noise of one device, added to values (cycles, robots, n)."""
     per_cycle = values.shape[2]
     for n in range(len(cycles)):
@@ -49,7 +44,7 @@ def _put(swarm: Swarm, poses: Floats, n: int) -> None:
             swarm.poses[i, k] = poses[n, i, k]
 
 
-def fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats) -> None:
+def fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats) -> None:
     """Raw colours (cycles, robots, sensors, 3) under the ground sensors, from 0 to 255."""
     n = 0
     for cycle in range(len(poses)):
@@ -67,7 +62,7 @@ def fill_ground(scene: Scene, swarm: Swarm, poses: Floats, cycles: Cycles, found
 
 
 def fill_places(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
 ) -> None:
     """Distance [m] and bearing [rad] of each robot's neighbours (cycles, robots, robots, 2)."""
     for n in range(len(cycles)):
@@ -97,7 +92,7 @@ def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floa
 
 
 def fill_weights(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
 ) -> None:
     """What modules read of each proximity sensor (cycles, robots, sensors)."""
     for n in range(len(cycles)):
@@ -109,7 +104,7 @@ def fill_weights(
 
 
 def fill_light_sensors(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Cycles, found: Floats
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
 ) -> None:
     """What modules read of each light sensor (cycles, robots, sensors)."""
     for n in range(len(cycles)):
@@ -154,8 +149,8 @@ def fill_proximity(scene: Scene, poses: Floats, furthest: float, scratch: Floats
 def fill_lidar(
     scene: Scene,
     poses: Floats,
-    keys: NDArray[np.uint64],
-    cycles: Cycles,
+    keys: Keys,
+    cycles: Numbers,
     scratch: Floats,
     found: Floats,
 ) -> None:

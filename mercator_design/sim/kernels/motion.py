@@ -2,14 +2,10 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Flags, Floats
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels.overlaps import is_inside, obstacle_overlap
 from mercator_design.sim.kernels.scene import Scene
-
-Floats = NDArray[np.float64]
 
 _REST = 1e-9
 """[m/s, rad/s] A robot that is and stays slower rests; a drive that has stopped leaves such remainders."""
@@ -55,9 +51,7 @@ def glide(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, i: i
 
 
 @jittable
-def mark_close(
-    scene: Scene, poses: Floats, velocities: Floats, targets: Floats, reach: Floats, close: NDArray[np.bool_]
-) -> None:
+def mark_close(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, reach: Floats, close: Flags) -> None:
     """Mark the robots that could touch something in this cycle.
 
     A robot by itself gets no farther than its present or its target speed takes it, whichever is higher. One that

@@ -4,12 +4,10 @@ A draw is a pure function of these, so that a device may be computed at any time
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
 from mercator_design.seeds import gaussian, uniform
-
-Floats = NDArray[np.float64]
 
 NO_NOISE, GAUSSIAN, UNIFORM = 0.0, 1.0, 2.0
 """Kinds of noise: a row of noise is (kind, mean, standard deviation or half width)."""

@@ -6,12 +6,8 @@ the direction (a unit vector) in which the first one leaves the other.
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
-
-Floats = NDArray[np.float64]
 
 
 @jittable

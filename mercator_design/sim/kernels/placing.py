@@ -1,12 +1,8 @@
 """Finding places where robots can start: they touch neither walls, nor boxes, nor each other. Kernels."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels.overlaps import box_overlap, is_inside, obstacle_overlap
-
-Floats = NDArray[np.float64]
 
 
 @jittable

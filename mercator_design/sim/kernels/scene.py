@@ -2,12 +2,8 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.floor import FloorTable
-
-Floats = NDArray[np.float64]
 
 
 class Proximity(NamedTuple):
@@ -48,8 +44,8 @@ class Light(NamedTuple):
     """The lights, and the sensors of their direction."""
 
     lights: Floats  # (lights, 4) x, y, z [m], intensity
-    seen: NDArray[np.bool_]  # (lights, robots) which robots sense its direction
-    lit: NDArray[np.bool_]  # (lights, robots) whether it is light to a robot's sensor of brightness
+    seen: Flags  # (lights, robots) which robots sense its direction
+    lit: Flags  # (lights, robots) whether it is light to a robot's sensor of brightness
     by_camera: bool  # else by a ring of sensors
     angles: Floats  # (sensors,) of the ring [rad]
     directions_x: Floats  # (sensors,) as in Proximity

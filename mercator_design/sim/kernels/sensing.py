@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Floats
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.perception import (
@@ -35,8 +33,6 @@ from mercator_design.sim.kernels.noise import (
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sight import cast, is_hidden, is_lit
 from mercator_design.sim.kernels.swarm import Swarm
-
-Floats = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _MOST_DEVIATIONS = 8.0  # that noise ever brings a reading nearer: more come once in 10^15 readings

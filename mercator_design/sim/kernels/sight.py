@@ -6,13 +6,9 @@ of the arena; boxes are obstacles and the bodies of robots, which may also be di
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels.scene import Proximity, Scene
-
-Floats = NDArray[np.float64]
 
 # A robot pressed against a wall may have its ring this far [m] beyond the wall's face; it still touches the wall.
 _CONTACT = 0.02

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Flags, Floats, Keys
 from mercator_design.fsm.control import DRAWS, MEMORY
 from mercator_design.fsm.reference import Readings, ReferenceModel
-
-Floats = NDArray[np.float64]
 
 
 class Swarm(NamedTuple):
@@ -19,15 +18,15 @@ class Swarm(NamedTuple):
     velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
     commands: Floats  # (robots, 2) speed of the left and right tread [m/s]
     targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
-    close: NDArray[np.bool_]  # (robots,) whether a robot could touch something in this cycle
-    held: NDArray[np.bool_]  # (robots,) whether it is in Chipmunk's space
+    close: Flags  # (robots,) whether a robot could touch something in this cycle
+    held: Flags  # (robots,) whether it is in Chipmunk's space
     memory: Floats  # (robots, MEMORY) of the controllers
-    control_keys: NDArray[np.uint64]  # (robots,) streams of draws
-    noise_keys: NDArray[np.uint64]
+    control_keys: Keys  # (robots,) streams of draws
+    noise_keys: Keys
     # What robots remember of what they perceived; without rows where the reference model remembers nothing.
     heard: Floats  # (robots, robots, latest cycles, 3) of each other: 1 if perceived; where, ahead and to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
-    moved: NDArray[np.bool_]  # (robots,) whether it was moved out of a wall at the end of this cycle
+    moved: Flags  # (robots,) whether it was moved out of a wall at the end of this cycle
     former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
     # Scratch of one robot: what it senses.
@@ -54,8 +53,8 @@ class History(NamedTuple):
 
 def new_swarm(
     poses: Floats,
-    control_keys: NDArray[np.uint64],
-    noise_keys: NDArray[np.uint64],
+    control_keys: Keys,
+    noise_keys: Keys,
     *,
     model: ReferenceModel,
     sensors: int,

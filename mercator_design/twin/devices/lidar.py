@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.jit import compiled
 from mercator_design.robot.protocols.ydlidar import (
     SAMPLE_RATE,
@@ -22,7 +22,6 @@ from mercator_design.robot.protocols.ydlidar import (
     correction,
 )
 
-Floats = NDArray[np.float64]
 Scan: TypeAlias = Callable[[], Floats]
 """What is around the robot now: FINE ranges [m] for each sample, counter-clockwise from its front; 0 if none."""
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, read_settings
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from mercator_design.twin.folder import LOG

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from mercator_design import __version__
-from mercator_design.config.loading import digest_of, dump
 from mercator_design.config.schema import OneOf
+from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS

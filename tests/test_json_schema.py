@@ -12,8 +12,9 @@ from jsonschema import Draft202012Validator
 
 from mercator_design.config import shipped, yaml_tree
 from mercator_design.config.json_schema import json_schema
-from mercator_design.config.loading import dump, parse
+from mercator_design.config.loading import parse
 from mercator_design.config.schema import KeywordsOf, Length, fields_of, is_record, is_union, tags, unwrapped
+from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.objectives import OBJECTIVES

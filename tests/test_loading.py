@@ -17,7 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.config import spelling, yaml_tree
-from mercator_design.config.loading import (
+from mercator_design.config.loading import parse, read
+from mercator_design.config.schema import (
     FieldError,
     FilePath,
     KeywordsOf,
@@ -26,11 +27,9 @@ from mercator_design.config.loading import (
     Positive,
     Range,
     check,
-    dump,
-    parse,
-    read,
+    describe,
 )
-from mercator_design.config.schema import describe
+from mercator_design.config.writing import dump
 from mercator_design.config.yaml_tree import LARGEST_FILE, MAX_MISTAKES, steps
 from mercator_design.errors import MissionError
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mercator_design.cli.missions import sample
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.mission_sampler import CLASSES, _Draw, _NoRoom, sample_mission
 from mercator_design.missions.floor import Disc
 from mercator_design.missions.mission import parse_mission

@@ -9,7 +9,7 @@ import click
 
 from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
 from mercator_design.fsm.text import FsmFile, read_fsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission

@@ -9,7 +9,8 @@ from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture,
 from mercator_design.cli.terminal import terminal_width, warn_of_mission
 from mercator_design.command import naming, print_result
 from mercator_design.config import shipped
-from mercator_design.config.loading import dump, text_of
+from mercator_design.config.loading import text_of
+from mercator_design.config.writing import dump
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.command import warn
-from mercator_design.config.loading import digest_of
+from mercator_design.config.writing import digest_of
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
 from mercator_design.missions.plugins import loaded_plugins

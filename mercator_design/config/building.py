@@ -120,7 +120,7 @@ def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
 
 
 class _Mistakes(list[str]):
-    """What is wrong with the parts of something, part after part; `any` is set even if all are reported already."""
+    """The mistakes in the parts of something, in their order; `any` is set even if all are reported already."""
 
     any = False
 
@@ -133,7 +133,7 @@ class _Mistakes(list[str]):
         return _WRONG
 
     def note(self, *messages: str) -> None:
-        """Add some; the one too many ends the reading."""
+        """Add messages; reading ends when there are MAX_MISTAKES."""
         self.any = True
         self.extend(messages)
         if len(self) >= MAX_MISTAKES:
@@ -175,7 +175,7 @@ def _mapping(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
 
 
 def _union(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
-    """The alternative of the node's form: the dataclass its tag names, or the first kind to fit."""
+    """The alternative of the node's form: the dataclass that its tag names, or the first kind that fits."""
     kinds = [kind for kind in typing.get_args(base) if schema.form(kind) is type(node.content)]
     if len(kinds) > 1 and all(schema.is_record(kind) for kind in kinds):
         return _alternative(node, kinds, way)
@@ -190,7 +190,10 @@ def _union(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
 
 
 def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa: ANN401 - one of the kinds
-    """The dataclass that the node's tag names; if the tag is wrong, what else is wrong is found by the nearest one."""
+    """The dataclass that the node's tag names.
+
+    If the tag is wrong, the other mistakes are found with the nearest dataclass.
+    """
     (key, tagged), wrong = schema.tags(kinds), _Mistakes()
     specification, holders = _of_any(kinds, key)
     word, node = _tagged(node, key, tagged, specification, way, wrong)
@@ -204,7 +207,10 @@ def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa
 
 
 def _of_any(kinds: list[Kind], tag: str) -> tuple[Specification, dict[str, Holder]]:
-    """The keys of several dataclasses, and one that has each; the tag, and what they disagree on, may be anything."""
+    """The keys of several dataclasses, and for each key a dataclass that has it.
+
+    Any value is accepted for the tag, and for a key whose annotations differ.
+    """
     specification: Specification = {}
     holders: dict[str, Holder] = {}
     for name in dict.fromkeys(name for kind in kinds for name in schema.fields_of(kind)):
@@ -268,15 +274,15 @@ def _entries(
     *,
     complete: bool = True,
 ) -> dict[str, Any]:
-    """The values of a mapping's keys that could be read; what is wrong with others is noted.
+    """The values of those keys of a mapping that are valid; the mistakes in others are noted.
 
     Args:
         node: The mapping.
         specification: Its keys.
-        holders: The dataclass or function that each is a field or parameter of.
-        way: To the mapping.
-        wrong: Where mistakes are noted.
-        complete: Whether these are all the keys that it may have.
+        holders: For each key the dataclass or function whose field or parameter it is.
+        way: The way to the mapping.
+        wrong: Receives the mistakes.
+        complete: Whether the mapping may have no other keys.
     """
     values: dict[str, Any] = {}
     words: dict[str, str] = {}
@@ -310,15 +316,15 @@ def _tagged(
 ) -> tuple[str, Node]:
     """The word of a mapping's tag, and the mapping.
 
-    If the tag is wrong, it is the nearest word, and the mapping has that one; if none is near, it is empty.
+    If the tag is wrong, the word is the nearest valid one, also in the mapping; if none is near, the word is empty.
 
     Args:
         node: The mapping.
-        key: Of the tag.
-        words: That it may be.
-        keys: That the mapping may have.
-        way: To the mapping.
-        wrong: Where it is noted that the tag is wrong.
+        key: The key of the tag.
+        words: The valid words.
+        keys: The valid keys of the mapping.
+        way: The way to the mapping.
+        wrong: Receives a mistake if the tag is wrong.
     """
     assert isinstance(node.content, dict)  # noqa: S101 - as the caller has seen
     expected, spelt = f"expected {schema.one_of(list(words))}", node.key(key)
@@ -332,7 +338,7 @@ def _tagged(
     item = node.content[spelt]
     text = item.content if isinstance(item.content, str) else ""
     word = spelling.find(text, words)
-    if item.content is None:  # which was told
+    if item.content is None:  # which is reported already
         wrong.note()
     elif word is None:
         wrong.note(message(item, Way(way, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
@@ -362,7 +368,7 @@ _BOOLEANS = {"yes": "true", "on": "true", "1": "true", "no": "false", "off": "fa
 
 
 def _hint(node: Node, base: Kind, way: Way | None) -> str:
-    """A suggestion for what was found instead of a kind, to append to an error; or nothing."""
+    """A suggestion to append to an error about a value that is not of a kind; may be empty."""
     parts = typing.get_args(base) if schema.is_union(base) else (base,)
     kinds = [schema.unwrapped(part)[0] for part in parts]
     if not isinstance(node.content, str):

@@ -1,4 +1,4 @@
-"""Colours by name, as floors, labels and lamps have them."""
+"""The colours of floors, labels and lamps, by name."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal, TypeAlias
@@ -27,10 +27,10 @@ COLOURS: Mapping[ColourName, RGB] = {
 }
 
 LABELS: tuple[ColourName, ...] = ("black", "gray", "white", "red", "green", "blue", "yellow")
-"""The colours that modules know: those that a robot tells apart on a floor of which it knows no colours."""
+"""The colours that modules know. A robot distinguishes these if it does not know the colours of its floor."""
 
 STATE_COLOURS: tuple[Levels, Levels, Levels, Levels] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167))
-"""Of a robot's lamps in each state of its PFSM (Okabe and Ito: told apart by the colour-blind too)."""
+"""Colour of a robot's lamps in each state of its PFSM, by Okabe and Ito: colour-blind people can distinguish them."""
 
 
 def rgb(colour: Colour) -> RGB:

@@ -1,6 +1,6 @@
 """Reads JSON data of programs by the same annotations as YAML files; fast, because journals are long.
 
-Types are strict: "1" is not a number, and 1 is not text. `reader` only checks whether data are as expected;
+Types are strict: "1" is not a number, and 1 is not text. `reader` only checks whether data are valid;
 config/building.py finds the mistakes, as in a YAML file.
 """
 
@@ -19,7 +19,7 @@ from mercator_design.config.yaml_tree import DEEPEST, LARGEST_INTEGER, Fault, is
 from mercator_design.errors import MercatorError
 
 WRONG: Any = object()
-"""What a reader gives for data that are not of its kind."""
+"""A reader returns this for data that are not of its kind."""
 
 
 def from_json(
@@ -30,14 +30,14 @@ def from_json(
     label: str = "",
     path: str = "",
 ) -> Any:  # noqa: ANN401 - what `kind` says
-    """What JSON data describe.
+    """The value that JSON data describe.
 
     Args:
         data: As `json.loads` gives them.
         kind: A dataclass, or any other annotation of config/building.py; `object` is whatever JSON can hold.
         error: The class of errors to raise.
-        label: What the data are, in errors.
-        path: Where in that they are.
+        label: The name of the data in errors.
+        path: The path of the data there.
 
     Raises:
         error: with label, path of the key, what was expected and what was found.
@@ -58,7 +58,7 @@ def from_json(
 
 @functools.cache
 def reader(kind: Kind) -> Callable[[Any], Any]:
-    """What makes a value of a kind from JSON data, or gives `WRONG`; for the kinds of building.py, and `object`."""
+    """A function from JSON data to a value of a kind, or `WRONG`; for the kinds of building.py, and `object`."""
     base, rules = schema.unwrapped(kind)
     read = _reader(base)
     if not rules:

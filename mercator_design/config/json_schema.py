@@ -1,7 +1,7 @@
 """The JSON Schema (2020-12) of a YAML file, for editors: from the same annotations by which config/loading.py reads it.
 
-What a file's parts must be to each other (a zone that the floor has, a place within the walls) a schema cannot say;
-`mdesign validate` does.
+A schema cannot express relations between the parts of a file (a zone that the floor has, a place within the walls);
+`mdesign validate` checks them.
 """
 
 import dataclasses
@@ -13,8 +13,8 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, Literal, TypeAlias
 
 from mercator_design.config import schema
-from mercator_design.config.loading import plain
 from mercator_design.config.schema import Ascending, FilePath, Kind, Length, Pattern, Range, Rule, Specification
+from mercator_design.config.writing import plain
 
 Json: TypeAlias = dict[str, Any]
 _Records: TypeAlias = dict[Kind, Json]
@@ -30,9 +30,9 @@ def json_schema(kind: Kind, *, title: str, given: Collection[str] = (), based: b
 
     Args:
         kind: The dataclass.
-        title: What such a file is.
-        given: Keys that a file may leave out although the dataclass has no default for them.
-        based: Whether a file may say that it changes another, its `base`, and then leave out all else.
+        title: The title of the schema.
+        given: Keys that a file may omit although the dataclass has no default for them.
+        based: Whether a file may name another one, its `base`, which it changes; then all other keys are optional.
     """
     records: _Records = {}
     whole = _record(kind, records)
@@ -50,7 +50,7 @@ def json_schema(kind: Kind, *, title: str, given: Collection[str] = (), based: b
 
 
 def _partial(schema_: Any) -> Any:  # noqa: ANN401 - any JSON
-    """A schema of which all may be left out, as it is said elsewhere: even the key that tells alternatives apart."""
+    """A schema without required keys, for a file that changes its base; even the key of alternatives is optional."""
     if isinstance(schema_, list):
         return [_partial(item) for item in schema_]
     if not isinstance(schema_, dict):
@@ -67,7 +67,7 @@ def _partial(schema_: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _schema(kind: Kind, records: _Records) -> Json:
-    """Of any annotation; the dataclasses in it are entered in `records`."""
+    """The schema of any annotation; its dataclasses are entered in `records`."""
     base, rules = schema.unwrapped(kind)
     origin, arguments = schema.origin_of(base), typing.get_args(base)
     if schema.is_union(base):
@@ -99,7 +99,7 @@ def _schema(kind: Kind, records: _Records) -> Json:
 
 
 def _keywords(rule: Rule, type_: str | None) -> Json:
-    """What a rule adds to the schema of a type."""
+    """The keywords that a rule adds to the schema of a type."""
     if isinstance(rule, Range):
         low = {"exclusiveMinimum" if rule.exclusive_low else "minimum": rule.low} if rule.low > -math.inf else {}
         return low | ({"maximum": rule.high} if rule.high < math.inf else {})
@@ -117,7 +117,7 @@ def _keywords(rule: Rule, type_: str | None) -> Json:
 
 
 def _union(kinds: list[Kind], records: _Records) -> Json:
-    """One of several; dataclasses by their tag, which must then be there."""
+    """A schema of alternatives; dataclasses are distinguished by their tag, which is then required."""
     tagged = [kind for kind in kinds if schema.is_record(kind)]
     others = [_schema(kind, records) for kind in kinds if kind not in tagged]
     if len(tagged) > 1:
@@ -130,7 +130,7 @@ def _union(kinds: list[Kind], records: _Records) -> Json:
 
 
 def _record(kind: Kind, records: _Records) -> Json:
-    """Of a dataclass or NamedTuple; if it holds keyword arguments, an alternative for each function."""
+    """The schema of a dataclass or NamedTuple; if it holds keyword arguments, an alternative for each function."""
     specification, comments = schema.fields_of(kind), schema.comments_of(kind)
     keywords = schema.keywords_of(kind)
     if keywords is None:
@@ -163,7 +163,7 @@ def _object(specification: Specification, comments: Mapping[str, str], summary: 
 
 
 def _meaning(kind: Kind, summary: str) -> str:
-    """Of a key without a comment: what its dataclass is, or what the alternative is that its only word tells apart."""
+    """The description of a key without a comment: that of its dataclass, or of the alternative."""
     base, _ = schema.unwrapped(kind)
     if schema.origin_of(base) is Literal:
         return summary
@@ -177,6 +177,6 @@ def _described(text: str) -> Json:
 
 
 def _summary(described: Callable[..., Any]) -> str:
-    """The first paragraph of a docstring, but of one that `dataclass` made up."""
+    """The first paragraph of a docstring; empty if `dataclass` has generated it."""
     text = inspect.getdoc(described) or ""
     return "" if text.startswith(f"{described.__name__}(") else " ".join(text.split("\n\n")[0].split())

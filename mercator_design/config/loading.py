@@ -1,9 +1,8 @@
 """Reads a YAML file to a frozen dataclass, with its base, overrides and defaults.
 
 The schema is the dataclass: its annotations say what is expected. Supported are float (finite), int, bool, str,
-Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (of dataclasses: found apart by a field that is a
-one-word Literal), and the rules of schema.py in Annotated. building.py reads values; yaml_tree.py
-refuses unsafe texts before.
+Literal, tuple, Mapping[str, X], dataclasses, NamedTuples, unions (dataclasses are distinguished by a field that is a
+one-word Literal), and the rules of schema.py in Annotated. yaml_tree.py refuses unsafe texts; building.py makes values.
 """
 
 import dataclasses
@@ -16,29 +15,23 @@ from typing import TypeAlias, TypeVar
 import yaml
 
 from mercator_design.config import schema
-from mercator_design.config.building import Way, build, is_name, message
-from mercator_design.config.schema import (
-    Ascending,
+from mercator_design.config.building import Way, build, message
+from mercator_design.config.schema import (  # noqa: F401 - plugins of older runs import these from here
     FieldError,
     FilePath,
-    KeywordsOf,
     Kind,
     Length,
-    Name,
     NonNegative,
     Pattern,
     Positive,
-    Radians,
     Range,
-    check,
-    checked,
 )
-from mercator_design.config.writing import Dumper, digest_of, dump, plain
+from mercator_design.config.writing import Dumper, plain
 from mercator_design.config.yaml_tree import (
     MAX_MISTAKES,
     Fault,
+    FromFile,
     Node,
-    Origin,
     clashes,
     compose,
     compose_all,
@@ -47,31 +40,6 @@ from mercator_design.config.yaml_tree import (
     read_text,
 )
 from mercator_design.errors import MercatorError, excerpt
-
-__all__ = [
-    "Ascending",
-    "FieldError",
-    "FilePath",
-    "KeywordsOf",
-    "Length",
-    "Name",
-    "NonNegative",
-    "Origin",
-    "Pattern",
-    "Positive",
-    "Radians",
-    "Range",
-    "check",
-    "check_parameter",
-    "checked",
-    "digest_of",
-    "dump",
-    "is_name",
-    "parse",
-    "plain",
-    "read",
-    "text_of",
-]
 
 T = TypeVar("T")
 
@@ -90,13 +58,13 @@ def read(
     """The dataclass `kind` that a YAML file describes.
 
     Args:
-        path: the file; relative paths in it start from its folder.
-        kind: a dataclass.
-        error: the class of errors to raise.
-        overrides: assignments as `floor.zones[0].radius=0.3`, put in before anything is built.
-        defaults: values of top-level keys that the file may leave out.
-        find_base: where the file of a `base` is, given what the file calls it and the file's folder. What a file with
-            that key does not say is as its base says.
+        path: The file; relative paths in it start from its folder.
+        kind: A dataclass.
+        error: The class of errors to raise.
+        overrides: Assignments such as `floor.zones[0].radius=0.3`, applied before anything is built.
+        defaults: Values of top-level keys that the file may omit.
+        find_base: From the value of the key `base` and the file's folder to the base's file. Keys that a file with a
+            base does not have are taken from the base.
 
     Raises:
         error: with file, line, path of the key, what was expected and what was found, for each mistake.
@@ -115,7 +83,7 @@ def read(
 
 
 def text_of(path: str | Path, *, error: type[MercatorError]) -> str:
-    """The text of a file that `read` would look at; errors are of the class given."""
+    """The text of a file that `read` accepts; errors are of the given class."""
     try:
         return read_text(Path(path))
     except Fault as fault:
@@ -132,15 +100,14 @@ def parse(
     overrides: Sequence[str] = (),
     defaults: Mapping[str, str] = types.MappingProxyType({}),
     find_base: FindBase | None = None,
-    may_be_empty: bool = False,
     lines: bool = True,
 ) -> T:
     """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`.
 
-    One that `may_be_empty`, or of comments only, says nothing of any key. Without `lines` errors do not name them.
+    Without `lines`, errors do not name the line.
     """
     try:
-        tree, mistakes = compose_all(text, label, folder or Path.cwd(), may_be_empty=may_be_empty, lines=lines)
+        tree, mistakes = compose_all(text, label, folder or Path.cwd(), lines=lines)
         if find_base is not None:
             tree = _on_base(tree, find_base, [str(Path(label).resolve())])
         mistakes += clashes(overrides)
@@ -155,8 +122,8 @@ def parse(
         value = _built(tree, kind, mistakes)
     except Fault as fault:
         raise error(*_in_order(fault.args, label)) from None
-    if isinstance(getattr(value, "origin", None), Origin):
-        object.__setattr__(value, "origin", Origin(tree))
+    if isinstance(value, FromFile):
+        object.__setattr__(value, "tree", tree)
     return typing.cast("T", value)
 
 
@@ -172,7 +139,7 @@ def _built(tree: Node, kind: Kind, mistakes: Sequence[str]) -> object:
 
 
 def _in_order(mistakes: Sequence[str], label: str) -> list[str]:
-    """By the line of the file; those of other places come last, and too many are cut short."""
+    """The mistakes in the order of their lines, at most MAX_MISTAKES; those of other places come last."""
 
     def line(mistake: str) -> float:
         before, _, _ = mistake.removeprefix(f"{label}:").partition(":")
@@ -183,7 +150,7 @@ def _in_order(mistakes: Sequence[str], label: str) -> list[str]:
 
 
 def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
-    """A tree with what its base, and that one's base, say in addition; `labels` are the files on the way."""
+    """A tree merged with its base, and with the base of the base; `labels` are the files on the way."""
     if not isinstance(tree.content, dict) or "base" not in tree.content:
         return tree
     base = tree.content.pop("base")

@@ -179,7 +179,7 @@ Name = Annotated[str, Pattern(r"\w[\w .+-]{0,99}", "letters, digits, spaces and 
 
 
 def origin_of(kind: Kind) -> Kind:
-    """What stands before the brackets of an annotation, if it has brackets."""
+    """As `typing.get_origin`, whose type mypy takes too literally."""
     return typing.get_origin(kind)
 
 
@@ -277,30 +277,10 @@ def values_in(
     value: Any,  # noqa: ANN401 - of that kind
     path: str = "",
 ) -> Iterator[tuple[Kind, Any, str]]:
-    """A value of a kind and all values in it, each with its annotation and its place in words, as "zones[0]"."""
+    """A value of a kind and all values in it, each with its annotation and its path, as "zones[0]"."""
     yield kind, value, path
-    base, _ = unwrapped(kind)
-    parts = typing.get_args(base)
-    if is_union(base):
-        for part in [part for part in parts if _is_of(part, value)][:1]:
-            yield from values_in(part, value, path)
-    elif is_record(base):
-        keywords = keywords_of(base)
-        for name, (annotation, _) in fields_of(base).items():
-            if keywords is None or name != keywords[0]:
-                yield from values_in(annotation, getattr(value, name), f"{path}.{name}" if path else name)
-        if keywords is not None:
-            field, rule = keywords
-            given = getattr(value, field)
-            for name, (annotation, default) in parameters_of(rule.functions[getattr(value, rule.key)]).items():
-                yield from values_in(annotation, given.get(name, default), f"{path}.{name}" if path else name)
-    elif origin_of(base) is tuple:
-        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
-        for index, (each, item) in enumerate(zip(kinds, value, strict=True)):
-            yield from values_in(each, item, f"{path}[{index}]")
-    elif origin_of(base) is Mapping:
-        for key, item in value.items():
-            yield from values_in(parts[1], item, f"{path}.{key}")
+    for step, part_kind, part in _parts(kind, value):
+        yield from values_in(part_kind, part, (path + step).removeprefix("."))
 
 
 def mapped(
@@ -308,21 +288,43 @@ def mapped(
     value: Any,  # noqa: ANN401 - of that kind
     change: Callable[[Kind, Any], Any],
 ) -> Any:  # noqa: ANN401 - the same
-    """A value of a kind, in which each part that `change` gives another for, with its annotation, is that."""
+    """A value of a kind with changed parts.
+
+    `change` takes each part with its annotation, and returns what replaces it, or the same object.
+    """
     if (changed := change(kind, value)) is not value:
         return changed
+    parts = [mapped(part_kind, part, change) for _, part_kind, part in _parts(kind, value)]
     base, _ = unwrapped(kind)
-    parts = typing.get_args(base)
-    if is_union(base):
-        return next((mapped(part, value, change) for part in parts if _is_of(part, value)), value)
     if is_record(base):
-        return base(**{name: mapped(each, getattr(value, name), change) for name, (each, _) in fields_of(base).items()})
+        return base(**dict(zip(fields_of(base), parts, strict=True)))
     if origin_of(base) is tuple:
-        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
-        return tuple(mapped(each, item, change) for each, item in zip(kinds, value, strict=True))
+        return tuple(parts)
     if origin_of(base) is Mapping:
-        return {key: mapped(parts[1], item, change) for key, item in value.items()}
-    return value
+        return dict(zip(value, parts, strict=True))
+    return parts[0] if parts else value
+
+
+def _parts(kind: Kind, value: Any) -> list[tuple[str, Kind, Any]]:  # noqa: ANN401 - of that kind
+    """The direct parts of a value of a kind: step of the path, annotation, part."""
+    base, _ = unwrapped(kind)
+    arguments = typing.get_args(base)
+    if is_union(base):
+        return [("", part, value) for part in arguments if _is_of(part, value)][:1]
+    if is_record(base):
+        found = {name: (annotation, getattr(value, name)) for name, (annotation, _) in fields_of(base).items()}
+        if keywords := keywords_of(base):
+            field, rule = keywords
+            _, given = found.pop(field)
+            parameters = parameters_of(rule.functions[getattr(value, rule.key)])
+            found |= {name: (each, given.get(name, default)) for name, (each, default) in parameters.items()}
+        return [(f".{name}", *part) for name, part in found.items()]
+    if origin_of(base) is tuple:
+        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
+        return [(f"[{index}]", *part) for index, part in enumerate(zip(kinds, value, strict=True))]
+    if origin_of(base) is Mapping:
+        return [(f".{key}", arguments[1], item) for key, item in value.items()]
+    return []
 
 
 def _is_of(kind: Kind, value: Any) -> bool:  # noqa: ANN401 - of any kind
@@ -350,7 +352,7 @@ def tags(kinds: list[Kind]) -> tuple[str, dict[str, Kind]]:
         if len(found) == len(kinds) and all(len(each) == 1 for each in found):
             return key, {each[0]: kind for each, kind in zip(found, kinds, strict=True)}
     names = " and ".join(kind.__name__ for kind in kinds)
-    raise TypeError(f"nothing tells {names} apart; give each a field that is a Literal of one word of its own")
+    raise TypeError(f"{names} cannot be distinguished; give each a field that is a Literal of one word of its own")
 
 
 def words(kind: Kind) -> list[str]:

@@ -5,7 +5,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from mercator_design.config import spelling
-from mercator_design.config.loading import is_name
+from mercator_design.config.building import is_name
 from mercator_design.errors import MissionError, excerpt
 
 _PACKAGE = Path(__file__).parents[1]
@@ -22,7 +22,7 @@ def robot_models() -> dict[str, Path]:
 
 
 def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
-    """The file that a name or path means: a path if it looks like one or there is such a file, else a shipped name.
+    """The file of a name or path: a path if it looks like one or there is such a file, else a shipped name.
 
     Raises:
         MissionError: if it is neither, with the nearest known name.

@@ -1,4 +1,4 @@
-"""British and American spelling: both are read, with this module; the program writes its own spelling."""
+"""British and American spelling: files and options may have either; the program writes its own."""
 
 from collections.abc import Collection
 
@@ -14,7 +14,7 @@ _PAIRS = (
 
 
 def find(word: str, known: Collection[str]) -> str | None:
-    """The one of some known words that a word is, in either spelling; a word itself goes before other spellings."""
+    """The known word that equals a word in either spelling; the exact spelling is preferred."""
     if word in known:
         return word
     wanted = folded(word)
@@ -22,7 +22,7 @@ def find(word: str, known: Collection[str]) -> str | None:
 
 
 def folded(word: str) -> str:
-    """Equal for words that differ in their spelling only, also in parts of them."""
+    """A word in one spelling: equal for words that differ only in British or American spelling."""
     for british, american in _PAIRS:
         word = word.replace(british, american)
     return word

@@ -1,4 +1,4 @@
-"""From a dataclass to YAML: what is written can be read again, and is made for people."""
+"""Writes a dataclass as YAML that people and `parse` can read."""
 
 import hashlib
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ def digest_of(value: object) -> str:
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
-    """A dataclass, or a value of one, as YAML and JSON have it."""
+    """A dataclass, or a value of one, as dicts, lists and scalars."""
     if schema.is_record(value):
         kind: schema.Kind = type(value)
         keywords = schema.keywords_of(kind)

@@ -9,9 +9,9 @@ import json
 import operator
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import yaml
 
@@ -49,7 +49,7 @@ class Node:
 
     @property
     def found(self) -> str:
-        """What it is, for an error message."""
+        """A description for error messages."""
         if isinstance(self.content, dict):
             return "a mapping of keys"
         if isinstance(self.content, list):
@@ -126,35 +126,33 @@ def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
     return Node(content=content, where=where, folder=Path(), plain=not isinstance(data, str), is_json=True)
 
 
-def compose(text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True) -> Node:
-    """The tree of the one document in a text; of an empty one, if it may be, that of a mapping without keys.
+def compose(text: str, label: str, folder: Path, *, lines: bool = True) -> Node:
+    """The tree of the one document in a text.
 
     Raises:
         Fault: with label, and with the line if there are `lines`.
     """
-    tree, mistakes = compose_all(text, label, folder, may_be_empty=may_be_empty, lines=lines)
+    tree, mistakes = compose_all(text, label, folder, lines=lines)
     if mistakes:
         raise Fault(*mistakes)
     return tree
 
 
-def compose_all(
-    text: str, label: str, folder: Path, *, may_be_empty: bool = False, lines: bool = True
-) -> tuple[Node, list[str]]:
-    """As `compose`, with the mistakes after which the rest could be read.
+def compose_all(text: str, label: str, folder: Path, *, lines: bool = True) -> tuple[Node, list[str]]:
+    """As `compose`, with the mistakes after which reading continued.
 
     Raises:
-        Fault: if it could not.
+        Fault: if it could not continue.
     """
     composer = _Composer(text, label, folder, lines=lines)
     try:
-        return composer.document(may_be_empty=may_be_empty), composer.mistakes
+        return composer.document(), composer.mistakes
     except Fault as fault:
         raise Fault(*composer.mistakes, *fault.args) from None
 
 
 class _Composer:
-    """Nodes from the parser's events; `mistakes` are those after which it went on."""
+    """Makes nodes from the parser's events; `mistakes` are those after which it continued."""
 
     def __init__(self, text: str, label: str, folder: Path, *, lines: bool) -> None:
         self.label, self.folder, self.lines = label, folder, lines
@@ -176,16 +174,14 @@ class _Composer:
         return f"{self.label}:{mark.line + 1}" if self.lines and mark else self.label
 
     def _mistake(self, place: str, message: str) -> None:
-        """Record a mistake at a place; one too many ends the reading."""
+        """Record a mistake at a place; reading ends when there are MAX_MISTAKES."""
         self.mistakes.append(f"{place}: {message}")
         if len(self.mistakes) >= MAX_MISTAKES:
             raise Fault
 
-    def document(self, *, may_be_empty: bool = False) -> Node:
+    def document(self) -> Node:
         next(self.events)
         if isinstance(next(self.events), yaml.StreamEndEvent):
-            if may_be_empty:
-                return Node(content={}, where=self.label, folder=self.folder)
             raise Fault(f"{self.label}: expected keys and values, found an empty text")
         root = self._node(next(self.events), 0)
         next(self.events)
@@ -240,7 +236,7 @@ def steps(path: str) -> list[str | int]:
 
 
 def clashes(assignments: Sequence[str]) -> list[str]:
-    """What is wrong with values given on the command line of which one sets what another sets, or a part of that."""
+    """The mistakes in values given on the command line: one sets what another sets, or a part of it."""
     given: dict[tuple[str | int, ...], str] = {}
     mistakes = []
     for assignment in assignments:
@@ -256,10 +252,10 @@ def clashes(assignments: Sequence[str]) -> list[str]:
 
 
 def override(tree: Node, assignment: str) -> None:
-    """Put a value given on the command line (`--set path=value`) into a tree; that is its place in errors.
+    """Put a value given on the command line (`--set path=value`) into a tree; errors name this option as their place.
 
     Raises:
-        Fault: if it is not of that form, or goes through something that is not there.
+        Fault: if the option is not of that form, or its path leads nowhere.
     """
     label, folder = f"--set {excerpt(assignment)}", Path.cwd()
     path, equals, text = assignment.partition("=")
@@ -280,11 +276,11 @@ def override(tree: Node, assignment: str) -> None:
 
 
 _TAGS = ("shape", "device", "distribution")
-"""Keys that say what a mapping is; one that is something else has nothing to take over."""
+"""Keys that say what a mapping is. A mapping with another value there replaces the base's completely."""
 
 
 def merge(base: Node, changes: Node) -> Node:
-    """A tree with some values put in the place of the base's, key by key; lists are replaced whole."""
+    """The base with the values of another tree, key by key; a list replaces the base's list completely."""
     old, new = base.content, changes.content
     if not isinstance(old, dict) or not isinstance(new, dict):
         return changes
@@ -310,13 +306,20 @@ def _put(node: Node, step: str | int, value: Node, label: str) -> None:
     raise Fault(f"{label}: expected {wanted}, found {node.found} ({node.where})")
 
 
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """Where a record was read, to name the place of what is found wrong with it later."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FromFile:
+    """A record that may have been read from a file, to name the place of a mistake that is found later.
 
-    tree: Node | None = None
+    KIND: What the record is called in messages if it was not read from a file, before its name if it has one.
+    """
 
-    def of(self, path: str, otherwise: str) -> str:
-        """File, line and path of a key, as "my.yaml:3: arena.walls"; `otherwise` for what was not read from a file."""
-        where = otherwise if self.tree is None else self.tree.nearest(steps(path)).where
+    KIND: ClassVar[str]
+    tree: Node | None = field(default=None, repr=False, compare=False)
+
+    def where(self, path: str) -> str:
+        """Place and path of a key: "my.yaml:3: arena.walls"; without a file, "mission foraging: arena.walls"."""
+        if self.tree is None:
+            where = f"{self.KIND} {getattr(self, 'name', '')}".rstrip()
+        else:
+            where = self.tree.nearest(steps(path)).where
         return f"{where}: {path}" if path else where

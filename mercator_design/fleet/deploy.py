@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from mercator_design.config.loading import FieldError, Length, checked, read
+from mercator_design.config.loading import read
+from mercator_design.config.schema import FieldError, Length, checked
 from mercator_design.errors import RobotError, SettingsError
 from mercator_design.fleet.bundle import bundle
 from mercator_design.fleet.ssh import RemoteRobot, on, run, shell

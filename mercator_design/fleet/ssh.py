@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Annotated
 
-from mercator_design.config.loading import Name, Pattern, Range
+from mercator_design.config.schema import Name, Pattern, Range
 from mercator_design.errors import RobotError
 
 _OPTIONS = {

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats
-from mercator_design.config.loading import FieldError, Length, NonNegative, Radians, Range
+from mercator_design.config.schema import FieldError, Length, NonNegative, Radians, Range
 
 WALL_THICKNESS = 0.01
 """Of the outer walls [m], which stand outside the polygon; as the boxes of the ARGoS missions' dodecagon."""

@@ -21,8 +21,17 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats, Numbers
 from mercator_design.config.colours import RGB, Colour, ColourName, rgb
-from mercator_design.config.loading import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
-from mercator_design.config.schema import parameters_of, values_in
+from mercator_design.config.schema import (
+    FieldError,
+    FilePath,
+    KeywordsOf,
+    Length,
+    Name,
+    Range,
+    checked,
+    parameters_of,
+    values_in,
+)
 from mercator_design.errors import described, excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths

@@ -13,22 +13,21 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import (
+from mercator_design.config.loading import parse, read
+from mercator_design.config.schema import (
     FieldError,
     FilePath,
     KeywordsOf,
     Length,
     Name,
-    Origin,
     Range,
     check,
     checked,
-    digest_of,
-    parse,
-    plain,
-    read,
+    parameters_of,
+    problems,
 )
-from mercator_design.config.schema import parameters_of, problems
+from mercator_design.config.writing import digest_of, plain
+from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MercatorError, MissionError, described
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.floor import Dynamics, Floor, FloorTable, check_call
@@ -141,9 +140,10 @@ def _placement_inside(arena: Arena, placement: Placement) -> Iterator[FieldError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mission:
+class Mission(FromFile):
     """The contents of a mission file."""
 
+    KIND: ClassVar = "mission"
     CHECKS: ClassVar = (
         _whole_cycles,
         _cycles_that_fit,
@@ -168,14 +168,9 @@ class Mission:
     lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
     placement: Placement  # where the robots start
     objective: Objective  # what is scored
-    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check(self)
-
-    def where(self, path: str) -> str:
-        """File, line and path of a key, for errors; the mission's name and the path if it was not read from a file."""
-        return self.origin.of(path, self.name)
 
     def realise_floor(self, rng: np.random.Generator) -> FloorTable:
         """As `Floor.realise`.

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mercator_design.config.building import is_name
-from mercator_design.config.loading import FieldError, FilePath
-from mercator_design.config.schema import Kind, mapped, parameters_of, values_in
+from mercator_design.config.schema import FieldError, FilePath, Kind, mapped, parameters_of, values_in
 from mercator_design.system.files import Unreadable, read_small, write_bytes
 
 _LARGEST = 16 << 20  # bytes of a file

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats
-from mercator_design.config.loading import FieldError, Length, Range, checked
+from mercator_design.config.schema import FieldError, Length, Range, checked
 from mercator_design.missions.arena import Arena, Coordinate, Heading, Point, Size
 
 Headings: TypeAlias = Heading | Literal["uniform"]

@@ -22,8 +22,8 @@ import numpy as np
 
 from mercator_design import jit
 from mercator_design.arrays import Floats
-from mercator_design.config.loading import FieldError, Length, check_parameter
-from mercator_design.config.schema import parameters_of, values_in
+from mercator_design.config.loading import check_parameter
+from mercator_design.config.schema import FieldError, Length, parameters_of, values_in
 from mercator_design.errors import MissionError, described
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
 from mercator_design.system.interruptions import signals_first

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.config.json_data import from_json
-from mercator_design.config.loading import plain
+from mercator_design.config.writing import plain
 from mercator_design.errors import RaceError
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Number

@@ -5,14 +5,17 @@ and its assessment may differ in either (pseudo-reality) without a line of code.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import FieldError, Origin, Range, checked, is_name, read
+from mercator_design.config.building import is_name
+from mercator_design.config.loading import read
+from mercator_design.config.schema import FieldError, Range, checked
+from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
@@ -39,8 +42,10 @@ Bound = Annotated[float, Range(-1e9, 1e9)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RobotModel:
-    """A robot in simulation; it has no device that is left out."""
+class RobotModel(FromFile):
+    """A robot in simulation; it lacks the devices that are null."""
+
+    KIND: ClassVar = "robot model"
 
     schema: Literal[1] = 1  # version of this format
     name: str  # by default the file's
@@ -63,7 +68,6 @@ class RobotModel:
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
     vary: Mapping[str, tuple[Bound, Bound]] | None = None  # bounds of the value of each key, drawn for each instance
-    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checked(self._mistakes())
@@ -79,10 +83,6 @@ class RobotModel:
                 yield FieldError("neighbours.device", "there is no lidar")
             elif self.lidar.head_radius == 0.0 and self.lidar.height >= self.body.height:
                 yield FieldError("neighbours.device", "the lidar sees no robots: lidar.head_radius is 0")
-
-    def where(self, path: str) -> str:
-        """File, line and path of a key, for errors; the model's name and the path if it was not read from a file."""
-        return self.origin.of(path, f"robot model {self.name}")
 
     @property
     def fastest(self) -> float:

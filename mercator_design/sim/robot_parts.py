@@ -8,7 +8,7 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 from mercator_design.config.colours import STATE_COLOURS, ColourName, Levels
-from mercator_design.config.loading import Ascending, FieldError, Length, NonNegative, Range
+from mercator_design.config.schema import Ascending, FieldError, Length, NonNegative, Range
 from mercator_design.missions.arena import Angle, Height
 
 Spread = Annotated[float, Range(0.0, 1000.0)]

@@ -9,11 +9,13 @@ faults:
 
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from mercator_design.config.loading import Length, Origin, Range, read
+from mercator_design.config.loading import read
+from mercator_design.config.schema import Length, Range
+from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.ports import DeviceName
 
@@ -141,17 +143,14 @@ Fault: TypeAlias = LineFault | PortLoss | Battery | Stall | Heat
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Script:
-    """What goes wrong with the robots of an arena."""
+class Script(FromFile):
+    """The faults of the robots of an arena."""
+
+    KIND: ClassVar = "script of faults"
 
     schema: Literal[1] = 1  # version of this format
     seed: Annotated[int, Range(0, 2**63 - 1)] = 1  # of which bytes are hit, and how
     faults: Annotated[tuple[Fault, ...], Length(0, 10_000)] = ()  # in any order
-    origin: Origin = field(default=Origin(), repr=False, compare=False)
-
-    def where(self, path: str) -> str:
-        """File, line and path of a key, for errors; the path if the script was not read from a file."""
-        return self.origin.of(path, "the script of faults")
 
 
 def read_script(path: str | Path) -> Script:

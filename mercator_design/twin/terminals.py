@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings

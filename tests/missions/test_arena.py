@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.config.loading import FieldError
+from mercator_design.config.schema import FieldError
 from mercator_design.missions.arena import Arena, Box, Polygon, RegularPolygon, _crossing, check_polygon, walls_meet
 
 DODECAGON = RegularPolygon(sides=12, apothem=1.226)

@@ -11,7 +11,7 @@ import pytest
 
 from mercator_design import seeds
 from mercator_design.config.colours import COLOURS
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.dynamics import change_floor

@@ -10,7 +10,7 @@ from PIL import Image as Pillow
 
 from mercator_design import seeds
 from mercator_design.config.colours import COLOURS
-from mercator_design.config.loading import FieldError
+from mercator_design.config.schema import FieldError
 from mercator_design.missions.floor import (
     LARGEST_IMAGE,
     Disc,

@@ -13,7 +13,8 @@ from PIL import Image as Pillow
 from mercator_design import seeds
 from mercator_design.config import shipped
 from mercator_design.config.colours import COLOURS
-from mercator_design.config.loading import FieldError, Origin, dump
+from mercator_design.config.schema import FieldError
+from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
@@ -462,8 +463,8 @@ objective:
             Simulator(load_mission(tmp_path / "m.yaml", ["robot_model=x"]))
 
     def test_of_a_mission_made_in_python(self):
-        mission = dataclasses.replace(parse_mission(self.TEXT), origin=Origin(), robot_model="x")
-        with pytest.raises(MissionError, match=r"^mission: robot_model: x: no such robot model"):
+        mission = dataclasses.replace(parse_mission(self.TEXT), tree=None, robot_model="x")
+        with pytest.raises(MissionError, match=r"^mission mission: robot_model: x: no such robot model"):
             Simulator(mission)
 
     def test_a_copy_keeps_its_place(self):

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from mercator_design.jit import jittable
-from mercator_design.config.loading import FilePath
+from mercator_design.config.schema import FilePath
 from mercator_design.missions.plugins import dynamic, objective
 
 File = Annotated[str, FilePath()]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mercator_design import seeds
-from mercator_design.config.loading import FieldError
+from mercator_design.config.schema import FieldError
 from mercator_design.missions.arena import Arena, RegularPolygon
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.placement import (

@@ -13,7 +13,7 @@ import yaml
 
 from mercator_design import jit
 from mercator_design.config import shipped
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions import plugins
@@ -227,7 +227,7 @@ class TestLoading:
             ("float | bytes", "bytes cannot be written in YAML"),
             ("[float]", "[<class 'float'>] cannot be written in YAML"),
             ("Bag", "np.ndarray cannot be written in YAML"),
-            ("tuple[Bag | Sack, ...]", "nothing tells Bag and Sack apart"),
+            ("tuple[Bag | Sack, ...]", "Bag and Sack cannot be distinguished"),
             ("float = float('inf')", "its default inf cannot be written in YAML as a number"),
             ("int = 2.5", "its default 2.5 cannot be written in YAML as a whole number"),
             ("float = object()", "its default <object object at"),
@@ -257,7 +257,7 @@ class TestLoading:
             from collections.abc import Mapping
             from dataclasses import dataclass
             from typing import Annotated, Literal, NamedTuple
-            from mercator_design.config.loading import Length, Positive, Range
+            from mercator_design.config.schema import Length, Positive, Range
             from mercator_design.missions.plugins import Zone, objective
 
             class Pair(NamedTuple):

@@ -11,7 +11,7 @@ import pytest
 
 from mercator_design.config import shipped
 from mercator_design.config.colours import COLOURS
-from mercator_design.config.loading import FieldError
+from mercator_design.config.schema import FieldError
 from mercator_design.errors import MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm

@@ -4,7 +4,8 @@ import math
 import pytest
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import dump, parse
+from mercator_design.config.loading import parse
+from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import ReferenceModel
 from mercator_design.sim.devices import DEVICES, PARTS

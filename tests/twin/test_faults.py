@@ -127,7 +127,7 @@ faults:
 
     def test_a_robot_that_is_not_there(self):
         with pytest.raises(
-            SettingsError, match=r"^the script of faults: faults\[0\].robot: expected a robot's number, 0 to"
+            SettingsError, match=r"^script of faults: faults\[0\].robot: expected a robot's number, 0 to"
         ):
             Talk(script=Script(faults=(Battery(at=1, robot=3, level=3),)))
 

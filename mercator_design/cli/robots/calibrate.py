@@ -8,7 +8,7 @@ import click
 from mercator_design.calibration.sensors import calibrate as fit
 from mercator_design.cli.options import picture, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result
-from mercator_design.config.loading import is_name
+from mercator_design.config.building import is_name
 from mercator_design.errors import MercatorError
 from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
 from mercator_design.sim.robot_model import load_robot_model

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from mercator_design.arrays import Floats
 from mercator_design.config.colours import Colour, rgb
-from mercator_design.config.loading import FieldError, Length, Positive, Range, checked
+from mercator_design.config.schema import FieldError, Length, Positive, Range, checked
 from mercator_design.jit import jittable
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import Site, Zones, dynamic

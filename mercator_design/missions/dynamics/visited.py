@@ -2,7 +2,7 @@
 
 from mercator_design.arrays import Floats
 from mercator_design.config.colours import Colour, rgb
-from mercator_design.config.loading import Positive
+from mercator_design.config.schema import Positive
 from mercator_design.jit import jittable
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from mercator_design.arrays import Floats, Numbers
-from mercator_design.config.loading import Positive, Range
+from mercator_design.config.schema import Positive, Range
 from mercator_design.missions.arena import Point, Size
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
-from mercator_design.config.loading import Range
+from mercator_design.config.schema import Range
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.arena import Size
 from mercator_design.missions.floor import FloorTable

@@ -7,7 +7,7 @@ import numpy as np
 
 from mercator_design.arrays import Numbers
 from mercator_design.config.colours import Colour, ColourName, rgb
-from mercator_design.config.loading import FieldError, Length, Range
+from mercator_design.config.schema import FieldError, Length, Range
 from mercator_design.missions.plugins import When, Zones, objective
 from mercator_design.missions.trace import Trace
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mercator_design.config.loading import FieldError
+from mercator_design.config.schema import FieldError
 from mercator_design.missions.arena import Angle, Point, Size
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats
-from mercator_design.config.loading import FieldError, Range
+from mercator_design.config.schema import FieldError, Range
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import objective

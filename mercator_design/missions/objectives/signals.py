@@ -7,7 +7,7 @@ import numpy as np
 
 from mercator_design.arrays import Flags
 from mercator_design.config.colours import Colour, ColourName, rgb
-from mercator_design.config.loading import Length
+from mercator_design.config.schema import Length
 from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import Zone, Zones, objective
 from mercator_design.missions.trace import Trace

@@ -7,7 +7,7 @@ import click
 
 from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, print_message, print_result
 from mercator_design.config.colours import COLOURS, ColourName
-from mercator_design.config.loading import dump
+from mercator_design.config.writing import dump
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
 from mercator_design.robot.devices.settings_file import change, rehearse
 from mercator_design.robot.run.safety import Signals

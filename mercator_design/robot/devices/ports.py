@@ -20,7 +20,7 @@ import serial
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from mercator_design.config.loading import FieldError, Pattern, checked
+from mercator_design.config.schema import FieldError, Pattern, checked
 from mercator_design.errors import RobotError, RobotStopped
 
 PortName = Annotated[

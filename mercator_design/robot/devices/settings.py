@@ -5,10 +5,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName, Levels
-from mercator_design.config.loading import FieldError, Length, Name, Origin, Range, checked, parse, text_of
+from mercator_design.config.loading import parse, text_of
+from mercator_design.config.schema import FieldError, Length, Name, Range, checked
+from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.fsm.reference import ReferenceModel
@@ -82,8 +84,10 @@ class SwarmSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
-    """One robot; what is left out is as usual."""
+class Settings(FromFile):
+    """The settings of one robot; a key that is missing has its default."""
+
+    KIND: ClassVar = "settings of robot"
 
     schema: Literal[1] = 1  # version of this format
     name: Name = "mercator"  # by which it answers
@@ -98,7 +102,6 @@ class Settings:
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
     swarm: SwarmSettings = SwarmSettings()
     reference_model: ReferenceModel = ReferenceModel()
-    origin: Origin = field(default=Origin(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checked(
@@ -106,10 +109,6 @@ class Settings:
             for name in _NOT_HERE
             if getattr(self.reference_model, name) != 0.0
         )
-
-    def where(self, path: str) -> str:
-        """File, line and path of a key, for errors; the path if the settings were not read from a file."""
-        return self.origin.of(path, "the robot's settings")
 
     def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
         """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
@@ -177,7 +176,8 @@ def read_settings(path: Path) -> Settings:
 
 def parse_settings(text: str, label: str, folder: Path) -> Settings:
     """As `read_settings`, of a text, which `label` names in errors; an empty one sets nothing."""
-    return parse(text, Settings, error=SettingsError, label=label, folder=folder, may_be_empty=True)
+    is_empty = not any(line.partition("#")[0].strip() for line in text.splitlines())
+    return parse("{}" if is_empty else text, Settings, error=SettingsError, label=label, folder=folder)
 
 
 def control_period_of(header: Mapping[str, str]) -> float:

@@ -1,0 +1,26 @@
+"""Processes that tests start, and waiting for what they do."""
+
+import contextlib
+import subprocess
+import time
+
+LIMIT = 60.0  # [s] only reached when something is wrong, however busy the machine is
+
+
+@contextlib.contextmanager
+def started(*command, **options):
+    """A process of this command, which is killed at the end if it still runs: a failed assertion does not wait for it."""
+    with subprocess.Popen([*map(str, command)], **{"text": True, **options}) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_until(condition, limit=LIMIT):
+    """Wait for a condition and return its value."""
+    end = time.monotonic() + limit
+    while not (value := condition()):
+        assert time.monotonic() < end, f"not within {limit:g} s"
+        time.sleep(0.01)
+    return value

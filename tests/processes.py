@@ -9,7 +9,7 @@ LIMIT = 60.0  # [s] only reached when something is wrong, however busy the machi
 
 @contextlib.contextmanager
 def started(*command, **options):
-    """A process of this command, which is killed at the end if it still runs: a failed assertion does not wait for it."""
+    """A process of this command, killed at the end if it still runs: a failed assertion does not wait for it."""
     with subprocess.Popen([*map(str, command)], **{"text": True, **options}) as process:
         try:
             yield process

@@ -24,6 +24,8 @@ from typing import Literal, NamedTuple, TypeAlias
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.robot.devices.health import Answers
+from mercator_design.robot.devices.ports import DEVICES
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.sweep import Sweep
@@ -31,6 +33,7 @@ from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error
 from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.run.monitor import Monitor
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.twin.arena import TwinArena, without_noise
@@ -78,6 +81,7 @@ def perceived(rate: float, seconds: float, *, is_moving: bool, seed: int = 1) ->
     twin = Twin(TwinArena(_mission(), without_noise(load_robot_model("mercator")), 1), _faults(rate, seed))
     settings = Settings()
     senses, alone = (Senses(settings, ("neighbours",), settings.labels_of({})) for _ in range(2))
+    monitor = Monitor(settings.limits, senses, Answers(), dict.fromkeys(DEVICES, "/dev/tty"))
     alone.sweep = _LastTurn()
     robot, *others = twin.robots
     host, lidar = rvr.Host(), ydlidar.decoder()
@@ -97,14 +101,14 @@ def perceived(rate: float, seconds: float, *, is_moving: bool, seed: int = 1) ->
         if tick % _CYCLE == 0:
             for other in others:
                 other.receive("rvr", drive, now)
-            for _ in senses.look(now, {"rvr": host.counts, "lidar": lidar.counts, "proximity": Counts()}):
+            for _ in monitor.look(now, {"rvr": host.counts, "lidar": lidar.counts, "proximity": Counts()}):
                 pass
             is_silent, share = "lidar" in senses.stale(now), senses.lines["lidar"].share
-            senses.lines["lidar"].least = 0.0  # so that it is seen what would be perceived
+            senses.lines["lidar"].min_share = 0.0  # so that it is seen what would be perceived
             whole, last = (int(each.readings(now).neighbours) for each in (senses, alone))
             if now > _BEGIN:
                 yield Cycle(whole, last, share, is_silent)
-            senses.lines["lidar"].least = settings.limits.lidar_whole
+            senses.lines["lidar"].min_share = settings.limits.lidar_whole
 
 
 def _faults(rate: float, seed: int) -> Script:

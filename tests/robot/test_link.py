@@ -50,7 +50,7 @@ def line(monkeypatch):
 
 @pytest.fixture
 def link(line):
-    return Link([line], lambda _event, _now: None)
+    return Link([line])
 
 
 def test_an_rvr_that_takes_time_to_wake_up(link, line):
@@ -123,7 +123,7 @@ def test_commands_that_are_counted_are_answered_or_lost(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, next(errors)) if len(commands) < 4 else b""
     for _ in range(4):
         link.send("rvr", link.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
-        link.attend(0.0)
+        link.discard()
     link.answers.look(time.monotonic())
     assert (link.answers.all, link.answers.lost) == (3, 1)
     link.answers.look(time.monotonic() + 1.0)
@@ -161,5 +161,37 @@ def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(link, line):
     link.ask("get_battery_percentage")
     assert "make no sense" not in link.remedy("rvr")
     line.say(400 * noise)
-    link.attend(0.0)
+    link.discard()
     assert "make no sense" in link.remedy("rvr")
+
+
+def test_events_that_come_while_a_question_waits_are_not_lost(link, line):
+    """They come with the next poll, in their order, the answer among them; each once."""
+    line.answer = lambda commands: (
+        line.robot.notify("did_wake") + line.robot.answer(commands[-1].frame) + line.robot.notify("robot_has_stopped")
+    )
+    began = time.monotonic()
+    link.ask("enable_color_detection", is_enabled=True)
+    heard = [*link.poll()]
+    assert [event.name for event, _ in heard] == ["did_wake", "enable_color_detection", "robot_has_stopped"]
+    assert all(began <= each.time <= time.monotonic() for each in heard)
+    assert [*link.poll()] == []
+
+
+def test_who_stops_polling_finds_the_rest_later(link, line):
+    line.say(line.robot.notify("did_wake") + line.robot.notify("robot_has_stopped"))
+    assert next(link.poll()).event.name == "did_wake"
+    assert [event.name for event, _ in link.poll()] == ["robot_has_stopped"]
+
+
+def test_what_was_heard_before_a_port_is_lost_is_not_lost_with_it(link, line):
+    """In one look at all ports."""
+    other = Line()
+    other.device, other.read = "lidar", lambda: (_ for _ in ()).throw(RobotError("lidar: the port is lost"))
+    both = Link([line, other])
+    line.say(line.robot.notify("did_wake"))
+    other.say(b"x")
+    with pytest.raises(RobotError, match="lidar: the port is lost"):
+        next(both.poll())
+    assert [event.name for event, _ in both.poll()] == ["did_wake"]
+    other.close()

@@ -1,9 +1,9 @@
 """What the robot makes of what its devices tell, and how it is started up and shut down, on pseudo-terminals."""
 
 import math
+import socket
 import threading
 import time
-from collections import deque
 from contextlib import closing, contextmanager
 
 import pytest
@@ -12,15 +12,18 @@ from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot.devices import link, ports, start
+from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
 from mercator_design.robot.devices.samples import STREAMED, converted
 from mercator_design.robot.devices.settings import Limits, Settings
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr import Response, RvrEnd
-from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Processor
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run import mercator
 from mercator_design.robot.run.mercator import COMMANDS_END, Mercator
+from mercator_design.robot.run.monitor import Monitor
+from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.lines import QUIET
@@ -42,7 +45,7 @@ NEAR = ReferenceModel().neighbour_range
 @pytest.fixture(autouse=True)
 def soon(request, monkeypatch):
     """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
-    monkeypatch.setattr(link, "_LOOK", 0.0002)
+    monkeypatch.setattr(mercator, "_LOOK", 0.0002)
     if "whole_start" not in request.fixturenames:
         monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
 
@@ -364,62 +367,96 @@ def test_who_was_held_up_senses_anew(devices):
         assert (readings.proximity_x, readings.neighbours) == (0.0, 1.0)
 
 
-def test_what_is_refused_is_noted_and_the_robot_goes_on(devices):
+def test_what_is_refused_is_noted_and_the_robot_goes_on(devices, monkeypatch):
     refused = "get_battery_percentage", "get_battery_voltage_state", "set_all_leds"
     with robot_on(devices, ()) as robot:
         devices.instead = {name: {"error": 4} for name in refused}
         robot.show(dict.fromkeys(LIGHTS, (0, 0, 0)))
-        robot._polled = -math.inf
-        robot.poll()
+        monkeypatch.setattr(mercator, "QUERY_EVERY", 0.0)
+        robot.query()
         robot.attend(time.monotonic() + 0.2)
-        noted = [note for note, _ in robot.notes if "refused" in note]
+        notes = []
+        robot.notes.send_to(notes.append)
+        noted = [note for note in notes if "refused" in note]
         assert sorted(noted) == [f"{name} was refused: restricted" for name in refused]
-        assert robot.facts["battery"] == "87 %"
+        assert robot.monitor.battery == "87 %"
 
 
 def test_a_lidar_that_sees_nothing_is_noted(devices):
+    notes = []
+
     def lidar_notes(robot):
         robot.attend(time.monotonic() + 0.5)
-        return [note for note, _ in robot.notes if note.startswith("lidar")]
+        return [note for note in notes if note.startswith("lidar")]
 
     with robot_on(devices, ()) as robot:
+        robot.notes.send_to(notes.append)
         assert lidar_notes(robot) == ["lidar: sees nothing"]
         devices.heads = [(0.0, 0.4)]
         assert lidar_notes(robot) == ["lidar: sees nothing", "lidar: sees something again"]
 
 
-def test_of_commands_that_are_refused_one_matters():
-    """A response with an error has no values."""
-    robot, stopped = Mercator(Settings(), (Port(), None, None), SENSES, {}), []
-    for name in COMMANDS:
-        try:
-            robot._take(Response(name, Processor.NORDIC, {}, 4, 1), 0.0)
-        except RobotStopped as error:
-            stopped.append(str(error))
-    assert stopped == ["rvr: it does not drive: restricted; switch it off and on (rvr on /dev/serial0)"]
-
-
 class Port:
-    """That takes all, and is never read."""
+    """Takes all; what `read` returns waits in `said`."""
 
-    name = "/dev/serial0"
+    name, in_waiting = "/dev/serial0", 4096
 
     def __init__(self):
-        self.written = []
+        self.written, self.rvr = [], RvrEnd()
+        self._here, self._there = socket.socketpair()
+        self.fileno = self._here.fileno
+        self.say = self._there.send
 
     def write(self, data):
         self.written.append(data)
 
+    def read(self, size):
+        return self._here.recv(size)
 
-@pytest.mark.parametrize("error", [5, 7])
-def test_a_command_to_drive_that_was_damaged_is_repeated(error):
-    """Once; and nothing is after a stop."""
+    def refuse(self, error):
+        """Refuse the command that was written last."""
+        self.say(self.rvr.answer(self.rvr.receive(self.written[-1])[-1].frame, error))
+
+
+@pytest.fixture
+def port():
     port = Port()
-    robot = Mercator(Settings(), (port, None, None), SENSES, {})
-    refused = Response("drive_tank_si_units", Processor.ST, {}, error, 1)
+    yield port
+    port._here.close()
+    port._there.close()
+
+
+def robot_over(port):
+    return Mercator(Settings(), (port, None, None), SENSES, {})
+
+
+def test_of_commands_that_are_refused_one_matters():
+    """A response with an error has no values."""
+    settings = Settings()
+    monitor = Monitor(settings.limits, Senses(settings, (), {}), Answers(), {})
+    for name in COMMANDS:
+        (note,) = monitor.take(Response(name, Processor.NORDIC, {}, Error.RESTRICTED, 1))
+        assert note == (f"{name} was refused: restricted", False)
+
+
+def test_a_command_to_drive_that_is_refused_stops_the_robot(port):
+    robot = robot_over(port)
     robot.drive(Wheels(0.5, -0.5))
+    port.refuse(Error.RESTRICTED)
+    with pytest.raises(RobotStopped) as stopped:
+        robot.attend(0.0)
+    assert str(stopped.value) == "rvr: it does not drive: restricted; switch it off and on (rvr on /dev/serial0)"
+
+
+@pytest.mark.parametrize("error", [Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE])
+def test_a_command_to_drive_that_was_damaged_is_repeated(port, error):
+    """Once; and nothing is after a stop."""
+    robot = robot_over(port)
+    robot.drive(Wheels(0.5, -0.5))
+    port.refuse(error)
     for _ in range(3):
-        robot._take(refused, 0.0)
+        robot.attend(0.0)
+        port.refuse(error)
     assert [RvrEnd().receive(data)[0].values for data in port.written] == [
         {"left_velocity": pytest.approx(0.15), "right_velocity": pytest.approx(-0.15)}
     ] * 2
@@ -427,34 +464,30 @@ def test_a_command_to_drive_that_was_damaged_is_repeated(error):
     robot.drive(Wheels(0.5, -0.5))
     robot.brake.stop("SIGTERM")
     sent = len(port.written)
-    robot._take(refused, 0.0)
+    port.refuse(error)
+    robot.attend(0.0)
     assert len(port.written) == sent
 
 
 def test_an_rvr_that_answers_too_little_stops_the_robot():
-    """Nothing is read of this port; the message names it, and what to look at."""
-    robot, notes = Mercator(Settings(), (Port(), None, None), SENSES, {}), []
-    now = time.monotonic()
-    for _ in range(9):
-        robot.drive(Wheels(0.5, -0.5))
-    robot._look_at_answers(now + 0.1)
-    assert robot.notes == deque()
-    with pytest.raises(RobotStopped) as stopped:
-        robot._look_at_answers(now + 4.5)
-    assert str(stopped.value) == (
-        "rvr: only 77 % of the commands to it are answered; the limit is 80 %; is its cable loose, too long, or beside "
-        "one of a motor, and is this computer's UART at 115200 baud whatever its clock (enable_uart=1)? "
-        "(rvr on /dev/serial0)"
+    """The message names its port, and what to look at."""
+
+    def looks(commands):
+        settings, answers = Settings(), Answers()
+        monitor = Monitor(settings.limits, Senses(settings, (), {}), answers, {"rvr": "/dev/serial0"})
+        for number in range(commands):
+            answers.send(number, 0.0)
+        assert [*monitor.look(0.1, {})] == []
+        return [note.text for note in monitor.look(4.5, {})]
+
+    remedy = (
+        "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud whatever "
+        "its clock (enable_uart=1)? (rvr on /dev/serial0)"
     )
-    robot = Mercator(Settings(), (Port(), None, None), SENSES, {})
-    robot.report(lambda _: None, notes.append)
-    for _ in range(5):
-        robot.drive(Wheels(0.5, -0.5))
-    robot._look_at_answers(now + 0.1)
-    robot._look_at_answers(now + 4.5)
-    assert [note.partition("; is its cable")[0] for note in notes] == [
-        "rvr: only 87 % of the commands to it are answered; below 80 % the robot stops"
-    ]
+    with pytest.raises(RobotStopped) as stopped:
+        looks(9)
+    assert str(stopped.value) == f"rvr: only 77 % of the commands to it are answered; the limit is 80 %; {remedy}"
+    assert looks(5) == [f"rvr: only 87 % of the commands to it are answered; below 80 % the robot stops; {remedy}"]
 
 
 def test_lamps_are_set_again(devices, monkeypatch):

@@ -3,10 +3,17 @@
 import pytest
 
 from benchmarks.damaged_lines import perceived
+from mercator_design.robot.devices.health import Answers
+from mercator_design.robot.devices.ports import DEVICES
 from mercator_design.robot.devices.settings import Limits, Settings
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.multiflex import Distances
-from mercator_design.robot.run.senses import Senses, Whole
+from mercator_design.robot.run.monitor import Monitor, Note
+from mercator_design.robot.run.senses import Senses
+
+
+def monitor_of(senses, settings):
+    return Monitor(settings.limits, senses, Answers(), dict.fromkeys(DEVICES, "/dev/tty"))
 
 
 def mean(values):
@@ -34,28 +41,36 @@ def test_a_damaged_line_is_silent_before_neighbours_are_missed_for_long(rate):
 
 def test_a_damaged_line_is_noted_once_though_the_robot_senses_anew():
     senses, now, notes = Senses(Settings(), (), {}), 0.0, []
+    monitor = monitor_of(senses, Settings())
     for _ in range(4):
         for k in range(1, 31):
             now += 0.1
             counts = {"rvr": Counts(), "lidar": Counts(), "proximity": Counts(200 * k, 60 * k, k)}
-            notes += senses.look(now, counts)
+            notes += monitor.look(now, counts)
         senses.forget()
     assert len(notes) == 1
 
 
 def test_what_is_not_needed_and_damaged_is_neutral():
-    senses = Senses(Settings(limits=Limits(proximity_whole=0.5)), (), {})
+    settings = Settings(limits=Limits(proximity_whole=0.5))
+    senses = Senses(settings, (), {})
+    monitor = monitor_of(senses, settings)
     senses.take(Distances((200, *(65535,) * 7)), 0.1)
     near = senses.readings(0.1)
     counts = {"rvr": Counts(), "lidar": Counts()}
-    notes = [*senses.look(0.1, counts | {"proximity": Counts(20, 0, 0)})]
+    notes = [*monitor.look(0.1, counts | {"proximity": Counts(20, 0, 0)})]
     assert notes == []
-    assert [*senses.look(0.3, counts | {"proximity": Counts(22, 2, 1)})] == []  # one frame of the first few
+    assert [*monitor.look(0.3, counts | {"proximity": Counts(22, 2, 1)})] == []  # one frame of the first few
     senses.take(Distances((200, *(65535,) * 7)), 1.9)
     assert senses.readings(1.9)[:2] == near[:2]
-    notes = [*senses.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
-    words = "only 28 % of what it sends arrives whole; below 50 % it counts as silent"
-    assert notes == [Whole("proximity", words, is_worse=True)]
+    notes = [*monitor.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
+    assert notes == [
+        Note(
+            "proximity: only 28 % of what it sends arrives whole; below 50 % it counts as silent; is its USB cable "
+            "loose, too long, or beside one of a motor? (proximity on /dev/tty)",
+            matters=True,
+        )
+    ]
     assert near[:2] != (0.0, 0.0)
     assert senses.readings(2.0)[:2] == (0.0, 0.0)
     assert senses.stale(2.0).keys() == {"attitude"}

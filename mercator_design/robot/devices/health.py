@@ -35,15 +35,15 @@ class LineHealth:
     share: In the last window, 0 to 1; 1 if nothing came.
     """
 
-    def __init__(self, least: float, window: float = WINDOW, fewest: float = 0.0) -> None:
+    def __init__(self, min_share: float, window: float = WINDOW, min_count: float = 0.0) -> None:
         """Begin with a line of which nothing is known.
 
         Args:
-            least: Share below which nothing that is told can be relied on.
+            min_share: Share below which the line cannot be relied on.
             window: Time over which it is counted [s].
-            fewest: How much is counted at least; what is missing of it counts as whole.
+            min_count: How much is counted at least; what is missing of it counts as whole.
         """
-        self.least, self._window, self._fewest = least, window, fewest
+        self.min_share, self._window, self._min_count = min_share, window, min_count
         self._is_noted, self._ill = False, -math.inf
         self.forget()
 
@@ -55,7 +55,7 @@ class LineHealth:
     @property
     def is_broken(self) -> bool:
         """Whether too little arrives whole."""
-        return self.share < self.least
+        return self.share < self.min_share
 
     def look(self, now: float, lost: float, received: float) -> bool | None:
         """Take in how much was lost, and how much came, up to a time [s], both counted from any beginning.
@@ -73,9 +73,9 @@ class LineHealth:
         first = self._looks[0]
         # Until a window is full, what is missing of it counts as whole: one damaged frame of a few says little.
         came = (look.all - first.all) * max(1.0, self._window / max(now - first.time, _STEP))
-        came = max(came, self._fewest)
+        came = max(came, self._min_count)
         self.share = 1.0 - (look.lost - first.lost) / came if came > 0 else 1.0
-        worse = matters_below(self.least)
+        worse = matters_below(self.min_share)
         if self.share < matters_below(worse):  # further up, and for some time, so that notes are few
             self._ill = now
         if self.share < worse if not self._is_noted else now - self._ill > _CALM:

@@ -10,6 +10,7 @@ from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import Acknowledgement
+from mercator_design.robot.protocols.rvr import Notification
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
 
@@ -73,7 +74,7 @@ def wake_rvr(link: Link) -> RvrIdentity:
     link.send_command("disable_notifications_and_active_commands")
     end_streaming(link)
     link.send_command("wake")
-    link.until(lambda: any(getattr(said, "name", "") == "did_wake" for said in link.said), _WAKING)
+    link.wait_for(Notification, lambda notification: notification.name == "did_wake", _WAKING)
     firmware = {}
     for processor in Processor:
         version = link.ask("get_main_application_version", processor)
@@ -111,7 +112,7 @@ def start_lidar(link: Link, line: Line) -> Lidar:
     line.set_dtr(high=True)
     health = _agreed(link, "health", Health)
     if health is None:
-        raise RobotError(f"its answers about its health differ; {link.remedy_of_damage('lidar')}", device="lidar")
+        raise RobotError(f"its answers about its health differ; {link.damage_remedy('lidar')}", device="lidar")
     if health.status == _ERROR:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")

@@ -13,7 +13,6 @@ from xml.parsers.expat import ExpatError
 
 from mercator_design.config.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.sweep import Sweep
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
@@ -283,21 +282,18 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
         robot = control.robot
         robot.introduce(report)
         sweep = Sweep(settings.lidar_angle)  # as the robot saw it, wherever it turned
-
-        def listen(event: Event, _: float) -> None:
-            if isinstance(event, Packet):
-                sweep.add(event)
-
-        robot.listen = listen
         orders, reports = Orders(robot.brake, silence, report), Reports(robot.senses, sweep, node.namespace, rate)
-        robot.report(report)
+        robot.notes.send_to(report)
         node.obey(robot.brake, orders)
         report(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
         control.arm()
         for now in control.cycles(PERIOD):
+            for event, _ in control.heard:
+                if isinstance(event, Packet):
+                    sweep.add(event)
             robot.check_ages()
             robot.brake.drive(*orders.speeds(now))
-            robot.poll()
+            robot.query()
             robot.show(orders.colours)
             for topic, fields in reports.due(now, node.now()):
                 node.publish(topic, fields)

@@ -4,6 +4,7 @@ import contextlib
 import math
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from mercator_design.config.colours import RGB, ColourName
 from mercator_design.errors import RobotError, RobotStopped
@@ -11,7 +12,11 @@ from mercator_design.robot.devices.ports import DeviceName, open_ports
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.log import Log
 from mercator_design.robot.run.mercator import Mercator
+from mercator_design.robot.run.monitor import Note
 from mercator_design.robot.run.safety import STALL, Signals, Watchdog, go_first
+
+if TYPE_CHECKING:
+    from mercator_design.robot.devices.link import Heard
 
 _FIRST_HEARTBEAT = 5.0  # [s] to wait for it
 _REFUSED = 10.0  # [s] between notes of refused heartbeats
@@ -21,10 +26,12 @@ class Control:
     """Control of a robot that is started up.
 
     robot: The robot.
+    heard: Events of its devices in the latest `wait`.
     """
 
     def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
         self.robot, self._watchdog, self._log = robot, watchdog, log
+        self.heard: list[Heard] = []
         self._heard, self._late = time.monotonic(), 0.0
         self._refused, self._told_of_refused = 0, -math.inf
 
@@ -81,7 +88,7 @@ class Control:
             RobotError: if the log cannot be written.
         """
         begin = time.monotonic()
-        self.robot.attend(until)
+        self.heard = self.robot.attend(until)
         now = time.monotonic()
         self._late = max(self._late, begin - self._heard, now - max(begin, until))
         if self.robot.brake.why:
@@ -99,7 +106,7 @@ class Control:
         if beats.refused > self._refused:
             self._refused, self._told_of_refused = beats.refused, time.monotonic()
             found = f"{beats.refused} heartbeats refused, the last from {self._watchdog.refused_from}: {beats.why}"
-            self.robot.note(f"swarm: {found}", matters=True)
+            self.robot.notes.add(Note(f"swarm: {found}", matters=True))
 
     def cycles(self, period: float, first: float | None = None) -> Iterator[float]:
         """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.

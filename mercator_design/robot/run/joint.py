@@ -127,7 +127,7 @@ class Joint(AtOnce):
         control.wait(until)
         control.refresh()
         control.robot.check_ages()
-        control.robot.poll()
+        control.robot.query()
         if self._follower.why:
             raise RobotStopped(self._follower.why)
 

@@ -3,7 +3,6 @@
 import contextlib
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -11,17 +10,16 @@ from typing import Any
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, MIN_ANSWERS, LineHealth, RvrHealth, charge, percent
-from mercator_design.robot.devices.link import Event, Link, words
+from mercator_design.robot.devices.link import Heard, Link, words
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, Line, Ports
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, start_hub, start_lidar, stop_lidar, stop_rvr, wake_rvr
-from mercator_design.robot.devices.sweep import MIN_READINGS
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.rvr import Notification, Response
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, lights
 from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.run.monitor import Monitor, Note, Notes
 from mercator_design.robot.run.safety import Brake
 from mercator_design.robot.run.senses import Senses, Stale
 
@@ -29,13 +27,13 @@ COMMANDS_END = 0.3
 """[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
 PERIOD = 0.05
 """[s] of the RVR's streaming."""
-POLL = 1.0
+QUERY_EVERY = 1.0
 """[s] between questions after battery and motors."""
 
-_BEGIN = 5.0  # [s] until every sensor has told something; a lidar's motor takes a few
+_BEGIN = 5.0  # [s] until every sensor has sent something; a lidar's motor takes a few
+_LOOK = 0.01  # [s]
 _SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
-_NOTES = 100
-_DRIVE = "drive_tank_si_units"
+_DRIVE, _STOPPED = "drive_tank_si_units", "robot_has_stopped"
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
@@ -43,10 +41,10 @@ class Mercator:
     """A Mercator robot, to be started up, and closed on every way out, which stops it and shuts it down.
 
     senses: What it perceives.
-    facts: Versions and the like, to show to users.
-    notes: Notes that wait for `report`, each with whether users should see it at once; the latest only.
+    monitor: How well its devices are.
+    facts: Versions and the like, to show to users, of when it was started up.
+    notes: On what happens to it.
     stop_failure: Why its stop is not confirmed, once it is closed; empty if it is confirmed.
-    listen: Called with each event of the devices and its time [s].
     """
 
     def __init__(
@@ -65,19 +63,18 @@ class Mercator:
         """
         self.senses = Senses(settings, reads, labels)
         lines = {device: Line(device, port) for device, port in zip(DEVICES, ports, strict=True) if port is not None}
-        self._link = Link(lines.values(), self._take)
+        self._link = Link(lines.values())
         self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
         self._settings = settings
-        self._is_blind = self._do_commands_end = False
-        self._polled = -math.inf
+        self._do_commands_end = False
+        self._queried = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
-        self._health = RvrHealth(settings.limits)
-        self._answered = LineHealth(settings.limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
+        self.monitor = Monitor(
+            settings.limits, self.senses, self._link.answers, {device: self._link.port(device) for device in lines}
+        )
         self.facts: dict[str, Any] = {}
+        self.notes = Notes()
         self.stop_failure = ""
-        self.notes: deque[tuple[str, bool]] = deque(maxlen=_NOTES)
-        self._reports: tuple[Callable[[str], None], Callable[[str], None]] | None = None
-        self.listen: Callable[[Event, float], None] = lambda _event, _now: None
         self.brake = Brake(
             partial(self._link.send, "rvr"), self._drive_command, halt(self._link), settings.limits.speed
         )
@@ -92,75 +89,46 @@ class Mercator:
         if swarm.heartbeat is not None and swarm.key is None:
             unsigned = "heartbeats are not signed: anybody in the network can keep this robot running"
             report(f"Warning: {unsigned}; swarm.key in robot.yaml")
-            self.note(unsigned)
+            self.notes.add(Note(unsigned))
 
-    def report(self, note: Callable[[str], None], report: Callable[[str], None] = lambda _: None) -> None:
-        """Send notes to `note` from now on, and those that matter to users to `report`, too."""
-        self._reports = note, report
-        while self.notes:
-            text, matters = self.notes.popleft()
-            self.note(text, matters=matters)
-
-    def note(self, text: str, *, matters: bool = False) -> None:
-        """Write a note; report it to users if it matters to them."""
-        if self._reports is None:
-            self.notes.append((text, matters))
-            return
-        note, report = self._reports
-        note(text)
-        if matters:
-            report(text)
-
-    def attend(self, until: float) -> None:
-        """Read the devices until a time [s, of time.monotonic()], once at least.
+    def attend(self, until: float) -> list[Heard]:
+        """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
 
         Raises:
             Stopped: if a device says that the robot must not drive, or a port is lost.
         """
-        self._link.attend(until)
-        self._look(time.monotonic())
+        return self._take(self._link.poll(until))
 
-    def _look(self, now: float) -> None:
-        """Check at a time [s] the quality of the lines, and whether a tread is stuck."""
-        for device, text, is_worse in self.senses.look(now, self._counts()):
-            remedy = f"; {self._link.remedy_of_damage(device)}" if is_worse else ""
-            self.note(f"{device}: {text}{remedy}", matters=True)
-        self._look_at_answers(now)
-        self._health.look(now)
+    def _take(self, events: Iterable[Heard]) -> list[Heard]:
+        """Take in events as they come, then check the devices; errors are those of `attend`."""
+        taken = []
+        for heard in events:
+            taken.append(heard)
+            if self.senses.take(*heard):
+                self._add_notes(self.monitor.end_turn())
+            self._add_notes(self.monitor.take(heard.event))
+            if isinstance(heard.event, Response) and heard.event.name == _DRIVE and heard.event.error:
+                self._refuse_drive(heard.event.error)
+        self._add_notes(self.monitor.look(time.monotonic(), self._counts()))
+        return taken
 
-    def _look_at_answers(self, now: float) -> None:
-        """Check at a time [s] whether the RVR answers commands: it does not answer those that are damaged on their way.
+    def _add_notes(self, notes: Iterable[Note]) -> None:
+        for note in notes:
+            self.notes.add(note)
 
-        Raises:
-            Stopped: if too few are answered.
-        """
-        answers, line = self._link.answers, self._answered
-        answers.look(now)
-        is_worse = line.look(now, answers.lost, answers.all)
-        found, least = f"{percent(line.share)} of the commands to it are answered", percent(line.least)
-        if line.is_broken:
-            raise RobotStopped(f"rvr: only {found}; the limit is {least}; {self._link.remedy_of_damage('rvr')}")
-        if is_worse is not None:
-            worse = f"only {found}; below {least} the robot stops; {self._link.remedy_of_damage('rvr')}"
-            self.note(f"rvr: {worse if is_worse else f'{found} again'}", matters=True)
+    def _refuse_drive(self, error: int) -> None:
+        """The RVR has refused a command to drive: send it again if it was damaged on its way."""
+        if error not in DAMAGED:
+            port = self._link.port("rvr")
+            raise RobotStopped(f"rvr: it does not drive: {words(error)}; switch it off and on (rvr on {port})")
+        self._link.answers.repeated += self.brake.repeat()
 
     def _counts(self) -> dict[DeviceName, Counts]:
         return {device: self._link.counts(device) for device in self._devices}
 
     def lines(self) -> dict[DeviceName, list[float]]:
-        """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
-
-        Of the lidar's the readings of its last turn, too; of the RVR's the share of commands that were answered, and of
-        commands how many were sent, not answered, and repeated.
-        """
-        found: dict[DeviceName, list[float]] = {
-            device: [round(self.senses.lines[device].share, 4), *count] for device, count in self._counts().items()
-        }
-        answers = self._link.answers
-        found["rvr"] += [round(self._answered.share, 4), answers.all, answers.lost, answers.repeated]
-        if "lidar" in found:
-            found["lidar"].append(self.senses.sight)
-        return found
+        """How well each line is now, as `Monitor.lines`."""
+        return self.monitor.lines(self._counts())
 
     def readings(self) -> Readings:
         """The readings of now; those of a stale sensor are neutral.
@@ -185,8 +153,7 @@ class Mercator:
         return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
 
     def _remedy(self, found: Stale) -> str:
-        link = self._link
-        return link.remedy_of_damage(found.device) if found.is_damaged else link.remedy(found.device)
+        return self._link.damage_remedy(found.device) if found.is_damaged else self._link.remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
@@ -199,14 +166,14 @@ class Mercator:
         self.brake.check(left, right)
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
-    def poll(self) -> None:
+    def query(self) -> None:
         """Ask for the state of battery and motors from time to time; this keeps the RVR awake and shows that it hears.
 
         Raises:
             Stopped: if the port is lost.
         """
-        if time.monotonic() - self._polled > POLL:
-            self._polled = time.monotonic()
+        if time.monotonic() - self._queried > QUERY_EVERY:
+            self._queried = time.monotonic()
             for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):
                 self._link.send("rvr", self._link.counted(name))
 
@@ -230,13 +197,13 @@ class Mercator:
             if self._lidar is not None:
                 stop_lidar(link, self._lidar)
         if self.stop_failure:
-            self.note(self.stop_failure)
+            self.notes.add(Note(self.stop_failure))
 
     def start(self) -> None:
         """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
         link = self._link
         self.facts |= wake_rvr(link).words()
-        self._polled = time.monotonic()
+        self._queried = time.monotonic()
         link.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
         self._watch_commands_end()
         link.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
@@ -248,11 +215,12 @@ class Mercator:
         link.ask("enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
+        self.attend(time.monotonic())  # no lidar turns if the battery is critical
         if self._lidar is not None:
             self.facts |= start_lidar(link, self._lidar).words()
         if self._has_hub:
             start_hub(link)
-        self._until_all_is_told()
+        self._await_samples()
 
     def sense_anew(self) -> None:
         """Wait for fresh samples of all senses that are needed: others may have come at any time before.
@@ -261,21 +229,18 @@ class Mercator:
             RobotError: if it is not.
             Stopped: as `attend`.
         """
-        self._link.catch_up()
-        self._until_all_is_told()
+        self._take(self._link.backlog())
+        self._await_samples()
 
-    def _until_all_is_told(self) -> None:
-        self.senses.forget()  # what the lines bring while devices are started may be of before
-        self._link.answers.forget()
-        self._answered.forget()
-
-        def is_told() -> bool:
-            now = time.monotonic()
-            self._look(now)
-            return not self.stale(now)
-
-        self._link.until(is_told, _BEGIN)
-        for why in self.stale(time.monotonic()).values():
+    def _await_samples(self) -> None:
+        """Wait for a fresh sample of each sense that is needed."""
+        self.attend(time.monotonic())
+        self.senses.forget()  # what came while devices were started may be older
+        self.monitor.forget()
+        end = time.monotonic() + _BEGIN
+        while (stale := self.stale(now := time.monotonic())) and now < end:
+            self.attend(now + _LOOK)
+        for why in stale.values():
             raise RobotError(why)
 
     def _watch_commands_end(self) -> None:
@@ -288,18 +253,17 @@ class Mercator:
             RobotError: if it does, and the settings do not permit that.
         """
         self.brake.drive(0.0, 0.0)
-        told = time.monotonic()
+        sent = time.monotonic()
         first = self._controller()
-        self.attend(told + 0.5 * COMMANDS_END)
-        self._link.said.clear()  # what has stopped by then did so because its speed is zero
-        self.attend(told + COMMANDS_END + 0.1)
-        has_stopped = any(getattr(said, "name", "") == "robot_has_stopped" for said in self._link.said)
+        self.attend(sent + 0.5 * COMMANDS_END)  # what has stopped by then did so because its speed is zero
+        heard = self.attend(sent + COMMANDS_END + 0.1)
+        has_stopped = any(isinstance(event, Notification) and event.name == _STOPPED for event, _ in heard)
         last = self._controller()
         self._do_commands_end = has_stopped or (first, last) == (_TANK, _BRAKING)
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
         if self._do_commands_end or self._settings.limits.unending_commands or not first == last == _TANK:
             return
-        self.attend(told + 2.0 * COMMANDS_END)  # this computer may have been late, or the line
+        self.attend(sent + 2.0 * COMMANDS_END)  # this computer may have been late, or the line
         if self._controller() == _TANK:
             raise RobotError(
                 f"rvr: it reports that a drive command does not end after {COMMANDS_END:g} s, so it would drive on if "
@@ -317,41 +281,3 @@ class Mercator:
 
     def _drive_command(self, left: float, right: float) -> bytes:
         return self._link.counted(_DRIVE, left_velocity=left, right_velocity=right)
-
-    def _take(self, event: Event, now: float) -> None:
-        if self._link.is_ending:
-            return
-        self.listen(event, now)
-        if self.senses.take(event, now):
-            self._note_sight()
-        match event:
-            case Response():
-                if event.error:
-                    self.note(f"{event.name} was refused: {words(event.error)}")
-                self._heed(event.name, event.values)
-                if event.name == _DRIVE and event.error in DAMAGED:
-                    self._link.answers.repeated += self.brake.repeat()
-                elif event.name == _DRIVE and event.error:
-                    port = self._link.port("rvr")
-                    raise RobotStopped(
-                        f"rvr: it does not drive: {words(event.error)}; switch it off and on (rvr on {port})"
-                    )
-            case Notification():
-                told = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
-                self.note(f"rvr: {' '.join(told).replace('_', ' ')}")
-                self._heed(event.name, event.values)
-
-    def _note_sight(self) -> None:
-        """Note when turns of the lidar begin or cease to be nearly empty, as those of one whose laser fails are."""
-        was_blind, self._is_blind = self._is_blind, self.senses.sight < MIN_READINGS
-        if was_blind != self._is_blind:
-            self.note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
-
-    def _heed(self, name: str, values: Mapping[str, Any]) -> None:
-        """Note what the RVR reports of itself; stop if it reports that it must not drive."""
-        if name == "get_battery_percentage" and values:
-            before, self.facts["battery"] = self.facts.get("battery"), charge(values["percentage"])
-            if before != self.facts["battery"]:
-                self.note(f"battery {self.facts['battery']}")
-        for text in self._health.take(name, values):
-            self.note(text, matters=True)

@@ -127,7 +127,7 @@ def _begin(
         facts=dict(robot.facts),
     )
     log.begin(start)
-    robot.report(log.remark, report)
+    robot.notes.send_to(log.remark, report)
     robot.introduce(report)
 
 
@@ -167,5 +167,5 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, begin
         log.note(event)
         robot.drive(wheels, is_dry=what.is_dry)
         notify(WATCHDOG=1)
-        robot.poll()
+        robot.query()
         robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))

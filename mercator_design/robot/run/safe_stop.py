@@ -26,7 +26,7 @@ def safe_stop(settings: Settings) -> Iterator[Finding]:
 
 
 def _stop_rvr(_: Settings, line: Line) -> Iterator[Finding]:
-    link = Link([line], lambda _event, _now: None)
+    link = Link([line])
     link.send("rvr", 2 * halt(link))
     found = wake_rvr(link)  # asleep it would refuse the rest
     stop_rvr(link)
@@ -34,5 +34,5 @@ def _stop_rvr(_: Settings, line: Line) -> Iterator[Finding]:
 
 
 def _stop_lidar(_: Settings, line: Line) -> Iterator[Finding]:
-    stop_lidar(Link([line], lambda _event, _now: None), line)
+    stop_lidar(Link([line]), line)
     yield Finding("lidar", is_fine=True, words="told to stop")

@@ -4,7 +4,7 @@ What measurements mean to a behaviour is said in fsm/, for simulation and robot 
 """
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
 from mercator_design.config.colours import COLOURS, RGB, ColourName
@@ -18,7 +18,6 @@ from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.samples import Sample, converted, heading
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
-from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet
 
 _STRAIGHT = 0.01
@@ -37,17 +36,6 @@ class Stale(NamedTuple):
     device: DeviceName
     words: str
     is_damaged: bool = False
-
-
-class Whole(NamedTuple):
-    """How much arrives whole of what a device sends, when that begins to matter, or ceases to.
-
-    is_worse: Whether it begins to.
-    """
-
-    device: DeviceName
-    words: str
-    is_worse: bool
 
 
 DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
@@ -108,12 +96,12 @@ class Senses:
         self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self.neighbours: list[tuple[float, float]] = []
-        least: dict[DeviceName, float] = {
+        min_shares: dict[DeviceName, float] = {
             "rvr": limits.rvr_whole,
             "lidar": limits.lidar_whole,
             "proximity": limits.proximity_whole,
         }
-        self.lines = {device: LineHealth(share) for device, share in least.items()}
+        self.lines = {device: LineHealth(share) for device, share in min_shares.items()}
         self.forget()
 
     def take(self, event: Event, now: float) -> bool:
@@ -131,17 +119,6 @@ class Senses:
             self.samples["lidar"] = Sample(now, ())
             self.sight = sum(map(bool, self.sweep.ranges()))
         return ends
-
-    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Whole]:
-        """Check the quality of each line at a time [s] by its counts so far; messages for users."""
-        for device, count in counts.items():
-            line = self.lines[device]
-            lost, received = (self.sweep.swept.lost, self.sweep.swept.all) if device == "lidar" else count[1::-1]
-            is_worse = line.look(now, lost, received)
-            if is_worse is not None:
-                whole = f"{percent(line.share)} of what it sends arrives whole"
-                worse = f"only {whole}; below {percent(line.least)} it counts as silent"
-                yield Whole(device, worse if is_worse else f"{whole} again", is_worse)
 
     def forget(self) -> None:
         """Begin anew, without a sample."""
@@ -216,5 +193,5 @@ class Senses:
                 stale[name] = Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
             elif line.is_broken:
                 found = f"only {percent(line.share)} of what the {device} sends arrives whole"
-                stale[name] = Stale(device, f"{found}; the limit is {percent(line.least)}", is_damaged=True)
+                stale[name] = Stale(device, f"{found}; the limit is {percent(line.min_share)}", is_damaged=True)
         return stale

@@ -153,13 +153,7 @@ def _names(port: str) -> set[str]:
 
 
 def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
-    echoes = 0
-
-    def take(event: Event, _: float) -> None:
-        nonlocal echoes
-        echoes += isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
-
-    link = Link([line], take)
+    link = Link([line])
     found = wake_rvr(link)
     words = found.words()
     for processor, oldest in _OLDEST.items():
@@ -174,20 +168,24 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     level = words["battery"]
     yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
-    asked, before = round(_LISTEN / _ECHOES), link.counts("rvr")
+    echoes, asked, before = 0, round(_LISTEN / _ECHOES), link.counts("rvr")
     try:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
         for _ in range(asked):
             link.send_command("echo", data=_ECHO)
-            link.attend(time.monotonic() + _ECHOES)
+            echoes += sum(_is_echo(event) for event, _ in link.poll(time.monotonic() + _ECHOES))
     finally:
         end_streaming(link)
     yield _of_line("rvr", settings, link, before)
     least = settings.limits.rvr_whole
     is_fine = echoes >= asked * matters_below(least)  # as a run tells of; commands are answered as these are
-    advice = "" if is_fine else f"; a run stops below {percent(least)}; {link.remedy_of_damage('rvr')}"
+    advice = "" if is_fine else f"; a run stops below {percent(least)}; {link.damage_remedy('rvr')}"
     yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
+
+
+def _is_echo(event: Event) -> bool:
+    return isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
 
 
 def _of_motors(heat: Mapping[str, Any]) -> Finding:
@@ -206,49 +204,46 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     is_fine = whole >= matters_below(least)
     value = f"{100.0 * whole:.1f} % arrives whole"
     words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
-    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.remedy_of_damage(device)}"
+    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.damage_remedy(device)}"
     return Finding(f"{device}'s line", is_fine, words + advice, device=device, quantity="line", value=value)
 
 
 def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
-    turns, sweep = Turns(), Sweep()
-    times: list[float] = []
-    readings: list[int] = []
-
-    def take(event: Event, now: float) -> None:
-        if not isinstance(event, Packet):
-            return
-        sweep.add(event)
-        if (turn := turns.receive(event)) is not None:
-            times.append(now)
-            readings.append(sum(distance > 0.0 for _, distance in turn))
-
-    link = Link([line], take)
+    link = Link([line])
     started = start_lidar(link, line)
     facts = started.words()
     yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
     if started.warning is not None:
         words = f"{facts['lidar_health']}; take its power away for a moment"
         yield Finding("lidar's health", is_fine=False, words=words)
+    link.discard()  # turns of before the lidar was started
+    turns, sweep = Turns(), Sweep()
     try:
-        link.until(lambda: bool(times), _LISTEN)  # the motor starts
-        times.clear()
-        readings.clear()
+        next(_sights(link, turns, sweep), None)  # the motor starts
         before, begin = link.counts("lidar"), sweep.swept
-        link.attend(time.monotonic() + _LISTEN)
+        sights = [*_sights(link, turns, sweep)]
     finally:
         stop_lidar(link, line)
     swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
     yield _of_line("lidar", settings, link, before, swept)
-    rate = _rate(times)
+    rate = _rate([now for now, _ in sights])
     is_fine = rate >= _MIN_TURNS
     advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
     yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
-    if readings:
-        seen = readings[len(readings) // 2]
+    if sights:
+        _, seen = sights[len(sights) // 2]
         sees = seen >= MIN_READINGS
         advice = "" if sees else "; is there nothing at its height, or does its laser fail? Hold something before it"
         yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
+
+
+def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int]]:
+    """For each turn of a lidar within `_LISTEN`, when it ended [s], and how many of its readings see something."""
+    for event, now in link.poll(time.monotonic() + _LISTEN):
+        if isinstance(event, Packet):
+            sweep.add(event)
+            if (turn := turns.receive(event)) is not None:
+                yield now, sum(distance > 0.0 for _, distance in turn)
 
 
 def _rate(times: Sequence[float]) -> float:
@@ -257,27 +252,20 @@ def _rate(times: Sequence[float]) -> float:
 
 
 def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
-    times: list[float] = []
-    found: list[Distances] = []
-
-    def take(event: Event, now: float) -> None:
-        if isinstance(event, Distances):
-            times.append(now)
-            found.append(event)
-
-    link = Link([line], take)
+    link = Link([line])
     start_hub(link)
-    times.clear()
+    link.discard()
     before = link.counts("proximity")
-    link.attend(time.monotonic() + _LISTEN)
+    heard = link.poll(time.monotonic() + _LISTEN)
+    found = [(event, now) for event, now in heard if isinstance(event, Distances)]
     yield _of_line("proximity", settings, link, before)
-    rate = _rate(times)
+    rate = _rate([now for _, now in found])
     is_fine = rate >= _MIN_DISTANCES
     advice = "" if is_fine else f"; {link.remedy('proximity')}"
     yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
-    if not times:
+    if not found:
         return
-    last = found[-1]
+    last, _ = found[-1]
     distances = settings.corrected(last.metres())
     for i, (angle, distance) in enumerate(zip(settings.proximity_angles, distances, strict=True)):
         is_fine = bool(last.mask >> i & 1)

@@ -9,14 +9,14 @@ from statistics import NormalDist, fmean, pstdev
 
 from mercator_design.config.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.link import Event, Link
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.samples import converted
 from mercator_design.robot.devices.start import stop_rvr, wake_rvr
 from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 
 _PERIOD = 50  # [ms] of streaming
-_FEWEST = 10  # samples of a measurement
+_MIN_SAMPLES = 10  # samples of a measurement
 _AWAKE = 10.0  # [s] between commands, as an RVR that is told nothing falls asleep
 _SPREAD = 15.0  # levels, of a robot that stands still on one colour; noise of 5 in each channel is 9
 _STRANGE = 60.0  # levels by which a colour is brighter or darker than usual
@@ -29,18 +29,17 @@ _MIN_DEVIATION = 1.0  # levels; more than a few seconds show
 class GroundSensor:
     """The RVR's colour sensor, with its lamp on."""
 
-    def __init__(self, link: Link, found: list[RGB]) -> None:
-        self._link, self._found = link, found
-        self._told = time.monotonic()
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._sent = time.monotonic()
 
     def attend(self) -> None:
-        """Hear what it tells, and keep it from falling asleep."""
+        """Read what it sends, and keep it from falling asleep."""
         now = time.monotonic()
-        if now - self._told > _AWAKE:
-            self._told = now
+        if now - self._sent > _AWAKE:
+            self._sent = now
             self._link.send_command("get_battery_percentage")
-        self._link.attend(now)
-        self._found.clear()
+        self._link.discard()
 
     def measure(self, seconds: float) -> list[RGB]:
         """What it reads from now on.
@@ -49,10 +48,15 @@ class GroundSensor:
             RobotError: if that is nothing, or next to nothing, or the port is lost.
         """
         self.attend()
-        self._link.attend(time.monotonic() + seconds)
-        if len(self._found) < _FEWEST:
-            raise RobotError(f"ground: {len(self._found)} measurements in {seconds:g} s; {self._link.remedy('rvr')}")
-        return list(self._found)
+        found = []
+        for event, now in self._link.poll(time.monotonic() + seconds):
+            if isinstance(event, StreamData) and event.is_valid:
+                for _, sample in converted(event, now):
+                    red, green, blue = sample.values
+                    found.append((red, green, blue))
+        if len(found) < _MIN_SAMPLES:
+            raise RobotError(f"ground: {len(found)} measurements in {seconds:g} s; {self._link.remedy('rvr')}")
+        return found
 
 
 @contextlib.contextmanager
@@ -62,22 +66,14 @@ def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
     Raises:
         RobotError: if the RVR cannot be used.
     """
-    found: list[RGB] = []
-
-    def take(event: Event, now: float) -> None:
-        if isinstance(event, StreamData) and event.is_valid:
-            for _, sample in converted(event, now):
-                red, green, blue = sample.values
-                found.append((red, green, blue))
-
     with open_port("rvr", ports.rvr) as port:
-        link = Link([Line("rvr", port)], take)
+        link = Link([Line("rvr", port)])
         try:
             wake_rvr(link)
             link.ask("enable_color_detection", is_enabled=True)
             for name, processor, values in streaming(["color_detection"], _PERIOD):
                 link.ask(name, processor, **values)
-            yield GroundSensor(link, found)
+            yield GroundSensor(link)
         finally:
             link.is_ending = True
             with contextlib.suppress(RobotError):

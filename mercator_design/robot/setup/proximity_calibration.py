@@ -8,16 +8,16 @@ from statistics import fmean, median_low
 from typing import NamedTuple, TypeVar
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.link import Event, Link
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.start import start_hub
 from mercator_design.robot.protocols.multiflex import Distances
 
-_FEWEST = 4  # measurements of each sensor
+_MIN_SAMPLES = 4  # measurements of each sensor
 _TRIES = 3
 _FALLS = 0.15  # [m] by which a sensor's distance falls if it sees the object
 _CLEAR = 0.75  # [m] without anything around the robot
-_MOST = 0.1  # [m] that a sensor reads wrong, rather than the object being elsewhere
+_MAX_ERROR = 0.1  # [m] that a sensor reads wrong, rather than the object being elsewhere
 
 _SIDES = ("in front", "front left", "left", "rear left", "behind", "rear right", "right", "front right")
 
@@ -38,13 +38,12 @@ class _Unclear(Exception):  # noqa: N818 - is asked again
 class CalibrationHub:
     """The hub, with all its sensors on."""
 
-    def __init__(self, link: Link, found: list[Distances]) -> None:
-        self._link, self._found = link, found
+    def __init__(self, link: Link) -> None:
+        self._link = link
 
     def attend(self) -> None:
-        """Hear what it tells."""
-        self._link.attend(time.monotonic())
-        self._found.clear()
+        """Read what it sends."""
+        self._link.discard()
 
     def measure(self, seconds: float) -> list[list[float]]:
         """The distances [m] of each sensor from now on; infinite as `Distances.metres` has them.
@@ -53,12 +52,10 @@ class CalibrationHub:
             RobotError: if these are next to none, a sensor is off, or the port is lost.
         """
         self.attend()
-        self._link.attend(time.monotonic() + seconds)
-        if len(self._found) < _FEWEST:
-            raise RobotError(
-                f"proximity: {len(self._found)} measurements in {seconds:g} s; {self._link.remedy('proximity')}"
-            )
-        by_sensor = [list(metres) for metres in zip(*(each.metres() for each in self._found), strict=True)]
+        found = [event for event, _ in self._link.poll(time.monotonic() + seconds) if isinstance(event, Distances)]
+        if len(found) < _MIN_SAMPLES:
+            raise RobotError(f"proximity: {len(found)} measurements in {seconds:g} s; {self._link.remedy('proximity')}")
+        by_sensor = [list(metres) for metres in zip(*(each.metres() for each in found), strict=True)]
         if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
             raise RobotError(f"proximity: not plugged in, says the hub: {_sensors(off)}")
         return by_sensor
@@ -71,16 +68,10 @@ def hub(ports: PortNames) -> Iterator[CalibrationHub]:
     Raises:
         RobotError: if it cannot be used.
     """
-    found: list[Distances] = []
-
-    def take(event: Event, _now: float) -> None:
-        if isinstance(event, Distances):
-            found.append(event)
-
     with open_port("proximity", ports.proximity) as port:
-        link = Link([Line("proximity", port)], take)
+        link = Link([Line("proximity", port)])
         start_hub(link)
-        yield CalibrationHub(link, found)
+        yield CalibrationHub(link)
 
 
 def calibrate(
@@ -170,7 +161,7 @@ def _error(sensor: int, metres: list[float], distance: float) -> float:
     if 2 * len(seen) < len(metres):
         raise _Unclear(f"sensor {sensor} sees it too near to tell, or not all the time")
     error = fmean(seen) - distance
-    if abs(error) > _MOST:
+    if abs(error) > _MAX_ERROR:
         raise _Unclear(f"sensor {sensor} sees it at {fmean(seen):.2f} m, not {distance:g} m")
     return error
 

@@ -14,10 +14,10 @@ Written and read as the log of a run (log.py):
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from mercator_design.robot.devices.link import Event
+from mercator_design.robot.devices.link import Heard
 from mercator_design.robot.devices.samples import converted
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
@@ -32,7 +32,7 @@ _LOOK = 0.1  # [s] between looks at what has come
 
 
 class Recorder:
-    """Writes to a log what a robot hears from now on.
+    """Writes to a log what a robot measures from now on.
 
     count: Of samples and turns.
     """
@@ -48,7 +48,6 @@ class Recorder:
             lidar_angle=settings.lidar_angle,
         )
         log.begin(start)
-        robot.listen = self._hear
 
     def note_wheels(self, now: float, left: float, right: float) -> None:
         """Write what the wheels [m/s] were told at a time [s, of time.monotonic()]."""
@@ -57,15 +56,19 @@ class Recorder:
     def _since_start(self, now: float) -> float:
         return round(now - self._log.began, 4)
 
-    def _hear(self, event: Event, now: float) -> None:
-        for name, sample in converted(event, now):
-            self.count += 1
-            values = tuple(map(plain, sample.values))
-            self._log.note(SampleTaken(time=self._since_start(now), sensor=name, values=values))
-        if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
-            self.count += 1
-            readings = tuple((self._turned(angle), round(reach, 5)) for angle, reach in turn)
-            self._log.note(TurnTaken(time=self._since_start(now), readings=readings))
+    def note_heard(self, heard: Iterable[Heard]) -> None:
+        """Write what devices measured."""
+        for event, now in heard:
+            if now < self._log.began:
+                continue
+            for name, sample in converted(event, now):
+                self.count += 1
+                values = tuple(map(plain, sample.values))
+                self._log.note(SampleTaken(time=self._since_start(now), sensor=name, values=values))
+            if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
+                self.count += 1
+                readings = tuple((self._turned(angle), round(reach, 5)) for angle, reach in turn)
+                self._log.note(TurnTaken(time=self._since_start(now), readings=readings))
 
     def _turned(self, angle: float) -> float:
         return round((angle + self._front) % math.tau, 5)
@@ -96,7 +99,7 @@ def record(
     with in_control(settings, _EVERYTHING, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
-        robot.report(log.remark, report)
+        robot.notes.send_to(log.remark, report)
         begin = now = time.monotonic()
         robot.introduce(report)
         end = math.inf if duration is None else begin + duration
@@ -104,6 +107,7 @@ def record(
         while now < end:
             due = min(now + _LOOK, end)
             now = control.wait(due)
+            recorder.note_heard(control.heard)
             before, silent = silent, robot.stale(now)
             warnings = [silent[name] for name in silent.keys() - before.keys()]
             if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
@@ -111,5 +115,5 @@ def record(
             for warning in warnings:
                 report(f"Warning: {warning}")
                 log.remark(warning)
-            robot.poll()
+            robot.query()
             show(now - begin, recorder.count)

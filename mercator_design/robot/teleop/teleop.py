@@ -79,12 +79,12 @@ def teleop(
         note = (lambda _: None) if log is None else log.remark
         with keyboard() as keys:
             try:
-                control.robot.report(note, keys.say)
+                control.robot.notes.send_to(note, keys.say)
                 control.arm()
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
-                control.robot.report(note, report)
+                control.robot.notes.send_to(note, report)
                 if recorder is not None:
                     recorder.note_wheels(time.monotonic(), 0.0, 0.0)
 
@@ -99,6 +99,8 @@ def _drive(
 ) -> None:
     robot, stick = control.robot, Stick()
     for period, now in enumerate(control.cycles(_PERIOD)):
+        if recorder is not None:
+            recorder.note_heard(control.heard)
         pressed = keys.pressed()
         if "quit" in pressed:
             return
@@ -113,7 +115,7 @@ def _drive(
                 doing, left, right = "BLOCKED", 0.0, 0.0
         left, right = speed * left, speed * right
         robot.brake.drive(left, right)
-        robot.poll()
+        robot.query()
         if recorder is not None:
             recorder.note_wheels(now, left, right)
         if period % _STATUS == 0:
@@ -135,7 +137,7 @@ def _status(robot: Mercator, settings: Settings, now: float) -> str:
         around = [distance for _, distance in sorted(pairs, key=lambda pair: pair[0] % math.tau)]
     name, age = max(ages.items(), key=lambda pair: pair[1])
     oldest = f"oldest: {name} {age:.2f} s ago" if math.isfinite(age) else f"{name} not heard yet"
-    return f"{robot.facts['battery']:>5}  {ground:<7} {' '.join(map(_centimetres, around))} cm  {oldest}"
+    return f"{robot.monitor.battery:>5}  {ground:<7} {' '.join(map(_centimetres, around))} cm  {oldest}"
 
 
 def _centimetres(distance: float) -> str:

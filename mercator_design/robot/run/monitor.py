@@ -1,0 +1,165 @@
+"""How well a robot's devices are, by what they send: battery, motors, lines, the lidar's sight. No ports, no clocks."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+from mercator_design.errors import RobotStopped
+from mercator_design.robot.devices.health import (
+    ANSWERS_WINDOW,
+    MIN_ANSWERS,
+    Answers,
+    LineHealth,
+    RvrHealth,
+    charge,
+    percent,
+)
+from mercator_design.robot.devices.link import Event, words
+from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.remedies import damage_remedy
+from mercator_design.robot.devices.settings import Limits
+from mercator_design.robot.devices.sweep import MIN_READINGS
+from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.protocols.rvr import Notification, Response
+from mercator_design.robot.run.senses import Senses
+
+_MAX_WAITING = 100
+
+
+class Note(NamedTuple):
+    """What is to be written into the log.
+
+    matters: Whether users should see it at once.
+    """
+
+    text: str
+    matters: bool = False
+
+
+class Notes:
+    """Notes of a robot. They wait until `send_to` says where they go; the latest only."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Note] = deque(maxlen=_MAX_WAITING)
+        self._receivers: tuple[Callable[[str], None], Callable[[str], None]] | None = None
+
+    def send_to(self, log: Callable[[str], None], users: Callable[[str], None] = lambda _: None) -> None:
+        """Send notes to `log` from now on, and those that matter to users to `users`, too."""
+        self._receivers = log, users
+        while self._waiting:
+            self.add(self._waiting.popleft())
+
+    def add(self, note: Note) -> None:
+        """Send a note, or keep it until it can be sent."""
+        if self._receivers is None:
+            self._waiting.append(note)
+            return
+        log, users = self._receivers
+        log(note.text)
+        if note.matters:
+            users(note.text)
+
+
+class Monitor:
+    """Watches the devices of a robot; `Stopped` is raised if one says that the robot must not drive.
+
+    battery: Its charge as text; empty until the RVR sends it.
+    """
+
+    def __init__(self, limits: Limits, senses: Senses, answers: Answers, ports: Mapping[DeviceName, str]) -> None:
+        """Begin with devices of which nothing is known.
+
+        Args:
+            limits: Of the robot.
+            senses: Whose lines are watched.
+            answers: Of the RVR to commands.
+            ports: The names of the devices' ports.
+        """
+        self.battery = ""
+        self._senses, self._answers, self._ports = senses, answers, ports
+        self._rvr = RvrHealth(limits)
+        self._answered = LineHealth(limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
+        self._is_blind = False
+
+    def take(self, event: Event) -> Iterator[Note]:
+        """Take in an event.
+
+        Raises:
+            Stopped: if the robot must not drive.
+        """
+        match event:
+            case Response():
+                if event.error:
+                    yield Note(f"{event.name} was refused: {words(event.error)}")
+            case Notification():
+                said = [event.name, *(f"{name} {value}" for name, value in event.values.items())]
+                yield Note(f"rvr: {' '.join(said).replace('_', ' ')}")
+            case _:
+                return
+        if event.name == "get_battery_percentage" and event.values:
+            before, self.battery = self.battery, charge(event.values["percentage"])
+            if before != self.battery:
+                yield Note(f"battery {self.battery}")
+        for text in self._rvr.take(event.name, event.values):
+            yield Note(text, matters=True)
+
+    def end_turn(self) -> Iterator[Note]:
+        """Note at the end of a turn of the lidar whether it is nearly empty, as are those of one whose laser fails."""
+        was_blind, self._is_blind = self._is_blind, self._senses.sight < MIN_READINGS
+        if was_blind != self._is_blind:
+            yield Note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
+
+    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
+        """Check at a time [s] the lines, by the counts of their bytes so far, and whether a tread is stuck.
+
+        Raises:
+            Stopped: if a tread is stuck for too long, or too few commands are answered.
+        """
+        for device, count in counts.items():
+            swept = self._senses.sweep.swept
+            lost, received = (swept.lost, swept.all) if device == "lidar" else (count.lost, count.received)
+            line = self._senses.lines[device]
+            is_worse = line.look(now, lost, received)
+            yield from self._changed(device, line, is_worse, "of what it sends arrives whole", "it counts as silent")
+        answers, line = self._answers, self._answered
+        answers.look(now)
+        is_worse, answered = line.look(now, answers.lost, answers.all), "of the commands to it are answered"
+        if line.is_broken:
+            limit = f"the limit is {percent(line.min_share)}"
+            raise RobotStopped(f"rvr: only {percent(line.share)} {answered}; {limit}; {self.damage_remedy('rvr')}")
+        yield from self._changed("rvr", line, is_worse, answered, "the robot stops")
+        self._rvr.look(now)
+
+    def _changed(
+        self, device: DeviceName, line: LineHealth, is_worse: bool | None, of_what: str, consequence: str
+    ) -> Iterator[Note]:
+        """Note that damage of a line begins to matter, or ceases to."""
+        if is_worse is None:
+            return
+        found = f"{percent(line.share)} {of_what}"
+        below = f"below {percent(line.min_share)} {consequence}; {self.damage_remedy(device)}"
+        yield Note(f"{device}: {f'only {found}; {below}' if is_worse else f'{found} again'}", matters=True)
+
+    def damage_remedy(self, device: DeviceName) -> str:
+        """What to check if too many bytes to or from a device are damaged, and its port."""
+        return damage_remedy(device, self._ports[device])
+
+    def lines(self, counts: Mapping[DeviceName, Counts]) -> dict[DeviceName, list[float]]:
+        """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
+
+        Of the lidar's the readings of its last turn, too; of the RVR's the share of commands that were answered, and of
+        commands how many were sent, not answered, and repeated.
+        """
+        found: dict[DeviceName, list[float]] = {
+            device: [round(self._senses.lines[device].share, 4), *count] for device, count in counts.items()
+        }
+        answers = self._answers
+        found["rvr"] += [round(self._answered.share, 4), answers.all, answers.lost, answers.repeated]
+        if "lidar" in found:
+            found["lidar"].append(self._senses.sight)
+        return found
+
+    def forget(self) -> None:
+        """Forget which commands were answered: the program has not listened for a while."""
+        self._answers.forget()
+        self._answered.forget()

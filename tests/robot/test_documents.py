@@ -9,7 +9,7 @@ import pytest
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, MIN_ANSWERS, WINDOW, matters_below
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, Limits, parse_settings
 from mercator_design.robot.protocols.joint_start import LEAD, SILENCE
-from mercator_design.robot.run.mercator import COMMANDS_END, POLL
+from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
 from mercator_design.robot.run.safety import STALL
 
 ROOT = Path(__file__).parents[2]
@@ -47,7 +47,7 @@ def row(words):
         ("answers less than", f"answers less than {100 * LIMITS.rvr_whole:g} %"),
         ("answers less than", f"over the last {ANSWERS_WINDOW:g} s"),
         ("answers less than", f"{ANSWERS_WINDOW + IN_TIME + CONTROL_PERIOD:g} s at most"),
-        ("limits.battery_critical", f"{POLL + CONTROL_PERIOD:g} s"),
+        ("limits.battery_critical", f"{QUERY_EVERY + CONTROL_PERIOD:g} s"),
         ("killed or suspended", f"no command for {COMMANDS_END:g} s"),
         ("hears nothing", f"by the RVR after {COMMANDS_END:g} s"),
     ],

@@ -278,7 +278,7 @@ def go(orders, left, right, seconds):
 class TestServe:
     def test_from_start_to_end(self, devices, monkeypatch):
         """One node through all that goes on, as it takes seconds to start."""
-        monkeypatch.setattr(mercator, "POLL", 0.5)
+        monkeypatch.setattr(mercator, "QUERY_EVERY", 0.5)
         silent = []
         devices.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *CLEAR[2:]]}
         devices.heads = [(math.pi / 2, 0.5)]

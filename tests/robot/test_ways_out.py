@@ -16,7 +16,7 @@ from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, WINDOW
 from mercator_design.robot.devices.settings import Limits
-from mercator_design.robot.run.mercator import COMMANDS_END, POLL
+from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
 from tests.robot.log_events import read
 from tests.robot.ways import (
@@ -133,7 +133,7 @@ DEVICE_FAULTS = {
     "battery critical": (lambda robot: setattr(robot.devices.rvr, "level", 5.0), 0.0, "rvr: the battery is critical"),
     "battery below the limit": (
         lambda robot: robot.devices.instead.update(get_battery_percentage={"percentage": 4}),
-        POLL + CYCLE,
+        QUERY_EVERY + CYCLE,
         "rvr: the battery is critical (4 %); charge it",
     ),
     "tread stuck": (

@@ -131,7 +131,7 @@ def draw(
     """Set `swarm.draws` such that `control_cycle` decides with the original's numbers.
 
     Args:
-        order: (robots, MOST_TRANSITIONS) of the state's conditions, as they were last shuffled; changed in place.
+        order: (robots, MAX_TRANSITIONS) of the state's conditions, as they were last shuffled; changed in place.
         stream: (robots, numbers) of the robots' twisters.
         shuffles: (numbers,) of rand().
         place: (robots + 1,) how many are used of each robot's, and of rand()'s; changed in place.

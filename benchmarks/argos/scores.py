@@ -36,7 +36,7 @@ from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator
 
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
-MAX_NEIGHBOURS, MOST_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
+MAX_NEIGHBOURS, MAX_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
 SINGLE = (*COLOURS, "prox", "front", "nn", "speed_mps", "trans", "r", "spot")
 WANTED_CORRELATION = 0.97
 MIN_RUNS = 50  # of ours for each controller
@@ -71,7 +71,7 @@ def statistics(score: float, history: History, control_period: float) -> dict[st
     bins = np.minimum(neighbours, MAX_NEIGHBOURS - 1).astype(int).ravel()
     for k, count in enumerate(np.bincount(bins, minlength=MAX_NEIGHBOURS)):
         found[f"nn_hist[{k}]"] = count / bins.size
-    for k, count in enumerate(np.bincount(before.ravel(), minlength=MOST_STATES)):
+    for k, count in enumerate(np.bincount(before.ravel(), minlength=MAX_STATES)):
         found[f"occ[{k}]"] = count / before.size
     return {name: float(value) for name, value in found.items()}
 
@@ -105,7 +105,7 @@ def recorded_columns(run: Mapping[str, Any]) -> Columns:
     for name in SINGLE:
         if statistics.get(name) is not None:
             found[name] = numbers(name, statistics[name], (n,))
-    for name, bins in (("nn_hist", MAX_NEIGHBOURS), ("occ", MOST_STATES)):
+    for name, bins in (("nn_hist", MAX_NEIGHBOURS), ("occ", MAX_STATES)):
         rows = statistics.get(name)
         if rows is not None:
             if isinstance(rows, list):

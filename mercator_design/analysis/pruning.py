@@ -5,7 +5,7 @@ from dataclasses import replace
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import numbered
-from mercator_design.fsm.pfsm import MAX_TRANSITIONS, MOST_STATES, Pfsm, Transition
+from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, Transition
 
 Element = tuple[int, int | None]
 """A state, or a transition of it, by their numbers."""
@@ -15,8 +15,8 @@ def max_modules(flavour: str) -> dict[str, int]:
     """The modules of a flavour, each with its maximum number in a PFSM."""
     behaviours, conditions = numbered(BEHAVIOURS, flavour).values(), numbered(CONDITIONS, flavour).values()
     return {
-        **{module.name: MOST_STATES for module in behaviours},
-        **{module.name: MOST_STATES * MAX_TRANSITIONS for module in conditions},
+        **{module.name: MAX_STATES for module in behaviours},
+        **{module.name: MAX_STATES * MAX_TRANSITIONS for module in conditions},
     }
 
 

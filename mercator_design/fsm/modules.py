@@ -68,8 +68,15 @@ class Module:
 
 
 def numbered(table: tuple[Module, ...], flavour: str) -> dict[int, Module]:
-    """The modules of a flavour by their number, in order of number."""
-    found = {module.numbers[flavour]: module for module in table if flavour in module.numbers}
+    """The modules of a flavour by their number, in order of number.
+
+    Raises:
+        ValueError: Two of them have one number.
+    """
+    modules = [module for module in table if flavour in module.numbers]
+    found = {module.numbers[flavour]: module for module in modules}
+    if len(found) < len(modules):
+        raise ValueError(f"{flavour}: two modules have one number: {[module.name for module in modules]}")
     return dict(sorted(found.items()))
 
 

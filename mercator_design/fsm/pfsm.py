@@ -11,7 +11,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import MAX_PARAMETERS, Module, named, senses_bits
 from mercator_design.fsm.perception import Row
 
-MOST_STATES = 4
+MAX_STATES = 4
 MAX_TRANSITIONS = 4
 """The limits of AutoMoDe's grammar: states a PFSM, outgoing transitions a state."""
 
@@ -24,7 +24,7 @@ _CONDITIONS = named(CONDITIONS)
 class Program(NamedTuple):
     """A PFSM as tables of numbers: tuples here, numpy arrays of the same length in compiled code.
 
-    Transition j of state i is at place i * MOST_TRANSITIONS + j; a module's parameters begin at MOST_PARAMETERS times
+    Transition j of state i is at place i * MAX_TRANSITIONS + j; a module's parameters begin at MAX_PARAMETERS times
     the place of the state or transition.
     """
 
@@ -97,8 +97,8 @@ class Pfsm:
     def __post_init__(self) -> None:
         if self.flavour not in FLAVOURS:
             raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {self.flavour!r}")
-        if not 1 <= len(self.states) <= MOST_STATES:
-            raise FsmError(f"expected 1 to {MOST_STATES} states, found {len(self.states)}")
+        if not 1 <= len(self.states) <= MAX_STATES:
+            raise FsmError(f"expected 1 to {MAX_STATES} states, found {len(self.states)}")
         for i, state in enumerate(self.states):
             self._check_module(f"state {i}", "behaviour", state.behaviour, state.parameters)
             if len(state.transitions) > MAX_TRANSITIONS:
@@ -161,5 +161,5 @@ class Pfsm:
 
 
 def _padded(rows: Iterable[tuple[float, ...]]) -> tuple[float, ...]:
-    """Parameters one after the other, MOST_PARAMETERS to a module."""
+    """Parameters one after the other, MAX_PARAMETERS to a module."""
     return tuple(float(value) for row in rows for value in (*row, *[0.0] * (MAX_PARAMETERS - len(row))))

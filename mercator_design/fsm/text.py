@@ -20,8 +20,8 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import (
     FLAVOURS,
+    MAX_STATES,
     MAX_TRANSITIONS,
-    MOST_STATES,
     Pfsm,
     State,
     Transition,
@@ -134,7 +134,7 @@ class _TokenReader:
         self._next = 0
 
     def pfsm(self) -> Pfsm:
-        n = self._integer("--nstates", "the number of states", 1, MOST_STATES)
+        n = self._integer("--nstates", "the number of states", 1, MAX_STATES)
         states = tuple(self._state(i, n) for i in range(n))
         if self._next < len(self._pairs):
             flag = self._pairs[self._next][0]
@@ -255,7 +255,7 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
             take(f"--{parameter.flag}{index}", start, end, cut=parameter.integer)
 
     begin = find("--nstates", 0, len(tokens))
-    n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), MOST_STATES + 1)
+    n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), MAX_STATES + 1)
     for i in range(n):
         start = find(f"--s{i}", 0, len(tokens))
         end = find(f"--s{i + 1}", 0, len(tokens)) if i < n - 1 else len(tokens)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, numbered
-from mercator_design.fsm.pfsm import FLAVOURS, MAX_TRANSITIONS, MOST_STATES, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
 from mercator_design.fsm.reference import Readings
 
 CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
@@ -40,7 +40,7 @@ def pfsms(draw, flavours=FLAVOURS):
     flavour = draw(st.sampled_from(flavours))
     behaviours = list(numbered(BEHAVIOURS, flavour).values())
     conditions = list(numbered(CONDITIONS, flavour).values())
-    n = draw(st.integers(1, MOST_STATES))
+    n = draw(st.integers(1, MAX_STATES))
     states = []
     for i in range(n):
         transitions = []

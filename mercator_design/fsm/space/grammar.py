@@ -12,8 +12,8 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import (
+    MAX_STATES,
     MAX_TRANSITIONS,
-    MOST_STATES,
     Pfsm,
     State,
     Transition,
@@ -31,8 +31,8 @@ DIGITS = 2
 def parameters_text(flavour: str) -> str:
     """The grammar of a flavour as an irace parameter file. Watermelon has 149 parameters, Chocolate 133."""
     behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
-    lines = [f'NumStates "--nstates " i (1, {MOST_STATES})']
-    for i in range(MOST_STATES):
+    lines = [f'NumStates "--nstates " i (1, {MAX_STATES})']
+    for i in range(MAX_STATES):
         exists = f"NumStates > {i}"
         lines.append(f'S{i} "--s{i} " c ({_numbers(behaviours)}) | {exists}')
         lines += _module_lines(behaviours, f"{i}", f"S{i}")
@@ -102,7 +102,8 @@ def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list
     for number, module in table.items():
         for parameter in module.parameters:
             users.setdefault(parameter.grammar, []).append(number)
-            found[parameter.grammar] = parameter
+            if found.setdefault(parameter.grammar, parameter) != parameter:
+                raise ValueError(f"{parameter.grammar}: modules share this parameter, but its domains differ")
     lines = []
     for stem, parameter in found.items():
         low, high = parameter.sampled

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
-from mercator_design.fsm.pfsm import MAX_TRANSITIONS, MOST_STATES, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import DIGITS, Value, from_pfsm, to_pfsm
 
 T = TypeVar("T")
@@ -167,7 +167,7 @@ class _States:
     def add_state(self) -> bool:
         """A new state, with a transition to it and one from it."""
         free = self._free()
-        if len(self.states) == MOST_STATES or not free:
+        if len(self.states) == MAX_STATES or not free:
             return False
         new, i = len(self.states), self._any_of(free)
         module = self._any_of(self._behaviours)
@@ -179,7 +179,7 @@ class _States:
     def split_state(self) -> bool:
         """A copy of a state takes over each transition to it with probability 1/2, and one leads to it."""
         free = self._free()
-        if len(self.states) == MOST_STATES or not free:
+        if len(self.states) == MAX_STATES or not free:
             return False
         new, i = len(self.states), self._any_of(free)
         for k, state in enumerate(self.states):

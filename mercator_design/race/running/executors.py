@@ -79,13 +79,15 @@ class Executor(Protocol):
     ) -> None: ...
 
     def stop(self) -> None:
-        """Wait only for running items; a signal handler may call it."""
+        """Begin no further item: `run` ends when the running ones have finished. A signal handler may call it."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        """Yield the index of each item and the function's result, in the order in which they finish.
+        """Yield the position of each item and the function's result, in the order in which they finish.
 
-        Items are taken one by one when a worker is free. None is not an item: it means that the next item may be known
-        when another one has finished.
+        Items are taken as workers become free; an executor may hold up to two for each worker. None stands for an item
+        that is not known yet: `items` is asked again when another item has finished, and `run` ends if none is running.
+        The position counts all that `items` has yielded, None included. A caller may stop iterating early; the next
+        call of `run` yields nothing of this one.
 
         Raises:
             WorkerUnfit: A worker has no such function, or another version of it.

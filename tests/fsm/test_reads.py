@@ -1,0 +1,66 @@
+"""Each module declares the senses it reads: the simulator computes no others, and a robot would have them."""
+
+import random
+
+import pytest
+
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.control import MEMORY
+from mercator_design.fsm.modules import SENSES
+from mercator_design.fsm.reference import Readings, ReferenceModel
+
+
+class Watched:
+    """Readings that note which of their fields are read."""
+
+    def __init__(self, readings, seen):
+        self._readings, self._seen = readings, seen
+
+    def __getattr__(self, name):
+        self._seen.add(name.partition("_")[0])
+        return getattr(self._readings, name)
+
+
+def random_readings(rng):
+    """With nothing, something and much perceived, on all colours."""
+    colour = [rng.choice((0.0, 127.0, 255.0)) for _ in range(3)]
+    return Readings(
+        proximity_x=rng.choice((0.0, rng.uniform(-1.0, 1.0))),
+        proximity_y=rng.choice((0.0, rng.uniform(-1.0, 1.0))),
+        neighbours=float(rng.randrange(6)),
+        neighbours_x=rng.uniform(-3.0, 3.0),
+        neighbours_y=rng.uniform(-3.0, 3.0),
+        ground_red=colour[0],
+        ground_green=colour[1],
+        ground_blue=colour[2],
+        light_x=rng.uniform(-1.0, 1.0),
+        light_y=rng.uniform(-1.0, 1.0),
+    )
+
+
+def read_by(module, call):
+    """The senses whose fields a module reads in 200 calls."""
+    rng, seen = random.Random(1), set()
+    for _ in range(200):
+        values = [rng.uniform(p.low, p.high) for p in module.parameters]
+        parameters = [round(v) if p.integer else v for v, p in zip(values, module.parameters, strict=True)]
+        call(module.function, ReferenceModel(), Watched(random_readings(rng), seen), parameters, rng)
+    assert seen <= set(SENSES)
+    return seen
+
+
+@pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda module: module.name)
+def test_a_behaviour_reads_what_it_declares(module):
+    def call(function, model, readings, parameters, rng):
+        function(model, readings, parameters, [0.0] * MEMORY, rng.random())
+
+    assert read_by(module, call) == module.reads
+
+
+@pytest.mark.parametrize("module", CONDITIONS, ids=lambda module: module.name)
+def test_a_condition_reads_what_it_declares(module):
+    def call(function, model, readings, parameters, _):
+        function(model, readings, parameters)
+
+    assert read_by(module, call) == module.reads

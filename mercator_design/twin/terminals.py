@@ -24,7 +24,7 @@ from mercator_design.twin.folder import BEGINS, FRESH, ROBOT, check_free, writin
 from mercator_design.twin.twin import Twin
 
 _CHUNK = 4096
-_RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
+RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
 """[bytes/s] of lines that are slower than their devices, at 115200 baud."""
 _LATE = 0.1
 """[s] after which a program may notice that its devices are late."""
@@ -47,7 +47,7 @@ class Timing:
     dropped: int
 
 
-class _Wire:
+class Wire:
     """Bytes on their way along a line of some rate [bytes/s], since some time [s]."""
 
     def __init__(self, rate: float, since: float) -> None:
@@ -79,7 +79,7 @@ class Terminals:
         self._ports: dict[int, tuple[int, DeviceName]] = {}
         self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
         self._is_open: set[int] = set()
-        self._under_way: dict[int, _Wire] = {}
+        self._under_way: dict[int, Wire] = {}
         self._latest, self._dropped = 0.0, 0
         self._lateness_told = _LATE  # what is not later than that is not told
         self._report: Callable[[str], None] = lambda _: None
@@ -250,11 +250,11 @@ class Terminals:
         """Send bytes to the client of a port, at the speed of the line."""
         if fd is None or fd not in self._is_open or not data:
             return
-        rate = _RATES.get(self._ports[fd][1])
+        rate = RATES.get(self._ports[fd][1])
         if rate is None:
             self._write(fd, data)
             return
-        line = self._under_way.setdefault(fd, _Wire(rate, now))
+        line = self._under_way.setdefault(fd, Wire(rate, now))
         fits = data[: _CHUNK - len(line.data)]
         self._dropped += len(data) - len(fits)
         line.data += fits

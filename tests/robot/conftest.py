@@ -4,6 +4,7 @@ from functools import partial
 import pytest
 
 from mercator_design.robot.cli import main
+from tests.robot.simulated import SimulatedDevices
 
 
 @pytest.fixture
@@ -17,3 +18,10 @@ def as_urgent_as_others():
     """A run in this process lets it go before all others, and a program of its own would end then."""
     yield
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+@pytest.fixture
+def simulated():
+    """A robot's devices in simulated time."""
+    with SimulatedDevices() as devices:
+        yield devices

@@ -511,7 +511,7 @@ def test_lamps_are_set_again(devices, monkeypatch):
 def test_the_lidar_s_motor(devices, monkeypatch):
     """Turns as long as the line DTR is high, which pseudo-terminals have not."""
     heights = []
-    monkeypatch.setattr(ports._Port, "dtr", property(lambda _: None, lambda _, high: heights.append(high)))
+    monkeypatch.setattr(ports.ExclusivePort, "dtr", property(lambda _: None, lambda _, high: heights.append(high)))
     with robot_on(devices, ()):
         assert heights[-2:] == [False, True]
     assert heights[-1] is False

@@ -25,6 +25,9 @@ ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rw
 LAST = "disable_notifications_and_active_commands"
 """What an RVR is told when nobody uses it any more."""
 
+ARGUMENTS = ["fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1"]
+"""Of a run, by the names of `write_files`."""
+
 ROOT = Path(__file__).parents[2]
 MAIN = "from mercator_design.robot.cli import main; main()"
 SOON = """
@@ -61,21 +64,23 @@ Controller.step = faulty
 """
 
 
+def write_files(folder, names, fsm, port):
+    """The fsm.txt and the robot.yaml of a run that hears the swarm at a port, with more settings of it."""
+    (folder / "fsm.txt").write_text(fsm)
+    (folder / "robot.yaml").write_text(
+        f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\nswarm: {{port: {port}}}\n"
+    )
+
+
 class Robot:
     """A run of `mercator-robot` on devices."""
 
     def __init__(self, folder, devices, fsm, settings, fault, options, lead, stdin):
         self.folder, self.devices, self.port = folder, devices, free_port()
-        names = devices.names
-        (folder / "fsm.txt").write_text(fsm)
-        (folder / "robot.yaml").write_text(
-            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\n"
-            f"swarm: {{port: {self.port}{settings}}}\n"
-        )
+        write_files(folder, devices.names, fsm, f"{self.port}{settings}")
         script = lead + (FAULTS.format(fault=fault) if fault else "") + MAIN
-        arguments = ["run", "fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1", *options]
         self.process = subprocess.Popen(
-            [sys.executable, "-c", script, *arguments],
+            [sys.executable, "-c", script, "run", *ARGUMENTS, *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stdin=stdin,
@@ -114,6 +119,19 @@ def running(folder, fsm=GO, settings="", fault="", *options, lead=SOON, stdin=No
         finally:
             robot.process.kill()
             robot.process.communicate()
+
+
+def check(robot, code, words, *, zeros=True):
+    """How a run has ended."""
+    returned, error = robot.ended()
+    assert (returned, words in error) == (code, True), (returned, error)
+    if zeros:
+        stops = [name for _, name, _ in robot.devices.commands if name == "drive_stop"]
+        assert len(stops) >= 2
+        *_, end = read(robot.folder / "log.jsonl")
+        assert end["event"] == "end"
+        assert end["why"] in error
+    return error
 
 
 def in_time(attempt):

@@ -131,7 +131,7 @@ def sharing(name: str) -> str:
     return _listed(rivals) if len(rivals) > 1 else ""
 
 
-class _Port(serial.Serial):
+class ExclusivePort(serial.Serial):
     """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
 
     def open(self) -> None:
@@ -165,7 +165,7 @@ def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial
 def _open(device: DeviceName, name: str) -> serial.Serial:
     path = find_port(device, name)
     try:
-        port = _Port(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
+        port = ExclusivePort(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
     except OSError as error:
         raise RobotError(f"{path}: {_wrong(path, error)}", device=device) from None
     except termios.error as error:

@@ -1,0 +1,452 @@
+"""Ways out of a run as a process of its own, in real time: each mechanism that stops a robot, once at least.
+
+What test_ways_out.py does in simulated time is not done again here. Clocks are the same in all processes.
+"""
+
+import os
+import signal
+import socket
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from mercator_design.robot.run.mercator import COMMANDS_END
+from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
+from tests.robot.log_events import read
+from tests.robot.test_ways_out import CYCLE, DEVICE_FAULTS
+from tests.robot.ways import (
+    ALL,
+    ATTEMPTS,
+    GO,
+    IMPATIENT,
+    LAST,
+    LATEST,
+    SLOW,
+    SOON,
+    check,
+    made_in_time,
+    running,
+    soonest,
+)
+
+pytestmark = pytest.mark.timing
+
+KEY = "a key that nobody guesses"
+
+
+class Forger(socket.socket):
+    """Somebody in the network of a robot, without its key."""
+
+    def __init__(self, port):
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+        self.connect(("127.0.0.1", port))
+        self.settimeout(5.0)
+
+    def has_signed(self, key):
+        """What was recorded of somebody who has the key: signed, and not yet told; and told already."""
+        signed = []
+        for _ in range(2):
+            self.send(ASK)
+            sealed = self.recv(200).removeprefix(SIGN)
+            signed.append(SIGNED + sealed + b" " + signature(key, sealed))
+        self.send(signed[0])
+        return signed
+
+    @contextmanager
+    def saying(self, messages):
+        """Say these again and again."""
+        over = threading.Event()
+
+        def say():
+            while not over.wait(0.02):
+                for message in messages:
+                    with suppress(ConnectionError):
+                        self.send(message)
+
+        thread = threading.Thread(target=say)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+
+@pytest.mark.parametrize("what", ["hub silent", "lidar lost", "motor fault"])
+def test_devices_that_fail(what, tmp_path):
+    act, allowed, words = DEVICE_FAULTS[what]
+
+    def attempt(number):
+        with running(tmp_path / str(number), ALL) as robot:
+            robot.drives()
+            began = time.monotonic()
+            act(robot)
+            check(robot, 4, words)
+            return robot.devices.told_to_rest(began) - allowed
+
+    assert soonest(attempt) <= LATEST
+
+
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGTSTP"])
+def test_signals(number, tmp_path):
+    which = signal.Signals[number]
+
+    def attempt(k):
+        with running(tmp_path / str(k)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.process.send_signal(which)
+            check(robot, 128 + which, f"Stopped by {number}.")
+            return robot.devices.told_to_rest(began)
+
+    assert soonest(attempt) <= LATEST
+
+
+CONTROLLER_FAULTS = {
+    "exception": ("1 / 0", 1, "ZeroDivisionError"),
+    "stalled": ("time.sleep(1.0)", 4, "the control loop stalled"),
+    "no memory": ("raise MemoryError", 1, "Error: not enough memory"),
+    "watchdog": (
+        "from mercator_design.robot.run import safety; safety.Watchdog._look = None",
+        4,
+        "the watchdog failed",
+    ),
+    "busy": ("while not os.path.exists('stop'): pass", 4, "stalled"),
+}
+
+
+@pytest.mark.parametrize("what", CONTROLLER_FAULTS)
+def test_controllers_that_fail(what, tmp_path):
+    fault, code, words = CONTROLLER_FAULTS[what]
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=fault) as robot:
+            robot.drives()
+            began = robot.fault()
+            if what == "busy":
+                time.sleep(0.5)
+                (robot.folder / "stop").touch()
+            returned, error = robot.ended()
+            assert (returned, words in error) == (code, True), (returned, error)
+            return robot.devices.told_to_rest(began)
+
+    assert soonest(attempt) <= LATEST
+
+
+@made_in_time
+def test_a_stalled_loop_does_not_drive_again_and_can_be_ended(tmp_path):
+    with running(tmp_path, fault="time.sleep(60)") as robot:
+        robot.drives()
+        robot.fault()
+        time.sleep(1.0)
+        assert robot.process.poll() is None
+        robot.process.terminate()
+        check(robot, 143, "Stopped by SIGTERM.")
+        assert [bool(left or right) for _, left, right in robot.devices.wheels] == [False, True, False]
+
+
+def test_a_process_that_is_killed_is_stopped_by_the_robot_and_its_log_is_whole_but_for_its_end(tmp_path):
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.process.kill()
+            time.sleep(COMMANDS_END + 0.1)
+            kinds = [event["event"] for event in read(robot.folder / "log.jsonl")]
+            assert kinds[0] == "start"
+            assert kinds.count("cycle") >= 2
+            assert kinds[-1] != "end"
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
+
+
+def test_a_process_that_is_suspended_is_stopped_by_the_robot_and_does_not_drive_again(tmp_path):
+    """Wheels that rest turn again only in a new run."""
+
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            robot.process.send_signal(signal.SIGSTOP)
+            time.sleep(1.0)
+            rested = robot.devices.rests_since()
+            robot.process.send_signal(signal.SIGCONT)
+            check(robot, 4, "the control loop stalled: no command for 1.")
+            assert robot.devices.rests_since() == rested
+            return rested - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_who_was_held_up_before_the_drive_looks_anew(seconds, tmp_path):
+    """By somebody who was told something, and took his time, though there was a heartbeat to wait for."""
+    lead = f"{SOON}introduce = mercator.Mercator.introduce\n"
+    lead += "mercator.Mercator.introduce = lambda robot, tell: (introduce(robot, tell), time.sleep(SECONDS))\n"
+    lead = f"import time\n{lead}".replace("SECONDS", str(seconds))
+
+    def looks_anew(number):
+        folder = tmp_path / str(number)
+        with running(folder, GO, ", heartbeat: 2", lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when(lambda: speaker.send(HEARTBEAT) or robot.devices.driven() > 2)
+            notes = [event["text"] for event in read(folder / "log.jsonl") if event["event"] == "note"]
+            return any(note.startswith("held up for ") for note in notes)
+
+    if seconds:
+        assert looks_anew(0)
+    else:  # a busy machine may hold it up too
+        assert not all(map(looks_anew, range(ATTEMPTS)))
+
+
+STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
+
+
+@pytest.mark.parametrize("command", STARTING)
+def test_a_signal_during_the_start(command, tmp_path):
+    with running(tmp_path, lead="") as robot:
+        robot.devices.when(lambda: command in [name for _, name, _ in robot.devices.commands])
+        robot.process.terminate()
+        returned, error = robot.ended()
+        assert (returned, error) == (143, "Stopped by SIGTERM.\n")
+        assert not robot.devices.drives()
+        robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
+        robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
+        assert not (tmp_path / "log.jsonl").exists()
+
+
+@made_in_time
+def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
+    with running(tmp_path, lead=SOON + SLOW) as robot:
+        robot.drives()
+        robot.process.terminate()
+        robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
+        robot.process.send_signal(signal.SIGINT)
+        check(robot, 143, "Stopped by SIGTERM.")
+        robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
+
+
+def test_a_line_that_takes_nothing_any_more(tmp_path):
+    """As if the robot were lost: what waits in the line does not let it drive on later."""
+
+    def attempt(number):
+        with running(tmp_path / str(number)) as robot:
+            robot.drives()
+            began = time.monotonic()
+            with robot.devices.suspended:
+                fill(robot.devices.names.rvr)
+                returned, error = robot.ended()
+                assert (returned, "is lost: Write timeout" in error) == (4, True), error
+                time.sleep(COMMANDS_END)
+            time.sleep(0.2)
+            return robot.devices.rests_since() - began - COMMANDS_END
+
+    assert soonest(attempt, 0.05) <= 0.05
+
+
+def fill(port):
+    """Let nothing more go into a line that nobody reads."""
+    line = os.open(port, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    for _ in range(5):  # the system moves some on, and then takes more
+        with suppress(BlockingIOError):
+            while os.write(line, bytes(100)):
+                pass
+        time.sleep(0.005)
+    os.close(line)
+
+
+@made_in_time
+def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
+    busy = "import threading; threading.Thread(target=sum, args=[range(10**6)]).start()"
+    with running(tmp_path, GO, "", busy, "--duration", "1.5") as robot:
+        robot.drives()
+        robot.fault()
+        began = time.process_time()
+        sum(range(10**6))
+        took = time.process_time() - began
+        robot.ended()
+    cpu = sorted(event["program_cpu"] for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle")
+    assert cpu[len(cpu) // 2] > 0.5 * took
+
+
+def test_a_full_disk(tmp_path):
+    """A run whose log is lost is worth nothing."""
+    limit = "import resource; n = os.path.getsize('log.jsonl'); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=limit) as robot:
+            robot.drives()
+            began = robot.fault()
+            returned, error = robot.ended()
+            assert (returned, "log.jsonl: cannot be written: File too large" in error) == (1, True), error
+            return robot.devices.told_to_rest(began) - CYCLE
+
+    assert soonest(attempt) <= LATEST
+
+
+def test_a_disk_that_hangs(tmp_path):
+    """Such a run goes on for a while, in which others would recover."""
+    soon = "from mercator_design.robot.logs import log; log._HANGS = 0.5; log.SYNC_EVERY = 0"
+    hangs = f"{soon}; os.fsync = lambda _: time.sleep(60)"
+
+    def attempt(number):
+        with running(tmp_path / str(number), fault=hangs) as robot:
+            robot.drives()
+            began = robot.fault()
+            returned, error = robot.ended()
+            assert (returned, "log.jsonl: cannot be written: the disk hangs" in error) == (1, True), error
+            return robot.devices.told_to_rest(began) - 0.5 - 2 * CYCLE
+
+    assert soonest(attempt) <= LATEST
+
+
+class TestSwarm:
+    def test_stop(self, tmp_path):
+        def attempt(number):
+            with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+                robot.drives()
+                began = time.monotonic()
+                assert speaker.stop() == (["mercator (127.0.0.1)"], [])
+                check(robot, 4, "swarm: told to stop by 127.0.0.1")
+                return robot.devices.told_to_rest(began)
+
+        assert soonest(attempt) <= LATEST
+
+    @made_in_time
+    def test_a_flood_of_stops_does_not_hold_up_the_end(self, tmp_path):
+        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.drives()
+            began = time.monotonic()
+            while robot.process.poll() is None:
+                assert time.monotonic() < began + 10.0
+                for _ in range(100):
+                    speaker.send(STOP)
+            took = time.monotonic() - began
+            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+            robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
+            names = [name for _, name, _ in robot.devices.commands]
+            assert names.count("drive_stop") < 10 + 2 * took / 0.2
+
+    @made_in_time
+    def test_a_stop_is_obeyed_each_time(self, tmp_path):
+        """As what it sent before may have been damaged, and the program hangs."""
+        with running(tmp_path, fault="time.sleep(60)") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.drives()
+            robot.fault()
+            for _ in range(2):
+                before = len(robot.devices.commands)
+                speaker.stop()
+                assert "drive_stop" in [name for _, name, _ in robot.devices.commands[before:]]
+
+    def test_stop_during_the_start(self, tmp_path):
+        with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when(lambda: robot.devices.commands)
+            speaker.stop()
+            returned, error = robot.ended()
+            assert (returned, error) == (4, "Error: swarm: told to stop by 127.0.0.1\n")
+            assert not robot.devices.drives()
+
+    def test_silence(self, tmp_path):
+        def attempt(number):
+            over = threading.Event()
+            with (
+                running(tmp_path / str(number), GO, ", heartbeat: 0.4") as robot,
+                Speaker(["127.0.0.1"], robot.port) as speaker,
+            ):
+
+                def beat():
+                    while not over.wait(0.05):
+                        speaker.send(HEARTBEAT)
+
+                beating = threading.Thread(target=beat)
+                beating.start()
+                robot.drives()
+                time.sleep(0.5)
+                assert robot.process.poll() is None
+                over.set()
+                beating.join()
+                began = time.monotonic()
+                check(robot, 4, "swarm: no heartbeat for 0.4 s")
+                return robot.devices.told_to_rest(began) - 0.4
+
+        assert soonest(attempt) <= LATEST
+
+    def test_silence_of_who_has_the_key(self, tmp_path):
+        """All that others say meanwhile keeps it running no longer: what is not signed, and what was, again."""
+
+        def attempt(number):
+            over = threading.Event()
+            with (
+                running(tmp_path / str(number), GO, f", heartbeat: 0.4, key: {KEY}") as robot,
+                Speaker(["127.0.0.1"], robot.port) as speaker,
+                Forger(robot.port) as forger,
+            ):
+
+                def beat():
+                    while not over.is_set():
+                        speaker.beat(KEY, 0.05)
+
+                beating = threading.Thread(target=beat)
+                beating.start()
+                robot.drives()
+                time.sleep(0.5)
+                assert robot.process.poll() is None
+                signed = forger.has_signed(KEY)
+                over.set()
+                beating.join()
+                began = time.monotonic()
+                with forger.saying([HEARTBEAT, *signed]):
+                    error = check(robot, 4, "swarm: no heartbeat for 0.4 s")
+                assert "not signed: anybody" not in error
+                text = (robot.folder / "log.jsonl").read_text()
+                assert (KEY in text + error, "heartbeats refused, the last from 127.0.0.1: " in text) == (False, True)
+                return robot.devices.told_to_rest(began) - 0.4
+
+        assert soonest(attempt) <= LATEST
+
+    def test_who_has_another_key_lets_no_robot_begin(self, tmp_path):
+        lead = SOON + IMPATIENT
+        with (
+            running(tmp_path, GO, f", heartbeat: 0.4, key: {KEY}", lead=lead) as robot,
+            Speaker(["127.0.0.1"], robot.port) as speaker,
+        ):
+            while robot.process.poll() is None:
+                speaker.beat("another key of the same length", 0.05)
+            error = check(robot, 1, " were refused: its signature is wrong); is `mercator-robot heartbeat` running")
+            assert KEY not in error
+            assert not robot.devices.drives()
+
+    @made_in_time
+    def test_without_a_key_it_says_so(self, tmp_path):
+        with (
+            running(tmp_path, GO, ", heartbeat: 2", "", "--duration", "1") as robot,
+            Speaker(["127.0.0.1"], robot.port) as speaker,
+        ):
+            robot.devices.when(lambda: speaker.send(HEARTBEAT) or robot.process.poll() is not None)
+            error = check(
+                robot, 0, "Warning: heartbeats are not signed: anybody in the network can keep this robot runn"
+            )
+            assert error.count("not signed") == 1
+            notes = [event["text"] for event in read(tmp_path / "log.jsonl") if event["event"] == "note"]
+            assert "heartbeats are not signed: anybody in the network can keep this robot running" in notes
+
+    def test_without_a_heartbeat_it_does_not_begin(self, tmp_path):
+        with running(tmp_path, GO, ", heartbeat: 0.4", lead=SOON + IMPATIENT) as robot:
+            error = check(robot, 1, "swarm: no heartbeat; is `mercator-robot heartbeat` running")
+            assert "Traceback" not in error
+            assert not robot.devices.drives()
+
+    def test_stop_while_it_waits_for_a_heartbeat(self, tmp_path):
+        with running(tmp_path, GO, ", heartbeat: 0.4") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.devices.when((robot.folder / "log.jsonl").exists)
+            robot.devices.when(lambda: (robot.folder / "log.jsonl").stat().st_size)
+            speaker.stop()
+            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+
+    def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
+        with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("", robot.port))
+            returned, error = robot.ended()
+        assert (returned, "does another mercator-robot run here?" in error) == (1, True), error

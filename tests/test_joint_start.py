@@ -97,7 +97,7 @@ class World:
     def arrives(self, to, name, line):
         robot = self.robots[name]
         if to == "leader" and not self.is_leader_dead:
-            self.leader.hang_up(name, "killed") if line is None else self.leader.hear(name, line.encode(), self.now)
+            self.leader.call_off("killed", name) if line is None else self.leader.hear(name, line.encode(), self.now)
         elif to == "robot" and not robot.is_dead:
             if line is None:
                 robot.follower.hang_up()
@@ -182,7 +182,7 @@ def test_a_connection_that_fails_shortly_before_the_start_stops_who_has_begun():
     assert max(robot.moved() for robot in world.robots.values()) < SILENCE
     assert (world.leader.culprit, world.leader.why) == ("r1", "it has not answered for 1 s")
     assert world.robots["r0"].follower.why == "the start was called off: r1: it has not answered for 1 s"
-    assert world.robots["r1"].follower.why == "nothing was heard for 1 s of who starts the robots"
+    assert world.robots["r1"].follower.why == "nothing received for 1 s from the computer that starts the robots"
 
 
 def test_a_robot_that_dies_shortly_before_the_start_keeps_all_others_at_rest():
@@ -208,7 +208,7 @@ def test_a_robot_that_is_late_is_refused_by_itself_and_stops_the_others():
     world.run()
     assert world.robots["r1"].moved() == 0.0
     assert 0.0 < max(robot.moved() for robot in world.robots.values()) < 0.3
-    assert re.fullmatch(r"too late by 0.1[5-7] s for the start: is this computer too busy\?", world.leader.why)
+    assert re.fullmatch(r"the start is late by 0.1[5-7] s: is this computer too busy\?", world.leader.why)
 
 
 @pytest.mark.parametrize(("lateness", "runs"), [(0.02, True), (0.07, False)])
@@ -218,7 +218,7 @@ def test_robots_that_did_not_begin_together_are_stopped(lateness, runs):
     world.robots["r1"].lateness = lateness
     world.run()
     assert world.all_run() == runs
-    assert runs or ("the robots began " in world.leader.why and "expected 100 ms at most" in world.leader.why)
+    assert runs or ("the robots began " in world.leader.why and "the limit is 100 ms: are" in world.leader.why)
     assert runs or max(robot.moved() for robot in world.robots.values()) < 0.5
 
 
@@ -226,7 +226,7 @@ def test_a_clock_that_is_not_known_well_enough():
     world = World(delay=(0.06, 0.07)).run()
     assert world.none_moved()
     assert "its clock is known to " in world.leader.why
-    assert "must be to 50 ms: the connection is slow" in world.leader.why
+    assert "the limit is 50 ms: slow connection" in world.leader.why
 
 
 def test_a_slow_connection_is_slow_most_of_the_time():
@@ -280,7 +280,10 @@ class TestFollower:
     def test_after_a_silence_it_does_not_begin(self, follower):
         follower.hear(self.start(12.0), 10.1)
         follower.hear(b'{"say": "go"}', 10.2)
-        assert from_line(follower.begin(12.0, CYCLE))["why"] == "nothing was heard for 1 s of who starts the robots"
+        assert (
+            from_line(follower.begin(12.0, CYCLE))["why"]
+            == "nothing received for 1 s from the computer that starts the robots"
+        )
 
     @pytest.mark.parametrize(
         "line", [b"Welcome!", b"", b"[1]", b'{"say": 1}', b"\xff", b"[" * 10_000, b'{"say": "sing"}']
@@ -294,7 +297,7 @@ class TestFollower:
         follower.look(1e6)
         assert follower.why == ""
         follower.hang_up()
-        assert follower.why == "the connection to who starts the robots has ended"
+        assert follower.why == "the connection to the computer that starts the robots has ended"
 
 
 class TestLeader:
@@ -302,7 +305,7 @@ class TestLeader:
         ("line", "why"),
         [
             ('{"say": "clock", "sent": 0.5, "monotonic": "now", "day": 1}', "clock: expected a number for monotonic, "),
-            ('{"say": "clock", "sent": 1e9, "monotonic": 1, "day": 1}', "clock: expected an answer to what was sent"),
+            ('{"say": "clock", "sent": 1e9, "monotonic": 1, "day": 1}', "clock: expected an answer to a probe sent"),
             ('{"say": "started", "at": null}', "started: expected a number for at, found None"),
             ('{"say": "failed"}', "None"),
         ],

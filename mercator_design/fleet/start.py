@@ -85,7 +85,7 @@ def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
     for name, lines in hear(robots, _TICK):
         now = time.monotonic()
         if lines is None:
-            leader.hang_up(name, robots[name].words)
+            leader.call_off(robots[name].words, name)
         for line in lines or ():
             leader.hear(name, line, now)
     leader.advance(time.monotonic())

@@ -25,7 +25,7 @@ def field(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(programs), prepend=":")
     monkeypatch.delenv("PYTHONPATH", raising=False)
     monkeypatch.setattr(joint_start, "SILENCE", 60.0)
-    monkeypatch.setattr(joint_start, "_ANSWER", 2.0)
+    monkeypatch.setattr(joint_start, "_ANSWER_LIMIT", 2.0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fsm.txt").write_text(GO)
     (tmp_path / "robots.yaml").write_text(

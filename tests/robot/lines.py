@@ -64,8 +64,8 @@ def _hub():
 _SENT, _TOLD = _robot()
 _ANSWERS = [DeviceInfo(6, (1, 5), 1, "8312230285877766"), Health(0), ScanStarted()]
 LINES = {
-    "rvr, to the robot": Line(rvr.frame_decoder, _SENT, b"\x8d\x18", rvr.LONGEST),
-    "rvr, to the computer": Line(rvr.frame_decoder, _TOLD, b"\x8d\x28", rvr.LONGEST),
+    "rvr, to the robot": Line(rvr.frame_decoder, _SENT, b"\x8d\x18", rvr.MAX_FRAME),
+    "rvr, to the computer": Line(rvr.frame_decoder, _TOLD, b"\x8d\x28", rvr.MAX_FRAME),
     "ydlidar, to the device": Line(
         ydlidar.command_decoder, [ydlidar.encode_command(name) for name in ydlidar.COMMANDS], b"\xa5", 2
     ),

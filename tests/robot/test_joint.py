@@ -119,13 +119,13 @@ def test_a_connection_that_ends_before_the_start(tmp_path, when):
             leader.say(to_line("go"))
             leader.hear("going")
         leader.hang_up()
-        never_drove(robot, "the connection to who starts the robots has ended")
+        never_drove(robot, "the connection to the computer that starts the robots has ended")
 
 
 def test_a_leader_that_falls_silent(tmp_path):
     lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 0.5\n"
     with awaiting(tmp_path, lead=lead) as (robot, leader):
-        never_drove(robot, "nothing was heard for 0.5 s of who starts the robots")
+        never_drove(robot, "nothing received for 0.5 s from the computer that starts the robots")
         leader.hang_up()
 
 
@@ -194,8 +194,8 @@ joint.Joint.wait = lambda joint, control: control.wait(due(joint) + 0.3)
         leader.hear("accepted")
         leader.say(to_line("go"))
         leader.hear("going")
-        assert next(failures(leader))["why"].startswith("too late by 0.")
-        never_drove(robot, "for the start: is this computer too busy?")
+        assert next(failures(leader))["why"].startswith("the start is late by 0.")
+        never_drove(robot, " s: is this computer too busy?")
 
 
 def drives_on(robot, leader):
@@ -213,7 +213,7 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
             drives_on(robot, leader)
             began = time.monotonic()
             leader.hang_up() if what == "hang up" else leader.say(to_line("stop", why="r3: it has not answered"))
-            words = "the connection to who starts" if what == "hang up" else "r3: it has not answered"
+            words = "the connection to the computer that starts" if what == "hang up" else "r3: it has not answered"
             assert robot.process.wait(20.0) == 4
             assert words in robot.process.stderr.read()
             return robot.devices.told_to_rest(began)
@@ -231,7 +231,7 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
             leader.hear("started")
             began = time.monotonic()
             assert robot.process.wait(20.0) == 4
-            assert "nothing was heard for 1.5 s" in robot.process.stderr.read()
+            assert "nothing received for 1.5 s" in robot.process.stderr.read()
             return robot.devices.told_to_rest(began) - 1.5
 
     assert soonest(attempt) <= LATEST
@@ -247,7 +247,7 @@ def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
             began = time.monotonic()
             (robot.folder / "fault").touch()
             assert robot.process.wait(20.0) == 4
-            assert "the thread that hears who starts the robots failed" in robot.process.stderr.read()
+            assert "the thread that reads the leader's lines failed" in robot.process.stderr.read()
             return robot.devices.told_to_rest(began) - 0.1
 
     assert soonest(attempt) <= LATEST
@@ -264,4 +264,4 @@ def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
         leader = Leader(robot)
         leader.hear("ready")
         leader.hang_up()
-        never_drove(robot, "the connection to who starts the robots has ended")
+        never_drove(robot, "the connection to the computer that starts the robots has ended")

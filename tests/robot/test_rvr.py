@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mercator_design.errors import ProtocolError
 from mercator_design.robot.protocols import rvr_messages
 from mercator_design.robot.protocols.rvr import (
-    LONGEST,
+    MAX_FRAME,
     Flags,
     Frame,
     Host,
@@ -105,10 +105,10 @@ def test_frames_arrive_as_they_were_sent(frame):
 
 
 def test_the_longest_frame_is_taken_and_a_longer_one_is_lost():
-    frames = [Frame(did=1, cid=2, seq=3, data=bytes(n)) for n in range(LONGEST - 20, LONGEST + 1)]
+    frames = [Frame(did=1, cid=2, seq=3, data=bytes(n)) for n in range(MAX_FRAME - 20, MAX_FRAME + 1)]
     for frame in frames:
         whole = frame.encode()
-        expected = [frame] if len(whole) <= LONGEST else []
+        expected = [frame] if len(whole) <= MAX_FRAME else []
         assert frame_decoder().receive(whole) == expected
         decoder = frame_decoder()
         assert [event for byte in whole for event in decoder.receive(bytes([byte]))] == expected

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mercator_design.robot.protocols import ydlidar
 from mercator_design.robot.protocols.ydlidar import (
-    LONGEST_TURN,
+    MAX_TURN_SAMPLES,
     DeviceInfo,
     Health,
     Packet,
@@ -101,7 +101,7 @@ def test_samples_without_a_ring_start_are_no_turn():
     start, other = Packet(0, 0, (4000,), is_ring_start=True), Packet(64, 128, (4000,) * 40)
     turns = Turns()
     turns.receive(start)
-    for _ in range(LONGEST_TURN // 40 + 1):
+    for _ in range(MAX_TURN_SAMPLES // 40 + 1):
         turns.receive(other)
     assert turns._points is None
     assert turns.receive(start) is None

@@ -1,1 +1,1 @@
-"""Protocols without input, output or clock: the three devices' bytes, and the lines of a joint start."""
+"""Protocols without input, output or clock: the bytes of the three devices, and the lines of a joint start."""

@@ -9,11 +9,11 @@ Event = TypeVar("Event")
 
 
 class Counts(NamedTuple):
-    """Of what came over a line.
+    """Counts of the bytes that came over a line.
 
-    received: Bytes.
-    lost: Bytes that were of no sound frame.
-    refused: Beginnings of frames among the lost bytes.
+    received: Number of bytes.
+    lost: Number of bytes outside of valid frames.
+    refused: Number of frame starts among the lost bytes.
     """
 
     received: int = 0
@@ -22,13 +22,13 @@ class Counts(NamedTuple):
 
 
 class Decoder(Generic[Event]):
-    """Bytes in, in pieces of any size; events out. Raises nothing, whatever the bytes.
+    """Takes bytes in pieces of any size and returns events. No bytes make it raise an exception.
 
-    Every place where a frame may begin is tried. Of those that hold a sound one, the one that ends first is taken. So
-    the events do not depend on how the bytes were split, and a damaged beginning that promises a long frame holds up
-    none of those that follow. Kept between calls is less than the longest frame.
+    Every place where a frame may begin is tried. Of the valid frames the one that ends first is taken. So the events do
+    not depend on how the bytes were split, and a damaged start of a long frame does not delay the frames that follow.
+    Between calls it keeps less than the longest frame.
 
-    counts: Of all that came so far; bytes that may still become a frame are received, and not lost.
+    counts: Counts of all bytes so far; bytes that may still become a frame are received, and not lost.
     """
 
     def __init__(
@@ -37,10 +37,10 @@ class Decoder(Generic[Event]):
         """Make a decoder of one format.
 
         Args:
-            starts: Matches where a frame may begin, also if the bytes end within what it begins with.
-            size: Bytes of the frame that would begin at a place: 0 if none does; more than there are if how many it is
-                cannot be told yet.
-            read: The event of so many bytes; None if they are not sound.
+            starts: Matches where a frame may begin, also if the bytes end within its first bytes.
+            size: Returns the number of bytes of a frame that begins at a place: 0 if none can; more than there are
+                while the number is unknown.
+            read: Returns the event of the bytes of a frame; None if they are not valid.
         """
         self._starts, self._size, self._read = starts, size, read
         self._kept = b""
@@ -48,11 +48,11 @@ class Decoder(Generic[Event]):
 
     @property
     def lost(self) -> int:
-        """Bytes so far that were of no sound frame."""
+        """Number of bytes so far outside of valid frames."""
         return self.counts.lost
 
     def receive(self, data: bytes) -> list[Event]:
-        """The events that these bytes complete, in order."""
+        """Return the events that these bytes complete, in order."""
         self.counts = self.counts._replace(received=self.counts.received + len(data))
         data = self._kept + data
         events: list[Event] = []
@@ -78,7 +78,7 @@ class Decoder(Generic[Event]):
             done = end
 
     def _lose(self, data: bytes, start: int, end: int) -> None:
-        """Count bytes that are of no sound frame."""
+        """Count bytes outside of valid frames."""
         if start == end:
             return
         places = (match.start() for match in self._starts.finditer(data, start))

@@ -1,25 +1,25 @@
-"""A joint start: robots begin to run within one control cycle of each other, or none goes on.
+"""A joint start: robots begin to run within one control cycle of each other, or all of them stop.
 
 One computer, the leader, has a connection of lines (clocks.py) to each robot, a follower. Both ends are here, without
-input or output: lines in, lines out, and the time is an argument [s].
+input or output: they take lines and return lines, and the time is an argument [s].
 
     follower                          leader
-    ready     all devices tell what is needed, the wheels are at rest
+    ready     all devices send what is needed, the wheels are at rest
                                       start     at a time of the robot's own clock, LEAD from now
-    accepted  or failed, if that is over already
-                                      go        when all have accepted; a robot begins only if it has heard this
+    accepted  or failed, if that time is over already
+                                      go        all robots have accepted; without this a robot does not begin
     going
-    started   when its first control cycle has begun
-                                      confirm   when all have started, and together
-    confirmed from now on the robot needs no leader; as long as there is one, it obeys a stop
-    failed    whatever ended the run
-                                      stop      whatever happened to another robot: the wheels stop, the run ends
+    started   its first control cycle has begun
+                                      confirm   all robots have started, within one cycle
+    confirmed from now on the robot needs no leader; while there is one, it obeys a stop
+    failed    the run has ended, for any reason
+                                      stop      another robot has failed: the wheels stop, the run ends
 
-From `ready` to `confirmed` the leader sends probes, which measure the clocks too, and each end gives up when it has
-heard nothing for SILENCE, or when the connection has ended. So a robot without a leader is armed no longer than that.
-`go` is said more than SILENCE before the start: no connection that fails meanwhile leaves some robots with it and
-others without. A robot that fails in the last SILENCE before the start cannot keep the others from starting: they are
-stopped as soon as that is seen, after SILENCE at the latest.
+From `ready` to `confirmed` the leader sends probes, which also measure the clocks. Each end gives up when it has
+received nothing for SILENCE, or when the connection has ended. So a robot without a leader is armed no longer than
+that. `go` is sent more than SILENCE before the start: a connection that fails meanwhile stops all robots. A robot that
+fails in the last SILENCE before the start cannot prevent the others from starting: they stop as soon as the leader
+notices, after SILENCE at the latest.
 """
 
 import itertools
@@ -41,22 +41,22 @@ from mercator_design.robot.protocols.clocks import (
 )
 
 SILENCE = 1.0
-"""[s] without a word from the other end after which a robot is not started, or is stopped."""
+"""[s] without a line from the other end after which a robot is not started, or is stopped."""
 LEAD = 3.0
-"""[s] from when the time of the start is said until it is there."""
-_ANSWER = 0.8  # [s] that robots may take to say that they have accepted, go and have confirmed; thrice less than LEAD
-_PROBES = 10  # answers for a clock to be known ...
-_PATIENCE = 5.0  # ... and [s] to wait until it is known well enough
-_FURTHEST = 60.0  # [s] to a start
+"""[s] from sending the time of the start until that time."""
+_ANSWER_LIMIT = 0.8  # [s] for each of accepted, going and confirmed; three of them are shorter than LEAD
+_MIN_ANSWERS = 10  # that measure a clock
+_CLOCK_LIMIT = 5.0  # [s] for measuring the clocks
+_MAX_LEAD = 60.0  # [s] to a start
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The leader's clock, as a follower is told of it.
+    """The leader's clock, as the leader has measured it for a follower.
 
-    host: Whose clock it is.
-    offset: What is to be added to a time of the follower's monotonic clock to have the leader's time of the day [s].
-    uncertainty: Of that [s].
+    host: The leader's host name.
+    offset: Time to add to the follower's monotonic clock to get the leader's time of day [s].
+    uncertainty: Upper limit of the error of the offset [s].
     """
 
     host: str
@@ -65,27 +65,27 @@ class Reference:
 
 
 class Follower:
-    """A robot's end.
+    """A robot's end of the connection.
 
-    at: When to begin [s]; None if that is not said yet.
-    reference: The leader's clock; None as `at`.
-    why: Why the robot must not begin, or must stop; empty if it need not.
+    at: Time of the start [s]; None before the leader has sent it.
+    reference: The leader's clock; None before the leader has sent it.
+    why: Why the robot must not begin, or must stop; empty if it may run.
     """
 
     def __init__(self) -> None:
         self.at: float | None = None
         self.reference: Reference | None = None
         self.why = ""
-        self._heard = math.inf  # when the leader was; from `ready` on
+        self._heard = math.inf  # time of the leader's latest line, from `ready` on
         self._may_go = self._is_confirmed = False
 
     def be_ready(self, now: float, **values: object) -> str:
-        """From now on the leader is needed; what to say, with values."""
+        """The line that says that the robot is ready, with values; from now on the leader is needed."""
         self._heard = now
         return to_line("ready", **values)
 
     def hear(self, line: bytes, now: float) -> str | None:
-        """Take a line at a time; what to answer."""
+        """Take a line that came at a time [s]; return the line that answers it, if any."""
         said = from_line(line)
         if said is None:
             return None
@@ -118,32 +118,32 @@ class Follower:
             return self.fail(f"the start: {error}")
         if at <= now:
             return self.fail(f"the time of the start came too late: it was {now - at:.2f} s ago")
-        if at - now > _FURTHEST:
-            return self.fail(f"expected a start within {_FURTHEST:g} s, found one in {at - now:.0f} s")
+        if at - now > _MAX_LEAD:
+            return self.fail(f"expected a start within {_MAX_LEAD:g} s, found one in {at - now:.0f} s")
         self.at, self.reference = at, reference
         return to_line("accepted")
 
     def look(self, now: float) -> None:
-        """See whether the leader is still heard."""
+        """End the run if the leader has been silent for too long."""
         if now - self._heard > SILENCE and not self._is_confirmed:
-            self._end(f"nothing was heard for {SILENCE:g} s of who starts the robots")
+            self._end(f"nothing received for {SILENCE:g} s from the computer that starts the robots")
 
     def hang_up(self) -> None:
-        """The connection has ended."""
+        """Take in that the connection has ended."""
         if not self._is_confirmed:
-            self._end("the connection to who starts the robots has ended")
+            self._end("the connection to the computer that starts the robots has ended")
 
     def begin(self, now: float, cycle: float) -> str:
-        """The first control cycle, of so many seconds, begins now: what to say. If it must not, `why` says so."""
+        """The line that reports the first control cycle, of `cycle` seconds; if it must not begin, `why` is set."""
         self.look(now)
         if not self.why and (self.at is None or not self._may_go):
             self._end("the start was not confirmed by all robots in time")
         if not self.why and self.at is not None and not 0.0 <= now - self.at <= cycle:
-            self._end(f"too late by {now - self.at:.2f} s for the start: is this computer too busy?")
+            self._end(f"the start is late by {now - self.at:.2f} s: is this computer too busy?")
         return to_line("failed", why=self.why) if self.why else to_line("started", at=now)
 
     def fail(self, why: str) -> str:
-        """Something has ended the run: what to say."""
+        """End the run for a reason; the line that reports it."""
         self._end(why)
         return to_line("failed", why=self.why)
 
@@ -153,7 +153,7 @@ class Follower:
 
 @dataclass
 class _Robot:
-    """What the leader knows of a follower."""
+    """What the leader knows about a follower."""
 
     clock: Clock = field(default_factory=Clock)
     difference: Difference = Difference(0.0, 0.0, math.inf)
@@ -164,22 +164,22 @@ class _Robot:
 
 
 class Leader:
-    """The end of who starts robots.
+    """The end of the computer that starts the robots.
 
     why: Why the start was called off; empty if it was not.
     culprit: The robot that was the reason; empty if none was.
-    is_over: Whether all robots run, or it was called off.
+    is_over: Whether all robots run, or the start was called off.
     """
 
     def __init__(self, names: Iterable[str], now: float, *, patience: float, cycle: float, host: str) -> None:
         """Begin to wait for robots to be ready.
 
         Args:
-            names: Of the robots.
+            names: The robots' names.
             now: The time [s].
             patience: Time until they must be ready [s].
             cycle: Time within which all must begin [s].
-            host: What this computer is called.
+            host: This computer's host name.
         """
         self._robots = {name: _Robot() for name in names}
         self._now, self._cycle, self._host = now, cycle, host
@@ -192,12 +192,12 @@ class Leader:
         self._step: tuple[Callable[[_Robot], bool], float, str] = next(self._steps)
 
     def lines(self) -> list[tuple[str, str]]:
-        """What is to be sent: names and lines."""
+        """Take out the lines that are to be sent, each with the name of its robot."""
         out, self._out = self._out, []
         return out
 
     def hear(self, name: str, line: bytes, now: float) -> None:
-        """Take a line of a robot."""
+        """Take a line of a robot, received at a time [s]."""
         said = from_line(line)
         if said is None:
             return
@@ -217,12 +217,8 @@ class Leader:
         except ValueError as error:
             self.call_off(f"{said['say']}: {error}", name)
 
-    def hang_up(self, name: str, why: str) -> None:
-        """The connection to a robot has ended."""
-        self.call_off(why, name)
-
     def advance(self, now: float) -> None:
-        """Do what is due; what has been received by now was heard before."""
+        """Do what is due at a time [s]; `hear` has taken all lines received until then."""
         self._now = now
         for name, robot in self._robots.items():
             if self.is_over or "ready" not in robot.said:
@@ -244,7 +240,7 @@ class Leader:
                 return
 
     def call_off(self, why: str, culprit: str = "") -> None:
-        """Nobody starts, and who has started is stopped."""
+        """Start no robot, and stop those that have started."""
         if self.is_over:
             return
         self.is_over, self.why, self.culprit = True, why, culprit
@@ -253,23 +249,23 @@ class Leader:
 
     @property
     def reason(self) -> str:
-        """Which robot is why the start was called off, and why."""
+        """The robot that was the reason, if one was, and why the start was called off."""
         return f"{self.culprit}: {self.why}" if self.culprit else self.why
 
     def ready(self, name: str) -> dict[str, Any]:
-        """What a robot said when it was ready; empty if it has not been."""
+        """The values of a robot's `ready`; empty if it has not been ready."""
         return self._robots[name].said.get("ready", {})
 
     def difference(self, name: str) -> Difference:
-        """Of a robot's clock, as it was when the start was said."""
+        """The difference of a robot's clock when the start was sent."""
         return self._robots[name].difference
 
     def began(self, name: str) -> float:
-        """How long after the first robot another began [s]."""
+        """How long after the first robot this robot began [s]."""
         return self._robots[name].began - min(robot.began for robot in self._robots.values())
 
     def spread(self) -> tuple[float, float]:
-        """How long after the first robot the last began [s], and by how much that may be wrong."""
+        """The time between the first and the last robot's beginning, and its uncertainty [s]."""
         pairs = [*itertools.combinations(self._robots.values(), 2)]
         apart = [
             (abs(one.began - other.began), one.difference.uncertainty + other.difference.uncertainty)
@@ -278,32 +274,36 @@ class Leader:
         return max(apart, key=sum, default=(0.0, 0.0))
 
     def _all_steps(self) -> Iterator[tuple[Callable[[_Robot], bool], float, str]]:
-        """What all robots must do one after the other: whether one has, until when, and what is wrong if it has not."""
+        """The steps of a start, in order: whether a robot is done, the time limit, and the reason if it is not done."""
         yield self._has_said("ready"), self._now + self._patience, f"it was not ready after {self._patience:g} s"
-        # Of two robots each may be wrong by its uncertainty, in opposite directions.
+        # The errors of two robots' clocks may add up.
         known = 0.5 * self._cycle
         yield (
-            lambda robot: len(robot.clock) >= _PROBES and robot.clock.difference.uncertainty <= known,
-            self._now + _PATIENCE,
-            f"its clock is known to {{uncertainty:.0f}} ms, must be to {1000.0 * known:.0f} ms: the connection is slow",
+            lambda robot: len(robot.clock) >= _MIN_ANSWERS and robot.clock.difference.uncertainty <= known,
+            self._now + _CLOCK_LIMIT,
+            f"its clock is known to {{uncertainty:.0f}} ms; the limit is {1000.0 * known:.0f} ms: slow connection",
         )
         self._at = self._now + LEAD
         for name, robot in self._robots.items():
             robot.difference = found = robot.clock.difference
             self._out.append((name, self._offer(found)))
-        yield self._has_said("accepted"), self._now + _ANSWER, "it did not accept the start in time"
-        self._tell_all("go")
-        yield self._has_said("going"), self._now + _ANSWER, "it did not confirm the start in time"
+        yield self._has_said("accepted"), self._now + _ANSWER_LIMIT, "it did not accept the start in time"
+        self._send_all("go")
+        yield self._has_said("going"), self._now + _ANSWER_LIMIT, "it did not confirm the start in time"
         yield self._has_said("started"), self._at + self._cycle + SILENCE, "it did not report its start"
         spread, uncertainty = self.spread()
         if spread + uncertainty > self._cycle:
             self.call_off(
                 f"the robots began {1000.0 * spread:.0f} ms apart, give or take {1000.0 * uncertainty:.0f} ms; "
-                f"expected {1000.0 * self._cycle:.0f} ms at most: are their computers too busy?"
+                f"the limit is {1000.0 * self._cycle:.0f} ms: are their computers too busy?"
             )
         else:
-            self._tell_all("confirm")
-        yield self._has_said("confirmed"), self._now + _ANSWER, "it did not confirm that it runs; it may run on"
+            self._send_all("confirm")
+        yield (
+            self._has_said("confirmed"),
+            self._now + _ANSWER_LIMIT,
+            "it did not confirm that it runs; it may run on",
+        )
         self.is_over = True
 
     def _offer(self, found: Difference) -> str:
@@ -312,7 +312,7 @@ class Leader:
             "start", at=self._at - found.offset, host=self._host, offset=offset, uncertainty=found.uncertainty
         )
 
-    def _tell_all(self, say: str) -> None:
+    def _send_all(self, say: str) -> None:
         self._out += [(name, to_line(say)) for name in self._robots]
 
     @staticmethod

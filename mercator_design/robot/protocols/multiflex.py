@@ -1,4 +1,4 @@
-"""The Teraranger Hub Multiflex's serial line: distances, commands and their acknowledgements (USB).
+"""The serial line (USB) of the Teraranger Hub Multiflex: distances, commands and their acknowledgements.
 
     4D 46  eight distances  mask  CRC          "MF", big-endian: binary output
     4D 46  eight times a tab and a number  0D 0A                 text output
@@ -17,10 +17,10 @@ from typing import TypeAlias
 from mercator_design.robot.protocols.framing import Decoder
 
 SENSORS = 8
-LEAST, MOST = 50, 2000
-"""Distances that are measurements [mm], by the maker's ROS driver."""
+MIN_DISTANCE, MAX_DISTANCE = 50, 2000
+"""Limits of what is measured [mm], from the maker's ROS driver."""
 NOTHING = 0xFFFF
-"""No sensor, or nothing in sight."""
+"""The distance without a sensor, or with nothing in sight."""
 
 _FRAME = struct.Struct(f">2s{SENSORS}HBB")
 _TEXT = re.compile(rb"MF(?:\t(?:-1|\d{1,5})){%d}\r\n" % SENSORS)
@@ -30,35 +30,28 @@ _OK, _REFUSED = 0x00, 0xFF
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8 with polynomial 07, beginning with 0."""
+    """CRC-8 with polynomial 07 and initial value 0."""
     crc = 0
     for byte in data:
-        crc = _CRC[crc ^ byte]
+        crc ^= byte
+        for _ in range(8):
+            crc = crc << 1 ^ (0x107 if crc & 0x80 else 0)
     return crc
-
-
-def _shifted(crc: int) -> int:
-    for _ in range(8):
-        crc = crc << 1 ^ (0x107 if crc & 0x80 else 0)
-    return crc
-
-
-_CRC = bytes(map(_shifted, range(256)))
 
 
 @dataclass(frozen=True, slots=True)
 class Distances:
     """What the sensors measured (data sheet, 4.2).
 
-    millimetres: By sensor; 65535 is nothing.
-    mask: Bit i of sensor i: whether it is in use.
+    millimetres: The distance of each sensor; 65535 if there is none.
+    mask: Bit i is set if sensor i is in use.
     """
 
     millimetres: tuple[int, ...]
     mask: int = 0xFF
 
     def metres(self) -> list[float]:
-        """By sensor [m]: infinity if nothing is in sight, minus infinity if it is too near to tell, NaN if off."""
+        """The distances [m]: inf if nothing is in sight, -inf if something is too near, NaN if the sensor is off."""
         return [_metres(mm) if self.mask >> i & 1 else math.nan for i, mm in enumerate(self.millimetres)]
 
     def encode(self) -> bytes:
@@ -72,14 +65,14 @@ class Distances:
 
 
 def _metres(mm: int) -> float:
-    if mm == NOTHING or MOST < mm < 0x8000:
+    if mm == NOTHING or MAX_DISTANCE < mm < 0x8000:
         return math.inf
-    return mm / 1000.0 if LEAST <= mm <= MOST else -math.inf
+    return mm / 1000.0 if MIN_DISTANCE <= mm <= MAX_DISTANCE else -math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class HubCommand:
-    """What the hub is told; it acknowledges each (data sheet, 4.1 and 4.3)."""
+    """A command to the hub, which acknowledges it (data sheet, 4.1 and 4.3)."""
 
     code: int
     arguments: bytes
@@ -115,12 +108,12 @@ Event: TypeAlias = Distances | Acknowledgement
 
 
 def decoder() -> Decoder[Event]:
-    """What the computer hears, in binary or text output."""
+    """The decoder of what the hub sends, in binary or text output."""
     return Decoder(re.compile(rb"M(?:F|\Z)|R(?:E|\Z)"), _size, _read)
 
 
 def command_decoder() -> Decoder[HubCommand]:
-    """What the hub hears."""
+    """The decoder of what the computer sends."""
     return Decoder(re.compile(rb"\0"), _command_size, _read_command)
 
 
@@ -129,7 +122,7 @@ def _size(data: bytes, start: int) -> int:
         return 5
     if text := _TEXT.match(data, start):
         return text.end() - start
-    # What may become text is not looked at as binary, which one in 256 would be by chance.
+    # What may become text is not tried as binary, which one in 256 would be by chance.
     return max(_FRAME.size, len(data) + 1 - start if _TEXT_BEGUN.match(data, start) else 0)
 
 

@@ -1,11 +1,11 @@
-"""The Sphero RVR's serial line: frames, and the talk of the computer and the robot over it (115200 baud, 8N1).
+"""The serial line of the Sphero RVR: frames, and the two ends that exchange them (115200 baud, 8N1).
 
     8D  flags [target] [source] device command sequence [error] data ...  checksum  D8
 
-Between 8D and D8 both of them, and AB, are escaped, so a frame begins wherever 8D stands. The checksum is the inverted
-sum of what is between, before it is escaped ("Details on the Sphero API", packet structure, packet encoding).
+Between 8D and D8 the bytes 8D, D8 and AB are escaped, so a frame begins at every 8D. The checksum is the inverted sum
+of the bytes between them before escaping ("Details on the Sphero API", packet structure, packet encoding).
 
-`Host` is the computer's end: it numbers commands, and knows which of them a response answers. `RvrEnd` is the robot's.
+`Host` is the computer's end: it numbers commands and finds the command of each response. `RvrEnd` is the robot's end.
 """
 
 import re
@@ -25,16 +25,15 @@ from mercator_design.robot.protocols.rvr_messages import (
 )
 from mercator_design.robot.protocols.rvr_streaming import Slots, StreamData
 
-LONGEST = 512
-"""Bytes of a frame on the line; what goes on for longer has lost its end."""
-_NOTIFIES = 0xFF
-"""The sequence number of notifications."""
-_AWAITED = 128
-"""Responses that a host waits for at most, so that it always has a number to give."""
+MAX_FRAME = 512
+"""Bytes of a frame on the line; a longer one has lost its end."""
+_NOTIFICATION_SEQ = 0xFF
+_MAX_AWAITED = 128
+"""Responses that a host waits for, at most: it always has a free sequence number."""
 
 _FIRST, _LAST = b"\x8d", b"\xd8"
 _STARTS = re.compile(_FIRST)
-_WHOLE = re.compile(rb"\x8d[^\x8d\xd8]{0,%d}(\xd8|\Z)?" % (LONGEST - 2))
+_WHOLE = re.compile(rb"\x8d[^\x8d\xd8]{0,%d}(\xd8|\Z)?" % (MAX_FRAME - 2))
 _SPECIAL = re.compile(rb"[\x8d\xd8\xab]")
 _ESCAPED = re.compile(rb"\xab([\x05\x50\x23])")
 _ESCAPES_NOTHING = re.compile(rb"\xab(?![\x05\x50\x23])")
@@ -51,7 +50,7 @@ class Flags(IntFlag):
     ACTIVITY = 0x08  # keeps the robot from falling asleep
     TARGET = 0x10
     SOURCE = 0x20
-    MORE = 0x80  # of a second byte of flags, which nobody sends
+    MORE = 0x80  # a second byte of flags follows; nobody sends it
 
 
 _FOLLOW = (Flags.TARGET, Flags.SOURCE, Flags.RESPONSE)
@@ -59,11 +58,11 @@ _FOLLOW = (Flags.TARGET, Flags.SOURCE, Flags.RESPONSE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """What stands between 8D and D8.
+    """The fields between 8D and D8.
 
-    flags: But for TARGET, SOURCE and RESPONSE, which follow from the rest.
+    flags: Flags without TARGET, SOURCE and RESPONSE, which follow from the other fields.
     target, source: A port in the high four bits, a processor in the low ones; None if there is none.
-    error: Of a response; None of a command or notification.
+    error: The error of a response; None in a command or notification.
     """
 
     did: int
@@ -87,7 +86,7 @@ class Frame:
 
 
 def frame_decoder() -> Decoder[Frame]:
-    """Finds frames, whichever end they come from."""
+    """The decoder of frames of both ends."""
     return Decoder(_STARTS, _size, _read)
 
 
@@ -121,7 +120,7 @@ def _read(whole: bytes) -> Frame | None:
 
 @dataclass(frozen=True, slots=True)
 class RvrCommand:
-    """The computer asks for something."""
+    """A command of the computer."""
 
     name: str
     processor: Processor
@@ -131,10 +130,10 @@ class RvrCommand:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The robot answers a command; if not with success, without values.
+    """The robot's answer to a command; it has values only if the command succeeded.
 
-    error: One of `Error`, or a number that is in none of the maker's documents.
-    seq: Of the command.
+    error: One of `Error`, or a number that none of the maker's documents has.
+    seq: The number of the command.
     """
 
     name: str
@@ -146,7 +145,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """The robot tells something by itself."""
+    """A message that the robot sends by itself."""
 
     name: str
     processor: Processor
@@ -155,9 +154,9 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A frame that says nothing in its place: of an unknown message, with too few data, or a response to no command.
+    """A frame without meaning: of an unknown message, with too few data, or a response to no command.
 
-    error: How a robot refuses such a command.
+    error: The error with which a robot refuses such a command.
     """
 
     frame: Frame
@@ -167,11 +166,11 @@ class Unknown:
 class Host:
     """The computer's end of the line.
 
-    seq: Of the latest command.
+    seq: The number of the latest command.
     """
 
     def __init__(self, seq: int = 1) -> None:
-        """Begin with command number `seq`."""
+        """Make an end whose first command has the number `seq`."""
         self._decoder = frame_decoder()
         self.seq = (seq - 1) % 256
         self._awaited: dict[int, tuple[Message, Processor]] = {}
@@ -179,22 +178,22 @@ class Host:
 
     @property
     def counts(self) -> Counts:
-        """Of what came so far."""
+        """The counts of bytes received so far."""
         return self._decoder.counts
 
     def send(
         self, name: str, /, *, target: Processor | None = None, reply: Flags | None = None, **values: Value
     ) -> bytes:
-        """A command, as the robot is to receive it.
+        """The bytes of a command to the robot.
 
         Args:
             name: One of `COMMANDS`.
-            target: Where there is a choice; NORDIC if not told.
-            reply: ANSWER, or ANSWER with ONLY_ERRORS, of a command that returns nothing; the others have an answer.
-            values: What the command carries.
+            target: The processor, for commands that both take; NORDIC by default.
+            reply: ANSWER, or ANSWER with ONLY_ERRORS, for a command that returns nothing; others always want an answer.
+            values: Values of the command.
 
         Raises:
-            ProtocolError: if the values are not those of the command, or cannot be sent: not finite, out of range.
+            ProtocolError: if values are missing, unknown, not finite or out of range.
         """
         message = COMMANDS[name]
         processor = target or message.processors[0]
@@ -208,14 +207,14 @@ class Host:
         while self.seq in self._awaited:
             self.seq = (self.seq + 1) % 256
         if reply:
-            if len(self._awaited) == _AWAITED:
+            if len(self._awaited) == _MAX_AWAITED:
                 del self._awaited[next(iter(self._awaited))]
             self._awaited[self.seq] = message, processor
         flags = Flags.ACTIVITY | reply
         return Frame(did=message.did, cid=message.cid, seq=self.seq, data=data, flags=flags, target=processor).encode()
 
     def receive(self, data: bytes) -> list[Response | Notification | StreamData | Unknown]:
-        """What these bytes complete of what the robot says."""
+        """The robot's messages that these bytes complete."""
         return [self._event(frame) for frame in self._decoder.receive(data)]
 
     def _event(self, frame: Frame) -> Response | Notification | StreamData | Unknown:
@@ -246,7 +245,7 @@ class Host:
 class RvrEnd:
     """The robot's end of the line.
 
-    slots: What it is asked to stream.
+    slots: The services that it is asked to stream.
     """
 
     def __init__(self) -> None:
@@ -254,7 +253,7 @@ class RvrEnd:
         self.slots = Slots()
 
     def receive(self, data: bytes) -> list[RvrCommand | Unknown]:
-        """What these bytes complete of what the computer says."""
+        """The computer's commands that these bytes complete."""
         return [self._event(frame) for frame in self._decoder.receive(data) if frame.error is None]
 
     def _event(self, frame: Frame) -> RvrCommand | Unknown:
@@ -264,11 +263,11 @@ class RvrEnd:
         return RvrCommand(*understood, frame)
 
     def follow(self, command: RvrCommand) -> bool:
-        """Take over what an accepted command says of streaming; whether it makes sense."""
+        """Configure the slots if an accepted command does so; whether the configuration is valid."""
         return self.slots.follow(command.name, command.processor, command.values)
 
     def answer(self, frame: Frame, /, error: int = Error.SUCCESS, **values: Value) -> bytes:
-        """The response to a command; nothing if the computer wants none."""
+        """The response to a command; no bytes if the computer wants none."""
         if Flags.ANSWER not in frame.flags or (Flags.ONLY_ERRORS in frame.flags and error == Error.SUCCESS):
             return b""
         message = _COMMANDS.get((frame.did, frame.cid))
@@ -280,14 +279,14 @@ class RvrEnd:
         return response.encode()
 
     def notify(self, name: str, /, processor: Processor | None = None, **values: Value) -> bytes:
-        """A notification, one of `NOTIFICATIONS`."""
+        """The bytes of one of `NOTIFICATIONS`."""
         message = NOTIFICATIONS[name]
         source = processor or message.processors[0]
         data = message.carries.pack(values)
-        return Frame(did=message.did, cid=message.cid, seq=_NOTIFIES, data=data, source=source).encode()
+        return Frame(did=message.did, cid=message.cid, seq=_NOTIFICATION_SEQ, data=data, source=source).encode()
 
     def stream(self, measured: StreamData) -> bytes:
-        """The notification with what a slot measures."""
+        """The notification with the values of a slot."""
         return self.notify("streaming_service_data", measured.processor, **self.slots.write(measured))
 
 
@@ -301,7 +300,7 @@ _COMMANDS, _NOTIFICATIONS = _by_number(COMMANDS), _by_number(NOTIFICATIONS)
 def _understand(
     messages: dict[tuple[int, int], Message], frame: Frame, address: int | None
 ) -> tuple[str, Processor, Values] | Error:
-    """A message's name, who of the robot takes or sends it, and what it carries; or why there is no telling."""
+    """The name, the robot's processor and the values of a message; or the error if it cannot be understood."""
     message = messages.get((frame.did, frame.cid))
     if message is None:
         return Error.BAD_COMMAND if any(did == frame.did for did, _ in messages) else Error.BAD_DEVICE

@@ -1,8 +1,8 @@
-"""What the Sphero RVR and its computer say to each other: each message once, for both directions and both ends.
+"""The messages of the Sphero RVR and its computer: each once, for both directions and both ends.
 
-Messages and their values have the names of the maker's documentation (sdk.sphero.com), so that it can be read beside
-these tables. Speeds are m/s, angles degrees to the left, and temperatures degrees Celsius where no row says otherwise;
-what is normalised goes from -127 to 127.
+Messages and their values have the names of the maker's documentation (sdk.sphero.com). Speeds are in m/s, angles in
+degrees to the left, and temperatures in degrees Celsius, unless a row says otherwise; normalised values go from -127 to
+127.
 """
 
 import math
@@ -17,20 +17,20 @@ from mercator_design.errors import ProtocolError
 
 Value: TypeAlias = float | str | bytes | Sequence[int]
 Values: TypeAlias = Mapping[str, Any]
-"""What a message carries, by name: numbers, bools, a string, or bytes."""
+"""The values of a message by name: numbers, bools, a string, or bytes."""
 
 _CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "f32": "f", "bool": "?"}
 
 
 class Processor(IntEnum):
-    """Which of the two processors of the robot sends or receives; on the line it is a source or target."""
+    """The two processors of the robot: sources and targets of messages."""
 
     NORDIC = 1
     ST = 2
 
 
 class Error(IntEnum):
-    """Why a command failed ("Details on the Sphero API", error codes). Firmware may send others, which are numbers."""
+    """Why a command failed ("Details on the Sphero API", error codes). Firmware may send other numbers."""
 
     SUCCESS = 0x00
     BAD_DEVICE = 0x01
@@ -46,14 +46,14 @@ class Error(IntEnum):
 
 
 DAMAGED = frozenset({Error.BAD_DATA_LENGTH, Error.BAD_DATA_VALUE})
-"""Why a command is refused that was damaged on its way although its checksum is right: none is sent with such data."""
+"""Errors of commands that were damaged on their way with a right checksum: no command is sent with such data."""
 
 
 class MessageLayout:
     """The values of a message in their order on the wire, big-endian, from a text like "u8 speed, u16 heading".
 
-    Kinds: u8 u16 u32 u64 i8 i16 i32 f32 bool; the last may be `text` (ends in a zero byte), `bytes` (all that is
-    left), or `levels` (a byte for each bit that is set in the value before).
+    Kinds: u8 u16 u32 u64 i8 i16 i32 f32 bool; the last may be `text` (ends in a zero byte), `bytes` (the rest), or
+    `levels` (a byte for each bit that is set in the value before).
     """
 
     def __init__(self, message: str, text: str) -> None:
@@ -65,7 +65,7 @@ class MessageLayout:
         """The values as bytes.
 
         Raises:
-            ProtocolError: naming what is missing, unknown, or cannot be sent, such as a speed that is not a number.
+            ProtocolError: naming the values that are missing, unknown or cannot be sent, such as a speed of NaN.
         """
         if values.keys() != self._kinds.keys():
             expected, found = (", ".join(names) or "no values" for names in (self._kinds, values))
@@ -87,7 +87,7 @@ class MessageLayout:
         raise ProtocolError(f"{self._message}: {name}: expected {kind}, found {value!r:.60}")
 
     def unpack(self, data: bytes) -> dict[str, Any] | None:
-        """The values in these bytes, or None if there are too few; what newer firmware adds behind is not read."""
+        """The values in these bytes; None if there are too few. Bytes that newer firmware adds behind are ignored."""
         if len(data) < self._head.size:
             return None
         numbers, rest = self._head.unpack_from(data), data[self._head.size :]
@@ -104,7 +104,7 @@ class MessageLayout:
 
 
 def _lit(values: Values) -> int:
-    """How many bits are set in the first value."""
+    """The number of bits that are set in the first value."""
     mask: int = next(iter(values.values()))
     return mask.bit_count()
 
@@ -113,12 +113,12 @@ def _lit(values: Values) -> int:
 class Message:
     """A command with its response, or a notification.
 
-    name: The maker's.
-    did: Device, a group of messages.
-    cid: Which one of the device.
-    processors: Who takes the command or sends the notification; the first is who gets a command by default.
+    name: The maker's name.
+    did: Number of the device: a group of messages.
+    cid: Number of the message in its device.
+    processors: Those that take the command or send the notification; the first gets a command by default.
     carries: Values of the command or notification.
-    returns: Values of a successful response; None of a command that has nothing to say.
+    returns: Values of a successful response; None if it has none.
     """
 
     name: str
@@ -214,7 +214,7 @@ _NOTIFICATIONS = """
 18 10 st      gyro_max(u8 flags)                                       # bits +x, -x, +y, -y, +z, -z
 18 2c st      robot_to_robot_infrared_message_received(u8 infrared_code)
 18 36 nordic  color_detection(u8 red, u8 green, u8 blue, u8 confidence, u8 color_classification_id)   # class 255: none
-18 3d both    streaming_service_data(u8 token, bytes sensor_data)      # rvr_streaming.py says what is in it
+18 3d both    streaming_service_data(u8 token, bytes sensor_data)      # see rvr_streaming.py
 18 4d st      motor_thermal_protection_status(\
 f32 left_motor_temperature, u8 left_motor_status, f32 right_motor_temperature, u8 right_motor_status)   # 2 critical
 18 51 st      magnetometer_calibration_complete(bool is_successful, i16 yaw_north_direction)
@@ -253,11 +253,11 @@ LIGHTS = {
     "brakelight_left": 24,
     "brakelight_right": 27,
 }
-"""The first of three bits, red, green and blue, of each light in a group of LEDs; bit 30 is the white one below."""
+"""The first of the three bits (red, green, blue) of each light in a group of LEDs; bit 30 is the white one below."""
 
 
 def lights(colours: Mapping[str, tuple[int, int, int]]) -> dict[str, Any]:
-    """The values of `set_all_leds` that give some of the `LIGHTS` colours, 0 to 255 a channel, in one frame."""
+    """The values of one `set_all_leds` that sets the colours of some `LIGHTS`, 0 to 255 a channel."""
     in_order = sorted((LIGHTS[name], colour) for name, colour in colours.items())
     return {
         "led_group": sum(0b111 << bit for bit, _ in in_order),

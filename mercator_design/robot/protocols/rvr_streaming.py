@@ -1,7 +1,7 @@
 """Sensor streaming of the Sphero RVR: slots of services, which the robot sends once a period.
 
-What a robot sends of a slot are unsigned integers in the order of the slot's configuration, which alone tells what they
-are; so both ends follow the commands in `Slots` (SDK for Raspberry Pi 1.0.0).
+The robot sends the values of a slot as unsigned integers in the order of the slot's configuration, without their names.
+So both ends keep the configurations in `Slots` (SDK for Raspberry Pi 1.0.0).
 """
 
 import struct
@@ -13,23 +13,22 @@ from mercator_design.errors import ProtocolError
 from mercator_design.robot.protocols.rvr_messages import Processor
 
 MIN_PERIOD = 33
-"""Of streaming [ms]; the SDK asks for no less."""
-SLOT_SIZE = 5
-"""Services in a slot at most."""
+"""The shortest period [ms], as in the SDK."""
+MAX_SERVICES = 5  # in a slot
 _SLOTS = range(1, 5)
 _INVALID = 0x10  # in a token; its low four bits are the slot
 _ENTRY = struct.Struct(">HB")  # of a configuration: service, size
 
 Attribute: TypeAlias = tuple[float, float] | range
-"""What the least and the greatest integer stand for; or the values of a count, negative ones in two's complement."""
+"""The values of the smallest and the largest integer; or the range of a count, which is in two's complement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """What processors can stream.
+    """A service that processors can stream.
 
-    slot: Where the SDK puts it.
-    size: Bytes of each of its integers, as the SDK asks for them; it might ask for 1, 2 or 4.
+    slot: Number of its slot, as in the SDK.
+    size: Bytes of each of its integers, as in the SDK; 1, 2 or 4.
     """
 
     id: int
@@ -40,7 +39,7 @@ class Service:
 
     @property
     def entry(self) -> bytes:
-        """What asks for it in a configuration."""
+        """The bytes that ask for it in a configuration."""
         return _ENTRY.pack(self.id, self.size.bit_length() - 1)
 
 
@@ -67,17 +66,17 @@ SERVICES = {
     "ambient_light": Service(0xA, _NORDIC, 2, 4, {"light": (0.0, 120000.0)}),  # lux
     "encoders": Service(0xB, _ST, 2, 4, {"left": _TICKS, "right": _TICKS}),
 }
-"""By name. Axes: x to the right, y forwards, z up; yaw is 0 forwards and positive to the left."""
+"""Services by name. Axes: x to the right, y forwards, z up; yaw is 0 forwards and positive to the left."""
 _BY_ID = {service.id: name for name, service in SERVICES.items()}
 _SIZES = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
 class StreamData:
-    """What a processor's slot measured.
+    """The values of a processor's slot.
 
-    is_valid: Whether the robot says that the values are good.
-    values: By service and attribute.
+    is_valid: Whether the robot marks the values as good.
+    values: Values by service and attribute.
     """
 
     processor: Processor
@@ -87,10 +86,10 @@ class StreamData:
 
 
 def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Processor, dict[str, Any]]]:
-    """The commands that start the streaming of services every `period` ms: name, target, values; slots as in the SDK.
+    """The commands (name, target, values) that start streaming of services every `period` ms; slots as in the SDK.
 
     Raises:
-        ProtocolError: if there is no such service, a slot would be too full, or the period too short.
+        ProtocolError: if a service is unknown, a slot has too many services, or the period is too short.
     """
     services = list(services)
     if unknown := [name for name in services if name not in SERVICES]:
@@ -104,8 +103,8 @@ def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Proce
                 for service in map(SERVICES.__getitem__, services)
                 if service.slot == slot and processor in service.processors
             ]
-            if len(entries) > SLOT_SIZE:
-                raise ProtocolError(f"slot {slot}: expected at most {SLOT_SIZE} services, found {len(entries)}")
+            if len(entries) > MAX_SERVICES:
+                raise ProtocolError(f"slot {slot}: expected at most {MAX_SERVICES} services, found {len(entries)}")
             if entries:
                 yield "configure_streaming_service", processor, {"token": slot, "configuration": b"".join(entries)}
     for processor in Processor:
@@ -113,29 +112,29 @@ def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Proce
 
 
 class Slots:
-    """What the slots of a robot hold, from the commands that go by."""
+    """The configured slots of a robot, from the commands sent to it."""
 
     def __init__(self) -> None:
         self._sizes: dict[tuple[Processor, int], dict[str, int]] = {}  # of each service in a slot
 
     def follow(self, command: str, processor: Processor, values: Mapping[str, Any]) -> bool:
-        """Whether the command can be obeyed, which most need nothing for."""
+        """Take in a command; whether it is valid. Most commands have nothing to do with slots."""
         if command == "clear_streaming_service":
             self._sizes = {slot: sizes for slot, sizes in self._sizes.items() if slot[0] != processor}
         elif command == "configure_streaming_service":
             sizes = _sizes(bytes(values["configuration"]))
             here = all(processor in SERVICES[name].processors for name in sizes)
-            if values["token"] not in _SLOTS or not 0 < len(sizes) <= SLOT_SIZE or not here:
+            if values["token"] not in _SLOTS or not 0 < len(sizes) <= MAX_SERVICES or not here:
                 return False
             self._sizes[processor, values["token"]] = sizes
         return True
 
     def of(self, processor: Processor) -> dict[int, tuple[str, ...]]:
-        """The services of each slot that is configured."""
+        """The services of each configured slot of a processor."""
         return {slot: tuple(sizes) for (of, slot), sizes in self._sizes.items() if of == processor}
 
     def read(self, processor: Processor, token: int, data: bytes) -> StreamData | None:
-        """What a slot measured; None if nobody knows what is in it, or it cannot be that for its length."""
+        """The values of a slot; None if the slot is not configured, or the data do not have its length."""
         slot = token & ~_INVALID
         sizes = self._sizes.get((processor, slot))
         if sizes is None or len(data) != sum(size * len(SERVICES[name].attributes) for name, size in sizes.items()):
@@ -149,10 +148,10 @@ class Slots:
         return StreamData(processor, slot, not token & _INVALID, values)
 
     def write(self, data: StreamData) -> dict[str, Any]:
-        """The values of the notification that says it; of a scaled value the nearest integer, within its range.
+        """The values of the notification with these data; a scaled value is the nearest integer within its range.
 
         Raises:
-            KeyError: if the slot is not configured, or a value of it is missing.
+            KeyError: if the slot is not configured, or one of its values is missing.
         """
         integers = [
             _integer(data.values[name][attribute], size, meaning).to_bytes(size, "big")
@@ -163,7 +162,7 @@ class Slots:
 
 
 def _sizes(configuration: bytes) -> dict[str, int]:
-    """Bytes of the integers of each service in a configuration; nothing if there is anything else in it."""
+    """Bytes of the integers of each service in a configuration; empty if an entry is not valid."""
     entries = [configuration[i : i + _ENTRY.size] for i in range(0, len(configuration), _ENTRY.size)]
     asked = [_ENTRY.unpack(entry) for entry in entries if len(entry) == _ENTRY.size]
     sizes = {_BY_ID[service]: _SIZES[code] for service, code in asked if service in _BY_ID and code < len(_SIZES)}
@@ -171,17 +170,17 @@ def _sizes(configuration: bytes) -> dict[str, int]:
 
 
 def _value(integer: int, size: int, meaning: Attribute) -> float:
-    most = (1 << 8 * size) - 1
+    largest = (1 << 8 * size) - 1
     if isinstance(meaning, range):
-        count = integer * (len(meaning) - 1) // most
+        count = integer * (len(meaning) - 1) // largest
         return count if count < meaning.stop else count - len(meaning)
     low, high = meaning
-    return low + integer / most * (high - low)
+    return low + integer / largest * (high - low)
 
 
 def _integer(value: float, size: int, meaning: Attribute) -> int:
-    most = (1 << 8 * size) - 1
+    largest = (1 << 8 * size) - 1
     if isinstance(meaning, range):
-        return -(-(int(value) % len(meaning)) * most // (len(meaning) - 1))  # the least that stands for it
+        return -(-(int(value) % len(meaning)) * largest // (len(meaning) - 1))  # the smallest that stands for it
     low, high = meaning
-    return round((min(max(value, low), high) - low) / (high - low) * most)
+    return round((min(max(value, low), high) - low) / (high - low) * largest)

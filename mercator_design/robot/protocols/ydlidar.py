@@ -1,4 +1,4 @@
-"""The YDLIDAR X4's serial line: two-byte commands, their answers, and the packets of a scan (128000 baud, 8N1).
+"""The serial line of the YDLIDAR X4: two-byte commands, their answers, and packets of a scan (128000 baud, 8N1).
 
     A5 command
     A5 5A  length and mode  type  content                        answers
@@ -27,16 +27,16 @@ COMMANDS = {
     "device_info": 0x90,
     "health": 0x92,
 }
-"""Bytes behind A5, of the SDK; the manual (3.4) has another for `health`."""
+"""The bytes behind A5, from the SDK; the manual (3.4) has another for `health`."""
 _HEALTH_IN_MANUAL = 0x91
 _NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "health"}
 
 SAMPLE_RATE = 5000
-"""Samples/s of an X4 (data sheet)."""
+"""Samples per second of an X4 (data sheet)."""
 MAX_SAMPLES = 80
-"""Of a packet, by the SDK; an X4 sends 40."""
-LONGEST_TURN = 10_000
-"""Samples without a ring start, two seconds of them, after which they are no turn."""
+"""Samples in a packet, from the SDK; an X4 sends 40."""
+MAX_TURN_SAMPLES = 10_000
+"""Samples between ring starts, two seconds of them; more are not a turn."""
 
 _PACKET = struct.Struct("<HBBHHH")
 _PACKET_MARK = 0x55AA
@@ -50,7 +50,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 def correction(range_m: float) -> float:
-    """What is to be added to a sample's angle [rad, counter-clockwise]: laser and lens are apart (manual, 3.1).
+    """The angle to add to a sample's angle [rad, counter-clockwise]: laser and lens are apart (manual, 3.1).
 
     Args:
         range_m: Range [m] of the sample; 0 if nothing came back.
@@ -66,7 +66,7 @@ class Packet:
     first, last: Angles of the first and last sample [degrees / 64, clockwise], before correction.
     samples: Ranges [mm / 4]; 0 where nothing came back.
     is_ring_start: Whether a turn begins.
-    frequency: Of turns [Hz / 10], as a ring start may tell it; 0 if it does not.
+    frequency: Turns per second [Hz / 10], which a ring start may have; else 0.
     """
 
     first: int
@@ -77,11 +77,11 @@ class Packet:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether angles go backwards elsewhere than through north, so that nobody knows where the samples are."""
+        """Whether its angles go backwards elsewhere than through north, so that those of the samples are unknown."""
         return self.last < self.first and (self.first < 3 * _TURN // 4 or self.last > _TURN // 4)
 
     def points(self) -> list[Point]:
-        """The samples in their order, which is clockwise."""
+        """The samples in their order, clockwise."""
         step = (self.last - self.first) % _TURN / max(len(self.samples) - 1, 1)
         ranges = [sample / (1000.0 * _MM) for sample in self.samples]
         return [
@@ -99,7 +99,7 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What the device is (manual, 3.3).
+    """The identity of the device (manual, 3.3).
 
     model: 6 for an X4.
     firmware: Major and minor number, as the SDK reads them; the manual has them the other way round.
@@ -119,9 +119,9 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the device is (manual, 3.4).
+    """The health of the device (manual, 3.4).
 
-    status: 0 good, 1 a warning, 2 an error.
+    status: 0 for good, 1 for a warning, 2 for an error.
     """
 
     status: int
@@ -134,7 +134,7 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class ScanStarted:
-    """The device scans; packets follow."""
+    """The answer that the device scans; packets follow."""
 
     def encode(self) -> bytes:
         """The answer to `scan` and `force_scan`."""
@@ -147,17 +147,17 @@ _ANSWERS = {_INFO: 27, _HEALTH: 10, _SCAN: 7}
 
 
 def encode_command(name: str) -> bytes:
-    """One of `COMMANDS` as it is sent."""
+    """The bytes of one of `COMMANDS`."""
     return bytes([0xA5, COMMANDS[name]])
 
 
 def command_decoder() -> Decoder[str]:
-    """What the device hears: names of `COMMANDS`."""
+    """The decoder of what the computer sends; its events are names of `COMMANDS`."""
     return Decoder(re.compile(rb"\xa5"), lambda _, __: 2, lambda command: _NAMES.get(command[1]))
 
 
 def decoder() -> Decoder[Event]:
-    """What the computer hears: packets of which the checksum is right, and answers."""
+    """The decoder of what the device sends: packets with a right checksum, and answers."""
     return Decoder(_STARTS, _size, _read)
 
 
@@ -190,24 +190,24 @@ def _read(whole: bytes) -> Event | None:
 
 
 def _checksum(whole: bytes) -> int:
-    """All words but the checksum's own, with exclusive or."""
+    """The exclusive or of all words but the checksum itself."""
     words: tuple[int, ...] = struct.unpack(f"<{len(whole) // 2}H", whole)
     return reduce(xor, words) ^ words[4]
 
 
 class Turns:
-    """Packets to whole turns, without those whose angles make no sense or that precede the first ring start."""
+    """Joins packets to whole turns, without suspect packets and those before the first ring start."""
 
     def __init__(self) -> None:
         self._points: list[Point] | None = None
 
     def receive(self, packet: Packet) -> list[Point] | None:
-        """The turn that this packet ends, by beginning the next one."""
+        """Take a packet; return the turn that it ends by beginning the next one."""
         ended = None
         if packet.is_ring_start:
             ended, self._points = self._points, []
         if self._points is not None and not packet.is_suspect:
             self._points += packet.points()
-            if len(self._points) > LONGEST_TURN:
+            if len(self._points) > MAX_TURN_SAMPLES:
                 self._points = None
         return ended

@@ -61,7 +61,7 @@ class Joint(AtOnce):
         """Make one; entering its context begins to listen."""
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
-        self._channel = Channel(self._hear, lambda: self._stop("the thread that hears who starts the robots failed"))
+        self._channel = Channel(self._hear, lambda: self._stop("the thread that reads the leader's lines failed"))
 
     def __enter__(self) -> Self:
         self._channel.__enter__()

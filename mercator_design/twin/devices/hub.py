@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from mercator_design.robot.protocols.multiflex import (
     BINARY_MODE,
-    MOST,
+    MAX_DISTANCE,
     NOTHING,
     SENSORS,
     TEXT_MODE,
@@ -71,6 +71,6 @@ class TwinHub:
 
 def _millimetres(distance: float) -> int:
     """A distance [m] as the hub sends it."""
-    if distance == math.inf or 1000.0 * distance > MOST:
+    if distance == math.inf or 1000.0 * distance > MAX_DISTANCE:
         return NOTHING
     return max(0, round(1000.0 * max(distance, 0.0)))

@@ -29,15 +29,17 @@ END = 120.0
 class SimulatedPort:
     """The robot's end of a line, in the place of `ExclusivePort`."""
 
-    def __init__(self, devices, path, baud, **_):
+    dtr = False
+
+    def __init__(self, devices, path, baud):
         self._devices, self.name = devices, path
-        self.line = DEVICES[[devices.names.rvr, devices.names.lidar, devices.names.proximity].index(path)]
+        self.line = next(line for line in DEVICES if getattr(devices.names, line) == path)
         assert baud == BAUD[self.line]
         if not devices.is_plugged_in(self.line):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), path)
         if self.line in devices.ports:
             raise OSError(errno.EBUSY, os.strerror(errno.EBUSY), path)
-        self.received, self.is_lost, self.dtr = bytearray(), False, False
+        self.received, self.is_lost = bytearray(), False
         rate = RATES.get(self.line)
         self.wire = None if rate is None else Wire(rate, devices.now)
         devices.ports[self.line] = self
@@ -101,7 +103,7 @@ class SimulatedDevices(Devices):
         compile_scan()
         self.names = PortNames(**{line: f"/simulated/{line}" for line in DEVICES})
         self.now, self.ports, self._later = 0.0, {}, []
-        self._real_select, self._real_sleep = select.select, time.sleep
+        self._real_select, self._real_sleep, self._real_port = select.select, time.sleep, ports.ExclusivePort
         self._thread = threading.current_thread()
         (self._robot,) = self._twin.robots
         self._twin.note("clock", start=START, at="")
@@ -109,10 +111,15 @@ class SimulatedDevices(Devices):
             (time, "monotonic", lambda: START + self.now),
             (time, "sleep", self._sleep),
             (select, "select", self._select),
-            (ports, "ExclusivePort", lambda *given, **named: SimulatedPort(self, *given, **named)),
+            (ports, "ExclusivePort", self._open_port),
         ):
             self._stack.enter_context(patch.object(target, name, value))
         return self
+
+    def _open_port(self, path, baud, **options):
+        """A port of these devices, or of this computer."""
+        simulated = {getattr(self.names, line) for line in DEVICES}
+        return SimulatedPort(self, path, baud) if path in simulated else self._real_port(path, baud, **options)
 
     def then(self, condition, act):
         """Act once a condition holds, while the program runs; after what was to be done before."""

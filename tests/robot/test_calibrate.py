@@ -32,10 +32,16 @@ COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 
 
 @pytest.fixture
-def devices(monkeypatch):
+def live(monkeypatch):
+    """Devices in real time, for a process."""
     monkeypatch.setattr(twin_hub, "RATE", 800.0)
     with Devices() as devices:
         yield devices
+
+
+@pytest.fixture
+def devices(simulated):
+    return simulated
 
 
 @contextlib.contextmanager
@@ -89,16 +95,15 @@ def lamp(devices):
 
 
 class TestColor:
-    def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
+    @pytest.mark.timing
+    def test_from_the_command_to_robot_yaml(self, live, tmp_path):
         def put_on(line):
             name = line.split()[4].rstrip(",")
-            devices.measured["ground_sensors"] = FLOOR[name]
+            live.measured["ground_sensors"] = FLOOR[name]
 
         kept = "labels: {red: [90, 10, 10]}  # by hand\n"
-        with calibrate(
-            tmp_path, devices, "color", "black", "gray", "white", "--seconds", "0.6", settings=kept
-        ) as process:
-            said = answer(process, devices, put_on)
+        with calibrate(tmp_path, live, "color", "black", "gray", "white", "--seconds", "0.6", settings=kept) as process:
+            said = answer(process, live, put_on)
             assert process.returncode == 0, said
             printed = process.stdout.read()
         assert printed == "labels:\n  black: [7, 8, 6]\n  gray: [93, 99, 90]\n  white: [214, 220, 205]\n"
@@ -113,13 +118,14 @@ class TestColor:
         text = (tmp_path / "robot.yaml").read_text()
         assert text.startswith("# mine\n")
         assert text.endswith("white: [214, 220, 205]}  # by hand\n")
-        assert not devices.drives()
-        assert lamp(devices) == [True, False]
+        assert not live.drives()
+        assert lamp(live) == [True, False]
 
-    def test_a_robot_that_knows_one_colour_only_is_told(self, devices, tmp_path):
-        devices.measured["ground_sensors"] = FLOOR["gray"]
-        with calibrate(tmp_path, devices, "color", "gray", "--seconds", "0.6") as process:
-            said = answer(process, devices, lambda _: None)
+    @pytest.mark.timing
+    def test_a_robot_that_knows_one_colour_only_is_told(self, live, tmp_path):
+        live.measured["ground_sensors"] = FLOOR["gray"]
+        with calibrate(tmp_path, live, "color", "gray", "--seconds", "0.6") as process:
+            said = answer(process, live, lambda _: None)
         assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
 
     @pytest.mark.parametrize(
@@ -152,28 +158,29 @@ class TestColor:
         assert capsys.readouterr().out.startswith("labels:\n  black: [7, 8, 6]\n")
         assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
 
-    def test_an_input_that_ends_changes_nothing(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "color", "--seconds", "0.6") as process:
+    @pytest.mark.timing
+    def test_an_input_that_ends_changes_nothing(self, live, tmp_path):
+        with calibrate(tmp_path, live, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
         assert (process.returncode, out) == (1, "")
         assert "Put the robot on gray, then press Enter.\nError: no Enter: the input has ended" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
-        devices.when(lambda: lamp(devices) == [True, False])
+        live.when(lambda: lamp(live) == [True, False])
 
-    def test_a_signal_puts_out_the_lamp(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "color") as process:
+    @pytest.mark.timing
+    def test_a_signal_puts_out_the_lamp(self, live, tmp_path):
+        with calibrate(tmp_path, live, "color") as process:
             assert process.stderr.readline() == "Put the robot on black, then press Enter.\n"
             process.terminate()
             assert process.wait(10) == 143
-        devices.when(lambda: lamp(devices) == [True, False])
+        live.when(lambda: lamp(live) == [True, False])
 
     def test_a_sensor_that_is_silent(self, devices):
         devices.silent.add("color_detection")
         with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="ground: 0 measurements in"):
             sensor.measure(0.2)
 
-    def test_what_was_measured_before_does_not_count(self, devices, monkeypatch):
-        monkeypatch.setattr(ground_calibration, "_PERIOD", 33)
+    def test_what_was_measured_before_does_not_count(self, devices):
         with ground_sensor(devices.names) as sensor:
             devices.measured["ground_sensors"] = 200, 0, 0
             time.sleep(0.1)
@@ -288,13 +295,14 @@ def find(devices, ask, distance=None):
         settle(devices)
 
     with hub(devices.names) as sensors:
-        return proximity_calibration.calibrate(sensors, RING, distance, 0.2, question, said.append), said
+        return proximity_calibration.calibrate(sensors, RING, distance, 1.0, question, said.append), said
 
 
 class TestProximity:
-    def test_from_the_command_to_robot_yaml(self, devices, tmp_path):
-        with calibrate(tmp_path, devices, "proximity", "--distance", "0.3", "--seconds", "0.2") as process:
-            said = answer(process, devices, Hand(devices))
+    @pytest.mark.timing
+    def test_from_the_command_to_robot_yaml(self, live, tmp_path):
+        with calibrate(tmp_path, live, "proximity", "--distance", "0.3", "--seconds", "0.2") as process:
+            said = answer(process, live, Hand(live))
             assert process.returncode == 0, said
             printed = process.stdout.read()
         assert "sensor 1 looks front left (+45 degrees), and reads -0.001 m too much" in said
@@ -302,7 +310,7 @@ class TestProximity:
         settings = read_settings(tmp_path / "robot.yaml")
         assert settings.proximity_angles == pytest.approx([RING[place] for place in WIRED], abs=1e-4)
         assert settings.proximity_offsets == pytest.approx([0.002 * k - 0.003 for k in range(8)])
-        assert not devices.drives()
+        assert not live.drives()
 
     def test_without_a_distance_there_are_no_offsets(self, devices):
         hand = Hand(devices, 0.07)

@@ -1,6 +1,7 @@
 """mercator-robot check: what is fine, and what is wrong with what to do."""
 
 import math
+import os
 import re
 import subprocess
 import sys
@@ -11,21 +12,18 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from mercator_design.robot.devices import link, start
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 from mercator_design.robot.setup import check as checking
 from mercator_design.robot.setup.check import check_clock, check_console, check_programs, check_uart
-from mercator_design.twin.devices import hub
-from tests.robot.devices import CLEAR, Devices
+from tests.processes import started
+from tests.robot.devices import CLEAR
 
 
 @pytest.fixture
-def devices(monkeypatch):
-    monkeypatch.setattr(hub, "RATE", 400.0)
-    with Devices() as devices:
-        devices.heads = [(1.0, 2.0)]
-        devices.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
-        yield devices
+def devices(simulated):
+    simulated.heads = [(1.0, 2.0)]
+    simulated.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
+    return simulated
 
 
 @pytest.fixture
@@ -47,10 +45,8 @@ def processes(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def found(robot_command, devices, tmp_path, processes, monkeypatch):
+def found(robot_command, devices, tmp_path, processes):
     """Run it; gives exit code, what is fine, what is wrong, and messages."""
-
-    monkeypatch.setattr(checking, "_LISTEN", 0.5)
 
     def run(**ports):
         names = {name: getattr(devices.names, name) for name in ("rvr", "lidar", "proximity")} | ports
@@ -64,8 +60,7 @@ def found(robot_command, devices, tmp_path, processes, monkeypatch):
     return run
 
 
-def test_a_robot_that_is_well(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_LISTEN", 1.0)
+def test_a_robot_that_is_well(found, devices):
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.2.482"
@@ -73,7 +68,7 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert fine["motors"] == "left 30 and right 30 degrees"
     for device in ("rvr", "lidar", "proximity"):
         assert re.fullmatch(r"100\.0 % arrives whole; 0 of \d+ bytes lost, 0 frames refused", fine[f"{device}'s line"])
-    assert re.fullmatch(r"(18|19|20) of 20 came back", fine["rvr's echoes"])  # the last may be late
+    assert fine["rvr's echoes"] == "40 of 40 came back"
     assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
     assert 4.0 <= float(fine["lidar's turns"].split()[0]) <= 7.5
     assert fine["lidar's sight"].endswith("readings in a turn")
@@ -84,8 +79,7 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert devices.lidar_commands[-1] == "stop"
 
 
-def test_one_that_is_not(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_LISTEN", 1.0)
+def test_one_that_is_not(found, devices):
     devices.instead["get_main_application_version"] = {"major": 8, "minor": 3, "revision": 400}
     devices.rvr.level, devices.hub.plugged_in = 12.0, 0xFE
     devices.rvr.heat({1: 65.0})
@@ -100,8 +94,7 @@ def test_one_that_is_not(found, devices, monkeypatch):
     assert (code, err) == (1, "Error: 5 wrong\n")
 
 
-def test_a_battery_that_is_low_by_the_word_of_the_rvr(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+def test_a_battery_that_is_low_by_the_word_of_the_rvr(found, devices):
     devices.rvr.level = 30.0  # above limits.battery_low
     devices.when(lambda: devices.rvr.get_battery_voltage_state() == {"state": 2})
     assert found()[2] == {"battery": "30 %; it is low: charge it"}
@@ -112,9 +105,8 @@ def test_a_battery_with_which_no_run_starts(found, devices):
     assert found()[2] == {"battery": "4 %; it is critical: no run starts: charge it"}
 
 
-def test_lines_that_are_damaged(found, devices, monkeypatch):
+def test_lines_that_are_damaged(found, devices):
     """One byte of a hundred is wrong: three of five packets of the lidar are refused."""
-    monkeypatch.setattr(link, "_TRIES", 20)
     devices.torn = {"lidar"}
     devices.noisy = {"rvr", "proximity"}
     _, _, wrong, _ = found()
@@ -124,15 +116,14 @@ def test_lines_that_are_damaged(found, devices, monkeypatch):
     assert all(re.fullmatch(words, line) for line in wrong.values()), wrong
 
 
-def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices):
     devices.instead["echo"] = {"error": 8}
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's echoes"}
-    assert wrong["rvr's echoes"].startswith("0 of 10 came back; a run stops below 80 %; is its cable loose")
+    assert wrong["rvr's echoes"].startswith("0 of 40 came back; a run stops below 80 %; is its cable loose")
 
 
-def lidar_answers(devices, monkeypatch, *damaged):
+def lidar_answers(devices, *damaged):
     """What it answers first to who asks for its device info, or its health; then the truth."""
     answers, usual = deque(damaged), devices.lidar._obey
 
@@ -142,34 +133,31 @@ def lidar_answers(devices, monkeypatch, *damaged):
         is_next = bool(said and answers) and isinstance(answers[0], kinds.get(command, Packet))
         return answers.popleft().encode() if is_next else said
 
-    monkeypatch.setattr(devices.lidar, "_obey", obey)
+    devices.lidar._obey = obey
 
 
 WRONG = [DeviceInfo(6 + k, (1, 4), 1, "2026112100000000") for k in range(1, 100)]
 
 
 @pytest.mark.parametrize("damaged", [WRONG[:1], WRONG[:3]])
-def test_what_the_lidar_is_is_what_it_says_twice(found, devices, monkeypatch, damaged):
+def test_what_the_lidar_is_is_what_it_says_twice(found, devices, damaged):
     """Its answers have no checksum."""
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
-    lidar_answers(devices, monkeypatch, *damaged)
+    lidar_answers(devices, *damaged)
     _, fine, _, _ = found()
     assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
 
 
-def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command, devices, monkeypatch, tmp_path):
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
-    lidar_answers(devices, monkeypatch, *WRONG)
+def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command, devices, tmp_path):
+    lidar_answers(devices, *WRONG)
     _, fine, _, _ = found()
     assert fine["lidar"] == "model and firmware could not be read for sure: each answer was another"
-    lidar_answers(devices, monkeypatch, *WRONG)
+    lidar_answers(devices, *WRONG)
     _, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
     assert any(row.startswith("look   lidar  ") for row in out.splitlines())
 
 
-def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices, monkeypatch):
+def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices):
     """While it scans it hears nothing but a stop."""
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
     usual, lost = devices.lidar._obey, []
 
     def obey(command, now):
@@ -178,35 +166,32 @@ def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices, monkeypat
         lost.extend([said] * is_lost)
         return b"" if is_lost else said
 
-    monkeypatch.setattr(devices.lidar, "_obey", obey)
+    devices.lidar._obey = obey
     assert found()[2] == {}
     assert lost == [ScanStarted().encode()]
 
 
-def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
-    lidar_answers(devices, monkeypatch, Health(2, 0x400))
+def test_a_damaged_answer_is_not_an_error_of_the_lidar(found, devices):
+    lidar_answers(devices, Health(2, 0x400))
     assert found()[2] == {}
-    lidar_answers(devices, monkeypatch, *(Health(k % 3, k) for k in range(1, 100)))
+    lidar_answers(devices, *(Health(k % 3, k) for k in range(1, 100)))
     assert found()[2]["lidar"].startswith("its answers about its health differ; is its cable loose")
 
 
-def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devices, tmp_path, monkeypatch):
+def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devices, tmp_path):
     """As on a twin of one robot: nobody can tell it from one whose laser fails."""
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
     devices.heads = []
     code, _, wrong, _ = found()
     assert (code, wrong) == (0, {})
     code, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
-    (row,) = [line for line in out.splitlines() if "sight" in line]
+    (row,) = [line for line in out.splitlines() if "lidar's sight" in line]
     assert row.startswith("look   lidar's sight")
     assert "0 readings in a turn; is there nothing at its height, or does its laser fail?" in row
 
 
 @pytest.mark.parametrize("left_out", [["lidar"], ["proximity", "lidar"]])
-def test_devices_that_are_left_out(found, robot_command, devices, tmp_path, monkeypatch, left_out):
+def test_devices_that_are_left_out(found, robot_command, devices, tmp_path, left_out):
     """They are not touched, and neither they nor the names of their ports can be wrong."""
-    monkeypatch.setattr(checking, "_DEVICES", {**checking._DEVICES, "rvr": lambda _settings, _line: iter(())})
     devices.unplugged |= set(left_out)
     found()
     options = [word for device in left_out for word in ("--without", device)]
@@ -220,9 +205,7 @@ def test_devices_that_are_left_out(found, robot_command, devices, tmp_path, monk
     assert devices.lidar_commands == []
 
 
-def test_each_device_by_itself(found, devices, monkeypatch):
-    monkeypatch.setattr(link, "_TRIES", 2)
-    monkeypatch.setattr(start, "_WAKING", 0.2)
+def test_each_device_by_itself(found, devices):
     devices.silent = {"rvr", "proximity"}
     code, _, wrong, err = found(lidar="/dev/no_such_port")
     assert (code, err) == (1, "Error: 3 wrong\n")
@@ -259,17 +242,13 @@ def test_each_device_by_itself(found, devices, monkeypatch):
         ),
     ],
 )
-def test_one_that_cannot_be_used(found, devices, monkeypatch, device, trouble, words):
-    monkeypatch.setattr(link, "_TRIES", 2)
-    monkeypatch.setattr(start, "_WAKING", 0.2)
-    monkeypatch.setattr(checking, "_DEVICES", {device: checking._DEVICES[device]})
+def test_one_that_cannot_be_used(found, devices, device, trouble, words):
     trouble(devices)
     code, _, wrong, _ = found()
     assert (code, words in wrong[device]) == (1, True), wrong
 
 
-def test_a_lidar_s_warning(found, devices, monkeypatch):
-    monkeypatch.setattr(checking, "_DEVICES", {"lidar": checking._DEVICES["lidar"]})
+def test_a_lidar_s_warning(found, devices):
     devices.lidar.health = 1
     code, _, wrong, _ = found()
     assert (code, wrong) == (1, {"lidar's health": "a warning, 0x0; take its power away for a moment"})
@@ -280,19 +259,15 @@ def test_names_that_others_may_have(found, monkeypatch):
     hub.vid, hub.pid, hub.serial_number = 0x0483, 0x5740, "3058"
     radio.vid, radio.pid = 0x1366, 0x0105
     monkeypatch.setattr(list_ports, "comports", lambda: [hub, radio])
-    monkeypatch.setattr(checking, "_DEVICES", {})
     _, _, wrong, _ = found(lidar="/dev/ttyUSB0", proximity="/dev/ttyACM0")
-    assert wrong == {
+    assert {name: words for name, words in wrong.items() if name.endswith("name")} == {
         "proximity's name": "/dev/ttyACM0 may be any of /dev/ttyACM0 (usb:0483:5740:3058), /dev/ttyACM1 "
         "(usb:1366:0105), as they come: name it so in robot.yaml, or install names for them"
     }
 
 
-def test_a_line_that_hears_itself(found, devices, monkeypatch):
+def test_a_line_that_hears_itself(found, devices):
     """With a jumper in the place of the RVR: it is not the UART."""
-    monkeypatch.setattr(link, "_TRIES", 1)
-    monkeypatch.setattr(start, "_WAKING", 0.2)
-    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
     devices.joined = {"rvr"}
     _, _, wrong, _ = found()
     assert wrong["rvr"].startswith("no answer; what is sent comes back: the UART works, and its TX and RX are joined;")
@@ -301,8 +276,7 @@ def test_a_line_that_hears_itself(found, devices, monkeypatch):
 @pytest.mark.parametrize(
     ("firmware", "is_fine"), [((8, 3, 432), True), ((10, 0, 1), True), ((8, 10, 0), True), ((8, 3, 431), False)]
 )
-def test_firmware_is_compared_by_numbers(found, devices, monkeypatch, firmware, is_fine):
-    monkeypatch.setattr(checking, "_DEVICES", {"rvr": checking._DEVICES["rvr"]})
+def test_firmware_is_compared_by_numbers(found, devices, firmware, is_fine):
     devices.instead["get_main_application_version"] = dict(zip(("major", "minor", "revision"), firmware, strict=True))
     _, fine, _, _ = found()
     assert ("firmware nordic" in fine) == is_fine
@@ -414,12 +388,14 @@ class TestOtherPrograms:
         rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
         assert check_programs("/dev/ttyS0")[:3] == ("other programs", True, "none that takes ports")
 
-    def test_one_that_reads_a_port_too(self, found, devices):
-        code = f"import os, sys; os.open({devices.names.lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); "
-        code += "sys.stdin.read()"
-        with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+    def test_one_that_reads_a_port_too(self, found):
+        ends = os.openpty()
+        lidar = os.ttyname(ends[1])
+        code = f"import os, sys; os.open({lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
+        with started(sys.executable, "-c", code, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
             other.stdout.readline()
-            _, _, wrong, _ = found()
-            other.stdin.close()
+            _, _, wrong, _ = found(lidar=lidar)
+        for end in ends:
+            os.close(end)
         assert "in use by another program (" in wrong["lidar"]
         assert wrong["lidar"].endswith(f", process {other.pid}); end it first")

@@ -1,8 +1,7 @@
-"""What the robot makes of what its devices tell, and how it is started up and shut down, on pseudo-terminals."""
+"""What the robot makes of what its devices tell, and how it is started up and shut down, in simulated time."""
 
 import math
 import socket
-import threading
 import time
 from contextlib import closing, contextmanager
 
@@ -11,7 +10,6 @@ import pytest
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
-from mercator_design.robot.devices import link, ports, start
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
 from mercator_design.robot.devices.samples import STREAMED, converted
@@ -25,8 +23,9 @@ from mercator_design.robot.run.mercator import COMMANDS_END, Mercator
 from mercator_design.robot.run.monitor import Monitor
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
-from tests.robot.devices import CLEAR, Devices
+from tests.robot.devices import CLEAR
 from tests.robot.lines import QUIET
+from tests.robot.simulated import SimulatedPort
 
 SENSES = ("proximity", "neighbours", "ground")
 PREPARATIONS = (
@@ -42,19 +41,6 @@ PREPARATIONS = (
 NEAR = ReferenceModel().neighbour_range
 
 
-@pytest.fixture(autouse=True)
-def soon(request, monkeypatch):
-    """A robot starts sooner; whether commands run out is looked at in `TestStart`."""
-    monkeypatch.setattr(mercator, "_LOOK", 0.0002)
-    if "whole_start" not in request.fixturenames:
-        monkeypatch.setattr(Mercator, "_watch_commands_end", lambda _: None)
-
-
-@pytest.fixture
-def whole_start():
-    """Nothing of the start is left out."""
-
-
 @contextmanager
 def robot_on(devices, reads=SENSES, **settings):
     settings = Settings(ports=devices.names, **settings)
@@ -65,9 +51,8 @@ def robot_on(devices, reads=SENSES, **settings):
 
 
 @pytest.fixture
-def devices():
-    with Devices() as devices:
-        yield devices
+def devices(simulated):
+    return simulated
 
 
 def told(robot, seconds=0.3):
@@ -191,14 +176,6 @@ class TestReadings:
                 robot.readings()
 
 
-@pytest.fixture
-def impatient(monkeypatch):
-    """Devices that say nothing are given up soon."""
-    monkeypatch.setattr(mercator, "_BEGIN", 0.6)
-    monkeypatch.setattr(link, "_TRIES", 2)
-    monkeypatch.setattr(start, "_WAKING", 0.2)
-
-
 ASKED = "get_active_control_system_id"
 
 
@@ -211,9 +188,9 @@ def say_nothing(devices):
 def tell_that_it_stopped(devices, after):
     """And no more than this."""
     say_nothing(devices)
-    devices.when(lambda: ASKED in [name for _, name, _ in devices.commands])
-    time.sleep(after)
-    devices.tell("robot_has_stopped")
+    asked = []
+    devices.then(lambda: ASKED in [name for _, name, _ in devices.commands], lambda: asked.append(devices.now))
+    devices.then(lambda: devices.now >= asked[0] + after, lambda: devices.tell("robot_has_stopped"))
 
 
 def unplug_one(devices):
@@ -221,7 +198,6 @@ def unplug_one(devices):
 
 
 class TestStart:
-    @pytest.mark.usefixtures("whole_start")
     def test_commands(self, devices):
         with robot_on(devices) as robot:
             assert robot.facts["firmware_st"] == "9.2.482"
@@ -242,11 +218,10 @@ class TestStart:
         ("prepare", "is_seen"),
         [
             (say_nothing, False),
-            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.3]).start(), True),
-            (lambda d: threading.Thread(target=tell_that_it_stopped, args=[d, 0.0]).start(), False),
+            (lambda d: tell_that_it_stopped(d, 0.3), True),
+            (lambda d: tell_that_it_stopped(d, 0.0), False),
         ],
     )
-    @pytest.mark.usefixtures("whole_start")
     def test_whether_commands_end(self, devices, prepare, is_seen):
         """However that is known; if it is not, people are warned."""
         prepare(devices)
@@ -257,7 +232,6 @@ class TestStart:
         warning = "Warning: not confirmed that the RVR stops by itself 0.3 s after the last command"
         assert told[1:] == ([] if is_seen else [warning])
 
-    @pytest.mark.usefixtures("whole_start")
     def test_commands_that_do_not_end(self, devices):
         """Such a robot is not driven, unless somebody permits it."""
         devices.instead["set_custom_control_system_timeout"] = {}
@@ -301,7 +275,6 @@ class TestStart:
             (lambda d: setattr(d.lidar, "health", 2), r"^lidar: it reports an error"),
         ],
     )
-    @pytest.mark.usefixtures("impatient")
     def test_refused(self, devices, prepare, words):
         prepare(devices)
         with pytest.raises(RobotError, match=words) as refused, robot_on(devices):
@@ -310,7 +283,7 @@ class TestStart:
         assert not devices.drives()
         assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
 
-    def test_another_baud_rate_is_told(self, devices, impatient):
+    def test_another_baud_rate_is_told(self, devices):
         devices.wrong_baud = {"rvr"}
         words = r"\d+ bytes from it make no sense: another device, or another baud rate"
         with pytest.raises(RobotError, match=words), robot_on(devices):
@@ -490,7 +463,7 @@ def test_an_rvr_that_answers_too_little_stops_the_robot():
     assert looks(5) == [f"rvr: only 87 % of the commands to it are answered; below 80 % the robot stops; {remedy}"]
 
 
-def test_lamps_are_set_again(devices, monkeypatch):
+def test_lamps_are_set_again(devices):
     """As a frame may have been lost; but not in each cycle."""
 
     def shown():
@@ -503,15 +476,15 @@ def test_lamps_are_set_again(devices, monkeypatch):
         devices.when(shown)
         time.sleep(0.1)
         assert shown() == 1
-        monkeypatch.setattr(mercator, "_SHOW", 0.05)
+        time.sleep(1.0)
         robot.show(colours)
         devices.when(lambda: shown() == 2)
 
 
 def test_the_lidar_s_motor(devices, monkeypatch):
-    """Turns as long as the line DTR is high, which pseudo-terminals have not."""
+    """Turns as long as the line DTR is high."""
     heights = []
-    monkeypatch.setattr(ports.ExclusivePort, "dtr", property(lambda _: None, lambda _, high: heights.append(high)))
+    monkeypatch.setattr(SimulatedPort, "dtr", property(lambda _: None, lambda _, high: heights.append(high)))
     with robot_on(devices, ()):
         assert heights[-2:] == [False, True]
     assert heights[-1] is False

@@ -1,3 +1,4 @@
+import contextlib
 import signal
 import sys
 from functools import partial
@@ -25,6 +26,8 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("timing"):
             item.add_marker(pytest.mark.xdist_group("timing"))
+        elif item.get_closest_marker("together"):
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 @pytest.fixture
@@ -49,15 +52,41 @@ def run_command(monkeypatch, capsys):
     return run
 
 
-@pytest.fixture
-def mdesign(monkeypatch, run_command):
-    """Run mdesign with arguments."""
+@contextlib.contextmanager
+def kernels_of_users():
+    """Kernels of tests and benchmarks, which a process of its own would not know, do not count."""
     foreign = jit._foreign
 
     def of_users():
-        """Kernels of tests and benchmarks, which a process of its own would not know, do not count."""
         return [each for each in foreign() if each.__module__.partition(".")[0] not in ("tests", "benchmarks")]
 
-    monkeypatch.setattr(jit, "_foreign", of_users)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit, "_foreign", of_users)
+        yield
 
+
+@pytest.fixture
+def as_for_users():
+    """See `kernels_of_users`."""
+    with kernels_of_users():
+        yield
+
+
+@pytest.fixture
+def mdesign(as_for_users, run_command):
+    """Run mdesign with arguments."""
     return partial(run_command, "mdesign", main)
+
+
+@pytest.fixture(scope="session")
+def mdesign_once():
+    """Run mdesign with arguments, for what tests share; it must succeed."""
+
+    def run(*arguments):
+        with kernels_of_users(), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["mdesign", *map(str, arguments)])
+            with pytest.raises(SystemExit) as stop:
+                main()
+        assert not stop.value.code
+
+    return run

@@ -30,6 +30,7 @@ from mercator_design.race.running.executors import ExecutorStopped, ThreadExecut
 from mercator_design.race.running.journal import Journal, is_locked, read
 from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
+from tests.processes import started
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
 
@@ -93,7 +94,10 @@ class TestResume:
         assert path.read_bytes() == complete
 
     def test_cut_at_every_byte_of_its_last_lines(self, tmp_path, monkeypatch):
-        """Each byte of the end and the last experiment, of a small race."""
+        """Each byte of the end and the last experiment, of a small race.
+
+        At each, what is read are the whole lines before it. Resumed is at some: around the ends of lines, and between.
+        """
         path = tmp_path / "journal.jsonl"
         monkeypatch.setattr(os, "fsync", lambda file: None)  # which takes most of the time
         expected = resumed(path, budget=50)
@@ -101,6 +105,13 @@ class TestResume:
         lines = data.splitlines(keepends=True)
         for length in range(len(data) - len(lines[-1]) - len(lines[-2]), len(data)):
             path.write_bytes(data[:length])
+            reading = read(path)
+            assert (reading.lines, bool(reading.torn)) == (
+                data[:length].count(b"\n"),
+                not data[:length].endswith(b"\n"),
+            )
+            if length % 8 and b"\n" not in data[length - 2 : length + 2]:
+                continue
             assert resumed(path, budget=50) == (*expected[:2], expected[2] - whole_experiments(data[:length]))
             assert path.read_bytes() == data
 
@@ -338,11 +349,10 @@ class TestLock:
             "import sys, time; from pathlib import Path; from mercator_design.race.running.journal import Journal;"
             "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(60)"
         )
-        with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, text=True) as process:
+        with started(sys.executable, "-c", script, path, stdout=subprocess.PIPE) as process:
             assert process.stdout.readline() == "has it\n"
             with pytest.raises(RaceError, match="running this race"):
                 Journal(path, new=False)
-            process.kill()
         assert resumed(path)[:2] == EXPECTED
 
     def test_a_file_system_without_locks(self, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """What holds of every method of a race: one class of tests for all, and what some of them do besides."""
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +26,18 @@ def race_of(method, space=MIXED, budget=300, seed=1):
 def recorded(method, executor, *, budgets=(200,), record=None, seed=1, **options):
     """A race of it, run with an executor and noted."""
     record = Record() if record is None else record
-    with executor:
-        one = runner(record, executor, race=race_of(method, SPACE, budgets[0], seed), seed=seed, **options)
+    with executor as running:
+        one = runner(record, running, race=race_of(method, SPACE, budgets[0], seed), seed=seed, **options)
         known = record.record.budgets
         known += budgets[1:][len(known) - 1 :]
         one.finish()
     return record.record
+
+
+@pytest.fixture(scope="module")
+def processes():
+    with ProcessExecutor(2) as executor:
+        yield executor
 
 
 def reject_all(race):
@@ -113,10 +120,10 @@ class TestConformance:
         assert hits > 0.3 * race.used
         assert race.lookahead(20) == []
 
-    def test_any_executor_gives_the_same(self, method):
-        digests = {recorded(method, executor).digest() for executor in (ThreadExecutor(1), ThreadExecutor(5))}
-        digests.add(recorded(method, ProcessExecutor(2)).digest())
-        assert len(digests) == 1
+    @pytest.mark.together
+    def test_any_executor_gives_the_same(self, method, processes):
+        executors = ThreadExecutor(1), ThreadExecutor(5), nullcontext(processes)
+        assert len({recorded(method, executor).digest() for executor in executors}) == 1
 
     def test_a_race_that_was_killed_is_resumed(self, method, tmp_path):
         """At any byte; no finished experiment is run again."""

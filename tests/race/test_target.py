@@ -11,6 +11,7 @@ import pytest
 
 from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
 from mercator_design.race.running.executors import Rejected, attempt
+from tests.processes import wait_until
 
 CALL = Call(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")
 
@@ -29,11 +30,7 @@ def program(tmp_path):
 
 
 def waiting_for(file):
-    deadline = time.monotonic() + 30
-    while not (file.exists() and (found := file.read_text())):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return found
+    return wait_until(lambda: file.exists() and file.read_text())
 
 
 def test_what_a_runner_is_called_with(tmp_path, program):
@@ -148,11 +145,7 @@ def is_running(process):
 
 
 def gone(process):
-    deadline = time.monotonic() + 30
-    while is_running(process):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return True
+    return wait_until(lambda: not is_running(process))
 
 
 SLOW = "sleep 600 & echo $! > child; wait"

@@ -1,0 +1,171 @@
+import contextlib
+import importlib.util
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.race.running import dask_executor
+from mercator_design.race.running.dask_executor import DaskExecutor
+from mercator_design.race.running.events import ExperimentDone
+from mercator_design.race.running.executors import Failed, in_order
+from mercator_design.race.running.record import Record
+from tests.processes import LIMIT, started
+from tests.race.executor_conformance import WorkersConformance
+from tests.race.racing import runner, undisturbed
+from tests.race.work import SLOW, Dies, DiesLate, process_of, square, task_of
+
+pytestmark = pytest.mark.timing
+
+needs_jobqueue = pytest.mark.skipif(
+    importlib.util.find_spec("dask_jobqueue") is None,  # importing it here would take SIGINT from pytest
+    reason="dask_jobqueue is not installed",
+)
+
+
+@contextlib.contextmanager
+def local_cluster(allowed_failures=1):
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": allowed_failures}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
+        ) as cluster,
+        kept_alive(cluster),
+    ):
+        yield cluster
+
+
+@contextlib.contextmanager
+def kept_alive(cluster):
+    """Start a worker when there has been none for some seconds: Dask gives up one that dies while it starts."""
+    over = threading.Event()
+
+    def watch():
+        since = time.monotonic()
+        while not over.wait(0.5):
+            if cluster.scheduler.workers:
+                since = time.monotonic()
+            elif time.monotonic() - since > 30.0:
+                cluster.scale(len(cluster.worker_spec) + 1)
+                since = time.monotonic()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+class TestConformance(WorkersConformance):
+    @pytest.fixture(scope="class")
+    @classmethod
+    def make(cls):
+        with local_cluster() as cluster:
+            yield lambda: DaskExecutor(cluster.scheduler_address)
+
+    @pytest.fixture(autouse=True)
+    def short_bundles(self, monkeypatch):
+        """Such that an item of `slow` is a task of its own."""
+        monkeypatch.setattr(dask_executor, "BUNDLE", SLOW / 2)
+
+    def test_quick_ones_are_handed_out_together(self, executor, monkeypatch):
+        monkeypatch.setattr(dask_executor, "BUNDLE", LIMIT)
+        assert len(set(in_order(executor, task_of, range(500)))) < 100
+
+
+class TestDeaths:
+    """Each on a cluster of its own: where workers died in one test after the other, in the end none was replaced.
+
+    The parameter is how often Dask itself repeats a task: each time, another worker takes seconds to start.
+    """
+
+    @pytest.fixture
+    def dask(self, request):
+        with local_cluster(request.param) as cluster, DaskExecutor(cluster.scheduler_address) as executor:
+            yield executor
+
+    @pytest.mark.parametrize("dask", [1], indirect=True)
+    def test_a_worker_that_dies_costs_a_repetition_and_what_kills_all_is_given_up(self, dask, tmp_path):
+        """It ran again where it had killed once; those that waited for the same worker are not affected."""
+        results = dict(dask.run(DiesLate(tmp_path, always=(0,)), range(6)))
+        assert results[0].reason == "its workers died"
+        assert {k: results[k] for k in range(1, 6)} == {k: k for k in range(1, 6)}
+        assert (tmp_path / "2").exists()
+
+    @pytest.mark.parametrize("dask", [0], indirect=True)
+    def test_one_of_many_that_were_handed_out_together_kills_its_workers(self, dask, tmp_path):
+        results = dict(dask.run(Dies(tmp_path, always=(150,)), range(300)))
+        assert {k for k, result in results.items() if isinstance(result, Failed)} == {150}
+        assert {results[k] for k in range(300) if k != 150} == set(range(300)) - {150}
+
+    @pytest.mark.parametrize("dask", [1], indirect=True)
+    def test_a_worker_is_killed_in_the_middle_of_a_race(self, dask):
+        record = Record()
+        for event in runner(record, dask):
+            if isinstance(event, ExperimentDone) and len(record.experiments) == 50:
+                os.kill(min(dask.run(process_of, [0]))[1], signal.SIGKILL)
+        assert record.digest() == undisturbed().digest()
+
+
+def test_no_worker_is_there(monkeypatch):
+    """It is told, and nothing waits any longer once all is to stop."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(dask_executor, "LOOK_EVERY", 0.05)
+    told = []
+
+    def announce(what):
+        told.append(what)
+        executor.stop()
+
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster:
+        with DaskExecutor(cluster.scheduler_address, announce=announce) as executor:
+            assert list(executor.run(square, range(3))) == []
+        assert told == [f"{cluster.scheduler_address}: no worker is connected; the race waits for one"]
+
+
+def test_nobody_there():
+    pytest.importorskip("distributed")
+    with pytest.raises(RaceError, match=r"tcp://127.0.0.1:9: expected a Dask scheduler there"):
+        DaskExecutor("tcp://127.0.0.1:9", timeout=0.5)
+
+
+@needs_jobqueue
+def test_slurm_s_script(tmp_path):
+    command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--dry-run"]
+    done = subprocess.run(
+        [*command, "--cores", "8", "--partition", "short"], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    lines = done.stdout.splitlines()
+    assert {"#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --requeue"} <= set(lines)
+    assert re.search(r"dask_worker tcp://\S+ .*--nthreads 1 .*--nworkers 8 --nanny", lines[-1])
+
+
+@needs_jobqueue
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_slurm_s_jobs_end_with_what_asked_for_them(tmp_path, number):
+    for name, does in {"sbatch": 'echo "Submitted batch job 7"', "scancel": 'echo "$@" >> cancelled'}.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{does}\n")
+        (tmp_path / name).chmod(0o755)
+    command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--jobs", "1", "--cores", "1"]
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with started(*command, cwd=tmp_path, env={**os.environ, "PATH": path}, **streams) as process:
+        assert "1 jobs of 1 workers are asked for" in process.stdout.readline()
+        process.send_signal(number)
+        _, told = process.communicate(timeout=LIMIT)
+    assert process.returncode == 128 + number
+    assert "Traceback" not in told
+    assert (tmp_path / "cancelled").read_text() == "7\n"

@@ -1,4 +1,5 @@
 import contextlib
+import os
 import signal
 import sys
 from functools import partial
@@ -13,6 +14,10 @@ from mercator_design.missions import plugins
 # A first example may compile a kernel, so its time says nothing.
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
+
+# Programs under test start hundreds of times: without byte code, each would compile all that it imports.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # Programs under test would inherit what is ignored here, as by nohup, and in the background of a shell.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -18,11 +18,13 @@ import dataclasses
 import math
 import multiprocessing
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -150,6 +152,17 @@ def in_the_space(crowd: Crowd, seed: int) -> float:
     return float(np.mean(close))
 
 
+@contextmanager
+def mapping(jobs: int) -> Iterator[Callable[..., Iterable[Any]]]:
+    """A `map` in processes, as the referee is Python; of one job in this process."""
+    if jobs == 1:
+        yield map
+        return
+    # Started anew, as threads of libraries do not survive a fork.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        yield partial(pool.map, chunksize=10)
+
+
 def compare(
     experiments: int,
     *,
@@ -164,13 +177,12 @@ def compare(
 
     found, ps = [], []
     seeds = {way: [instance_seed(seed, way, k) for k in range(experiments)] for way in ("engine", "without short cuts")}
-    # Processes, as the referee is Python; started anew, as threads of libraries do not survive a fork.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+    with mapping(jobs) as run:
         for name in crowds:
             crowd = CROWDS[name]
-            engine = pool.map(partial(as_it_is, crowd), seeds["engine"], chunksize=10)
-            other = pool.map(partial(marked, crowd, mark=mark), seeds["without short cuts"], chunksize=10)
-            share = np.mean([*pool.map(partial(in_the_space, crowd), seeds["engine"][:CHECKED])])
+            engine = run(partial(as_it_is, crowd), seeds["engine"])
+            other = run(partial(marked, crowd, mark=mark), seeds["without short cuts"])
+            share = np.mean([*run(partial(in_the_space, crowd), seeds["engine"][:CHECKED])])
             rows, other_rows = list(engine), list(other)
             for statistic in rows[0]:
                 ours, theirs = (np.array([row[statistic] for row in way]) for way in (rows, other_rows))

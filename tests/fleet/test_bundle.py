@@ -65,6 +65,7 @@ def test_the_command_line(application, python):
     assert run(python, application, "twin").stderr.startswith(words)
 
 
+@pytest.mark.timing
 def test_a_run_and_its_replay(application, python, tmp_path):
     in_time(lambda number: a_run_and_its_replay(application, python, tmp_path / str(number)))
 

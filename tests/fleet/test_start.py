@@ -23,6 +23,8 @@ from tests.robot.ways import ATTEMPTS, LAST
 ROOT = Path(__file__).parents[2]
 CYCLE = 0.1
 
+pytestmark = pytest.mark.timing
+
 
 @pytest.fixture
 def robots(deploy, field):

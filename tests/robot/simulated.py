@@ -97,12 +97,13 @@ class SimulatedDevices(Devices):
 
     now: The time of the twin [s].
     ports: Those that are open, by line.
+    each_tick: What is done in each tick of the twin.
     """
 
     def __enter__(self):
         compile_scan()
         self.names = PortNames(**{line: f"/simulated/{line}" for line in DEVICES})
-        self.now, self.ports, self._later = 0.0, {}, []
+        self.now, self.ports, self.each_tick, self._later = 0.0, {}, [], []
         self._real_select, self._real_sleep, self._real_port = select.select, time.sleep, ports.ExclusivePort
         self._thread = threading.current_thread()
         (self._robot,) = self._twin.robots
@@ -187,6 +188,8 @@ class SimulatedDevices(Devices):
                 self.ports[line].hear(said)
         for line, port in self.ports.items():
             port.is_lost = port.is_lost or not self.is_plugged_in(line)
+        for each in self.each_tick:
+            each()
         if self._later and self._later[0][0]():
             self._later.pop(0)[1]()
 

@@ -11,6 +11,8 @@ from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.robot.log_events import read
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
 
+pytestmark = pytest.mark.timing
+
 PATIENT = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 60.0\n"
 """Lets a robot wait for its leader as long as a busy machine may take."""
 

@@ -17,6 +17,8 @@ from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
 from tests.robot.ways import MAIN, OFTEN, ROOT, SOON, asked, free_port
 
+pytestmark = pytest.mark.timing
+
 RATES = {
     "ground": 20.0,
     "acceleration": 20.0,

@@ -275,6 +275,7 @@ def go(orders, left, right, seconds):
         time.sleep(0.05)
 
 
+@pytest.mark.timing
 class TestServe:
     def test_from_start_to_end(self, devices, monkeypatch):
         """One node through all that goes on, as it takes seconds to start."""

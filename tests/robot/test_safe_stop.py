@@ -48,6 +48,7 @@ def leave_running(devices):
     devices.when(devices.is_let_go)
 
 
+@pytest.mark.timing
 def test_after_a_program_that_was_killed(stop, devices):
     leave_running(devices)
     began = time.monotonic()
@@ -91,6 +92,7 @@ def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices,
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+@pytest.mark.timing
 def test_a_run_in_progress(robot_command, tmp_path):
     with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
@@ -105,6 +107,7 @@ def test_a_run_in_progress(robot_command, tmp_path):
         robot.devices.rests_since()
 
 
+@pytest.mark.timing
 def test_a_run_that_is_suspended_has_the_port(robot_command, tmp_path):
     with running(tmp_path) as robot:
         robot.drives()

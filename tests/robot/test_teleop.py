@@ -1,9 +1,11 @@
 """A person drives: what keys mean, for how long, and every way out, from the fault to wheels at rest.
 
-`mercator-robot teleop` is a process of its own, on a pseudo-terminal that tests write keys to.
+`mercator-robot teleop` runs on a pseudo-terminal that tests write keys to: in this process and in simulated time, or,
+where signals of terminals, stalls or its death matter, as a process of its own.
 """
 
 import contextlib
+import fcntl
 import math
 import os
 import signal
@@ -13,6 +15,7 @@ import termios
 import threading
 import time
 import tty
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -20,16 +23,20 @@ import pytest
 from mercator_design.robot.cli import teleop as command
 from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME
 from mercator_design.robot.devices.settings import Limits, Settings
-from mercator_design.robot.run.mercator import COMMANDS_END
+from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
 from mercator_design.robot.run.network import Speaker
+from mercator_design.robot.run.safety import SIGNALS
 from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_ahead
+from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
-from tests.robot.ways import LATEST, MAIN, OFTEN, ROOT, SOON, asked, free_port, soonest
+from tests.robot.ways import LATEST, MAIN, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
 UP = b"\x1b[A"
+PERIOD = 0.05
+"""[s] of looks at the keys."""
 
 
 class TestKeys:
@@ -227,7 +234,89 @@ def driving(folder, *options, fault="", lead=OWN_TERMINAL):
             drive.close()
 
 
+class SimulatedDrive:
+    """A `mercator-robot teleop` in this process, on simulated devices and a terminal that a test has in hand.
+
+    began: When what `act` did was done [s].
+    """
+
+    def __init__(self, devices, run_command, fingers, terminal):
+        self.devices, self.fingers, self.terminal, self.began = devices, fingers, terminal, None
+        self._run, self._held, self._pressed = run_command, b"", -math.inf
+        devices.each_tick.append(self._repeat)
+
+    def press(self, data):
+        """A key that is no signal's; until the program can read it."""
+        before = self._waiting()
+        os.write(self.fingers, data)
+        end = time.perf_counter() + LIMIT
+        while self._waiting() < before + len(data):
+            assert time.perf_counter() < end
+            os.sched_yield()
+
+    def hold(self, data=b"w"):
+        """A key is held from now on."""
+        self._held = data
+
+    def act(self, fault):
+        """Let something happen once the robot has driven for some cycles, while a key is held."""
+
+        def acts():
+            self.began = time.monotonic()
+            fault(self)
+
+        self.devices.then(self.is_ready, self.hold)
+        self.devices.then(lambda: self.devices.driven() > 2, acts)
+
+    def is_ready(self):
+        """Whether keys come at once and unseen."""
+        return not termios.tcgetattr(self.terminal)[3] & termios.ECHO
+
+    def later(self, seconds, act):
+        """Act so long after what comes before."""
+        since = []
+        self.devices.then(self.is_ready, lambda: since.append(self.devices.now))
+        self.devices.then(lambda: self.devices.now >= since[0] + seconds, act)
+
+    def run(self, code, words, *options):
+        """Drive until the end, which is as expected, with the terminal as it was, and the robot told to stop."""
+        names, usual = self.devices.names, termios.tcgetattr(self.terminal)
+        Path("robot.yaml").write_text(
+            f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}, proximity: {names.proximity}}}\nswarm: {{port: null}}\n"
+        )
+        returned, _, error = self._run("teleop", "--robot", "robot.yaml", *options)
+        assert (returned, words in error) == (code, True), (returned, error)
+        assert termios.tcgetattr(self.terminal) == usual
+        assert [name for _, name, _ in self.devices.commands].count("drive_stop") >= 2
+        return error
+
+    def shown(self):
+        return os.read(self.fingers, 4000).decode()
+
+    def _waiting(self):
+        """Bytes that wait for the program."""
+        return int.from_bytes(fcntl.ioctl(self.terminal, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+    def _repeat(self):
+        if self._held and self.is_ready() and self.devices.now - self._pressed >= 0.04:
+            self._pressed = self.devices.now
+            self.press(self._held)
+
+
+@pytest.fixture
+def drive(simulated, robot_command, tmp_path, monkeypatch):
+    fingers, terminal = os.openpty()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(fileno=lambda: terminal, isatty=lambda: True))
+    try:
+        yield SimulatedDrive(simulated, robot_command, fingers, terminal)
+    finally:
+        os.close(fingers)
+        os.close(terminal)
+
+
 class TestDriving:
+    @pytest.mark.timing
     def test_ways_speeds_and_silence(self, tmp_path):
         with driving(tmp_path, "-o", "drive.jsonl") as drive:
             for key in (UP, b"s", b"a", b"\x1b[C"):
@@ -245,66 +334,56 @@ class TestDriving:
         assert {"sample", "turn"} <= {event["event"] for event in events}
         assert (end["event"], end["why"]) == ("end", "A key ended the drive")
 
-    def test_a_single_key_and_one_that_was_held(self, tmp_path):
-        with driving(tmp_path, "--speed", "0.3") as drive:
+    def test_a_single_key_and_one_that_was_held(self, drive):
+        presses = []
 
-            def press(_):
-                pressed = time.monotonic()
-                drive.press(b"w")
-                time.sleep(HELD + LATEST + 0.1)
-                return drive.devices.rests_since() - pressed - HELD
+        def press():
+            presses.append(time.monotonic())
+            drive.press(b"w")
 
-            assert 0.0 <= soonest(press) <= LATEST
+        drive.later(0.1, press)
+        drive.later(HELD + 0.3, drive.hold)
+        drive.later(1.0, lambda: (presses.append(time.monotonic()), drive.hold(b"")))
+        drive.later(REPEATED + 0.3, lambda: drive.press(b"q"))
+        drive.run(0, "", "--speed", "0.3")
+        (start, end), (_, last) = zip(*[iter([when for when, *_ in drive.devices.wheels[1:]])] * 2, strict=True)
+        assert 0.0 <= start - presses[0] <= 2 * PERIOD
+        assert HELD <= end - presses[0] <= HELD + 2 * PERIOD
+        assert REPEATED - 0.04 <= last - presses[1] <= REPEATED + 2 * PERIOD
 
-            def let_go(_):
-                with drive.holding():
-                    pass
-                last = time.monotonic()
-                time.sleep(REPEATED + LATEST + 0.1)
-                return drive.devices.rests_since() - last - REPEATED
+    def test_it_does_not_drive_towards_what_is_near(self, drive):
+        drive.devices.measured["proximity"] = [math.inf, 0.25, *CLEAR[2:]]
+        drives = []
+        drive.later(0.3, lambda: drive.press(UP))
+        drive.later(0.3, lambda: drives.append(drive.devices.drives()) or drive.press(b"s"))
+        drive.later(0.3, lambda: drive.press(b"q"))
+        drive.run(0, "", "--guard", "0.3")
+        assert drives == [False]
+        assert "BLOCKED" in drive.shown()
+        assert {left == right < 0.0 for _, left, right in drive.devices.wheels if left or right} == {True}
 
-            assert -0.1 <= soonest(let_go) <= LATEST
-            assert drive.process.poll() is None
+    def test_what_is_shown(self, drive):
+        drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *CLEAR[3:]]
+        shown = []
+        drive.later(0.1, lambda: drive.press(b"\x13"))  # Ctrl-S, which stops the output of terminals otherwise
+        drive.later(0.8, lambda: shown.append(drive.shown().split("\r\x1b[K")[-1]) or drive.press(b"q"))
+        drive.run(0, "")
+        assert shown[0].startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
+        assert len(shown[0]) < 80
 
-    def test_it_does_not_drive_towards_what_is_near(self, tmp_path):
-        with driving(tmp_path, "--guard", "0.3") as drive:
-            drive.devices.measured["proximity"] = [math.inf, 0.25, *CLEAR[2:]]
-            time.sleep(0.3)
-            drive.press(UP)
-            time.sleep(0.3)
-            assert not drive.devices.drives()
-            assert b"BLOCKED" in os.read(drive.fingers, 4000)
-            drive.press(b"s")
-            drive.devices.when(drive.devices.drives)
-            assert all(left == right < 0.0 for _, left, right in drive.devices.wheels if left or right)
+    def test_what_people_should_know_stays_above(self, drive):
+        shown = []
+        drive.later(0.1, lambda: setattr(drive.devices.rvr, "level", 15.0))
+        drive.later(QUERY_EVERY + 0.2, lambda: shown.append(drive.shown()) or drive.press(b"q"))
+        drive.run(0, "")
+        assert "\r\x1b[Krvr: the battery is low; charge it soon\r\n" in shown[0]
 
-    def test_what_is_shown(self, tmp_path):
-        with driving(tmp_path) as drive:
-            drive.press(b"\x13")  # Ctrl-S, which stops the output of terminals otherwise
-            drive.devices.measured["proximity"] = [0.3, 2.0, 0.02, *CLEAR[3:]]
-            time.sleep(0.8)
-            shown = os.read(drive.fingers, 4000).decode().split("\r\x1b[K")[-1]
-        assert shown.startswith("stopped   87 %  black   200  30   -   -   -   -   -   0 cm  ")
-        assert len(shown) < 80
+    def test_the_battery_is_asked_after(self, drive):
+        drive.later(5.0, lambda: drive.press(b"q"))
+        drive.run(0, "")
+        assert asked(drive.devices) >= 5.0 / QUERY_EVERY
 
-    def test_what_people_should_know_stays_above(self, tmp_path):
-        with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
-            drive.devices.rvr.level = 15.0
-            shown = ""
-
-            def is_told():
-                nonlocal shown
-                shown += os.read(drive.fingers, 4000).decode()
-                return "\r\x1b[Krvr: the battery is low; charge it soon\r\n" in shown
-
-            drive.devices.when(is_told)
-            drive.press(b"q")
-            drive.ended(0)
-
-    def test_the_battery_is_asked_after(self, tmp_path):
-        with driving(tmp_path, lead=OWN_TERMINAL + OFTEN) as drive:
-            drive.devices.when(lambda: asked(drive.devices) > 5)
-
+    @pytest.mark.timing
     @pytest.mark.parametrize("ttyname", ["lambda _: '/no/terminal'", "lambda _: os.stat('/no/terminal')"])
     def test_a_terminal_that_can_be_opened_by_its_general_name_only(self, tmp_path, ttyname):
         """As after `su`, and in containers, where it has no other."""
@@ -314,6 +393,7 @@ class TestDriving:
             drive.press(b"q")
             drive.ended(0)
 
+    @pytest.mark.timing
     def test_a_terminal_that_takes_nothing_more_holds_up_no_wheels(self, tmp_path):
         with driving(tmp_path) as drive:
             with contextlib.suppress(BlockingIOError):
@@ -332,21 +412,15 @@ def hangs_up(drive):
     drive.fingers = os.open(os.devnull, os.O_RDWR)  # where further keys go
 
 
+def is_sent(number):
+    return lambda _: os.kill(os.getpid(), number)
+
+
 WAYS = {
     # what happens: how, seconds that it may go on, exit code, what is said
     "q": (lambda drive: drive.press(b"q"), 0.0, 0, ""),
     "ctrl-d": (lambda drive: drive.press(b"\x04"), 0.0, 0, ""),
-    "ctrl-c": (lambda drive: drive.press(b"\x03"), 0.0, 130, "Stopped by SIGINT."),
-    "ctrl-z": (lambda drive: drive.press(b"\x1a"), 0.0, 128 + signal.SIGTSTP, "Stopped by SIGTSTP."),
-    **{
-        name: (
-            lambda drive, name=name: drive.process.send_signal(signal.Signals[name]),
-            0.0,
-            128 + signal.Signals[name],
-            f"Stopped by {name}.",
-        )
-        for name in ("SIGTERM", "SIGHUP", "SIGQUIT")
-    },
+    **{number.name: (is_sent(number), 0.0, 128 + number, f"Stopped by {number.name}.") for number in SIGNALS},
     "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 0.5, 4, "proximity: nothing for"),
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
     "rvr hears badly": (
@@ -371,10 +445,28 @@ WAYS = {
 }
 
 
+@pytest.mark.parametrize("what", WAYS)
+def test_while_a_key_is_held(what, drive):
+    act, allowed, code, words = WAYS[what]
+    drive.act(act)
+    drive.run(code, words, "--guard", "0.1")
+    assert drive.devices.told_to_rest(drive.began) - allowed <= LATEST
+
+
+LIVE_WAYS = {
+    # what happens: how, exit code, what is said
+    "ctrl-c": (lambda drive: drive.press(b"\x03"), 130, "Stopped by SIGINT."),
+    "ctrl-z": (lambda drive: drive.press(b"\x1a"), 128 + signal.SIGTSTP, "Stopped by SIGTSTP."),
+    "hub silent": (lambda drive: drive.devices.silent.add("proximity"), 4, "proximity: nothing for"),
+}
+
+
+@pytest.mark.timing
 class TestWaysOut:
-    @pytest.mark.parametrize("what", WAYS)
+    @pytest.mark.parametrize("what", LIVE_WAYS)
     def test_while_a_key_is_held(self, what, tmp_path):
-        act, allowed, code, words = WAYS[what]
+        act, code, words = LIVE_WAYS[what]
+        allowed = 0.5 if what == "hub silent" else 0.0
 
         def attempt(number):
             with driving(tmp_path / str(number), "--guard", "0.1") as drive, drive.holding():

@@ -32,14 +32,14 @@ def late(scene, swarm):
 
 
 def test_robots_that_meet_too_late_are_found(capsys):
-    """Sixty experiments tell robots that are in the space a little later than they touch something."""
-    same = same_distribution.compare(60, rate=FALSE_ALARM, jobs=2, seed=1, crowds=[PUSHING], mark=late)
+    """Thirty experiments tell robots that are in the space a little later than they touch something."""
+    same = same_distribution.compare(30, rate=FALSE_ALARM, jobs=1, seed=1, crowds=[PUSHING], mark=late)
     assert not same
     assert "NOT reached" in capsys.readouterr().out
 
 
 def test_few_experiments_of_all_crowds(capsys):
-    assert same_distribution.main(["--experiments", "4", "--rate", str(FALSE_ALARM), "--jobs", "2"]) == 0
+    assert same_distribution.main(["--experiments", "4", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
     text = capsys.readouterr().out
     assert "reached: 0 reject" in text
     for crowd in same_distribution.CROWDS:

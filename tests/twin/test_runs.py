@@ -56,6 +56,7 @@ def until_it_drives(folder, process):
         time.sleep(0.05)
 
 
+@pytest.mark.timing
 def test_a_run_from_start_to_end(tmp_path):
     in_time(lambda number: a_run_from_start_to_end(tmp_path / str(number)))
 

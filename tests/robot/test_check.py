@@ -150,7 +150,7 @@ def test_what_the_lidar_is_is_what_it_says_twice(found, devices, damaged):
 def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command, devices, tmp_path):
     lidar_answers(devices, *WRONG)
     _, fine, _, _ = found()
-    assert fine["lidar"] == "model and firmware could not be read for sure: each answer was another"
+    assert fine["lidar"] == "model and firmware are not certain: all answers differ"
     lidar_answers(devices, *WRONG)
     _, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
     assert any(row.startswith("look   lidar  ") for row in out.splitlines())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, MIN_ANSWERS, WINDOW, matters_below
+from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW, MIN_ANSWERS, WINDOW, warning_share
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, Limits, parse_settings
 from mercator_design.robot.protocols.joint_start import LEAD, SILENCE
 from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
@@ -46,7 +46,7 @@ def row(words):
         ("of what a device sends", f"{WINDOW + CONTROL_PERIOD:g} s at most"),
         ("answers less than", f"answers less than {100 * LIMITS.rvr_whole:g} %"),
         ("answers less than", f"over the last {ANSWERS_WINDOW:g} s"),
-        ("answers less than", f"{ANSWERS_WINDOW + IN_TIME + CONTROL_PERIOD:g} s at most"),
+        ("answers less than", f"{ANSWERS_WINDOW + ANSWER_LIMIT + CONTROL_PERIOD:g} s at most"),
         ("limits.battery_critical", f"{QUERY_EVERY + CONTROL_PERIOD:g} s"),
         ("killed or suspended", f"no command for {COMMANDS_END:g} s"),
         ("hears nothing", f"by the RVR after {COMMANDS_END:g} s"),
@@ -61,8 +61,8 @@ def test_what_stops_the_wheels(words, expected):
     [
         (
             SAFETY,
-            f"RVR and lidar {100 * matters_below(LIMITS.rvr_whole):g} %, hub "
-            f"{100 * matters_below(LIMITS.proximity_whole):g} %",
+            f"RVR and lidar {100 * warning_share(LIMITS.rvr_whole):g} %, hub "
+            f"{100 * warning_share(LIMITS.proximity_whole):g} %",
         ),
         (LINES, f"if there were fewer than {MIN_ANSWERS}, the others count"),
         (GUIDE, f"makes its commands end after {1000 * COMMANDS_END:g} ms"),

@@ -6,8 +6,8 @@ import pytest
 
 from mercator_design.errors import RobotStopped
 from mercator_design.robot.devices.health import (
+    ANSWER_LIMIT,
     ANSWERS_WINDOW,
-    IN_TIME,
     MIN_ANSWERS,
     WINDOW,
     Answers,
@@ -99,9 +99,9 @@ class TestAnswers:
             answers.send(number, 0.1 * number)
         for number in range(8):
             answers.take(number, is_damaged=number == 3)
-        answers.look(0.79 + IN_TIME)
+        answers.look(0.79 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (8, 1)  # of the last two it is not known yet
-        answers.look(0.81 + IN_TIME)
+        answers.look(0.81 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (9, 2)
         answers.take(8, is_damaged=False)  # too late
         answers.take(77, is_damaged=True)  # to something else
@@ -112,7 +112,7 @@ class TestAnswers:
         answers.send(1, 0.0)
         answers.send(2, 0.1)
         answers.send(1, 0.2)
-        answers.look(0.15 + IN_TIME)
+        answers.look(0.15 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (1, 1)
 
     def test_what_nobody_listened_for_is_not_lost(self):

@@ -138,8 +138,8 @@ class TestRules:
         code, out, err = install()
         assert (code, err) == (1, "Error: 1 wrong\n")
         assert (
-            "WRONG  /dev/mercator-proximity    which of /dev/ttyACM0 (usb:0483:5740:3058), /dev/ttyACM1 "
-            "(usb:1366:0105:000760) is it? Name it so in robot.yaml; then install again\n"
+            "WRONG  /dev/mercator-proximity    /dev/ttyACM0 may be any of /dev/ttyACM0 (usb:0483:5740:3058), "
+            "/dev/ttyACM1 (usb:1366:0105:000760); name the one in robot.yaml by its usb: name; then install again\n"
         ) in out
         assert "mercator-proximity" not in files(root)[RULES]
         assert install("--robot", robot(proximity="usb:0483:5740"))[0] == 0

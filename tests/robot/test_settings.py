@@ -53,7 +53,7 @@ def test_ports_that_are_left_out_are_the_usual_ones():
         ("labels: {black: [0, 0, 256]}", "labels.black\\[2\\]"),
         ("missions: {aggregation: []}", "missions.aggregation: expected a list of at least 1"),
         ("proximity_angles: [0, 1]", "proximity_angles: expected a list"),
-        ("swarm: {port: null, heartbeat: 1}", "swarm.heartbeat: there is no port to hear it on"),
+        ("swarm: {port: null, heartbeat: 1}", "swarm.heartbeat: there is no port to receive it on"),
         ("reference_model: {neighbour_memory: 5}", "reference_model.neighbour_memory: expected 0"),
         ("ports: {lider: /dev/ttyUSB0}", "ports.lider"),
         (
@@ -96,7 +96,7 @@ class TestAsRaced:
                 "neighbour_range: expected 0.6, as the robot's reference_model has it, found 0.75",
             ),
             ("reference model", '{"neighbour_rangee": 1}', "unknown key; did you mean 'neighbour_range'"),
-            ("reference model", '{"neighbour_memory": 5, "neighbour_range": 0.6}', "this robot remembers nothing"),
+            ("reference model", '{"neighbour_memory": 5, "neighbour_range": 0.6}', "this robot has no memory"),
             ("reference model", "{", "not valid YAML"),
             ("control period", "0.2", "expected a number >= 0.05 and <= 0.12"),
         ],

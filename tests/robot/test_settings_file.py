@@ -7,7 +7,7 @@ import pytest
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices import settings_file
 from mercator_design.robot.devices.settings import Settings, read_settings
-from mercator_design.robot.devices.settings_file import change, put, rehearse
+from mercator_design.robot.devices.settings_file import change, check_changeable, put
 
 LABELS = {"black": (7, 8, 6), "gray": (93, 99, 90)}
 
@@ -87,7 +87,7 @@ def test_what_would_not_be_valid_is_not_written(tmp_path):
 def test_a_key_whose_value_stands_nowhere(tmp_path, before):
     file = tmp_path / "robot.yaml"
     file.write_text(before)
-    for attempt in (change, rehearse):
+    for attempt in (change, check_changeable):
         with pytest.raises(SettingsError, match="cannot be changed; put labels there yourself"):
             attempt(file, labels=LABELS)
     assert file.read_text() == before
@@ -96,11 +96,11 @@ def test_a_key_whose_value_stands_nowhere(tmp_path, before):
 def test_a_rehearsal(tmp_path, monkeypatch):
     file = tmp_path / "robot.yaml"
     file.write_text("name: r7\n")
-    rehearse(file, labels=LABELS)
+    check_changeable(file, labels=LABELS)
     assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
     monkeypatch.setattr(os, "access", lambda path, _: path != tmp_path)
     with pytest.raises(SettingsError, match=r"robot.yaml: cannot be written: nothing can be written to its folder"):
-        rehearse(file, labels=LABELS)
+        check_changeable(file, labels=LABELS)
 
 
 def test_a_change_that_fails_is_not_written(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.robot.cli import teleop as command
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME
+from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW
 from mercator_design.robot.devices.settings import Limits, Settings
 from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
 from mercator_design.robot.run.network import Speaker
@@ -425,7 +425,7 @@ WAYS = {
     "rvr silent": (lambda drive: drive.devices.silent.add("rvr"), 0.25, 4, "nothing for"),
     "rvr hears badly": (
         lambda drive: drive.devices.misheard.add("rvr"),
-        ANSWERS_WINDOW + IN_TIME,
+        ANSWERS_WINDOW + ANSWER_LIMIT,
         4,
         "% of the commands to it are answered; the limit is 80 %",
     ),

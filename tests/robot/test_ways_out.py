@@ -14,7 +14,7 @@ import pytest
 
 from mercator_design.fsm import Controller, ReferenceModel, Wheels
 from mercator_design.fsm.digest import control_digest
-from mercator_design.robot.devices.health import ANSWERS_WINDOW, IN_TIME, WINDOW
+from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW, WINDOW
 from mercator_design.robot.devices.settings import Limits
 from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY, Mercator
 from mercator_design.robot.run.safety import SIGNALS, STALL
@@ -70,7 +70,7 @@ DEVICE_FAULTS = {
     "hub noisy": (noise("proximity"), WINDOW, "% of what the proximity sends arrives whole; the limit is 50 %"),
     "rvr hears badly": (
         lambda robot: robot.devices.misheard.add("rvr"),
-        ANSWERS_WINDOW + IN_TIME,
+        ANSWERS_WINDOW + ANSWER_LIMIT,
         "% of the commands to it are answered; the limit is 80 %; is its cable loose",
     ),
     "hub lost": (unplugs("proximity"), 0.0, "/proximity is lost: "),

@@ -85,18 +85,18 @@ def hear(port, end, done):
 def test_a_session_with_all_three_devices(tmp_path):
     with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])) as ports:
         host, lidar, hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
-        ports.rvr.write(host.send("get_battery_percentage"))
-        (response,) = hear(ports.rvr, host, len)
+        ports["rvr"].write(host.send("get_battery_percentage"))
+        (response,) = hear(ports["rvr"], host, len)
         assert response.values == {"percentage": 100}
         for name, target, values in streaming(["imu", "color_detection"], 50):
-            ports.rvr.write(host.send(name, target=target, **values))
-        ports.rvr.write(host.send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
-        said = hear(ports.rvr, host, lambda said: len(said) >= 10)
+            ports["rvr"].write(host.send(name, target=target, **values))
+        ports["rvr"].write(host.send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
+        said = hear(ports["rvr"], host, lambda said: len(said) >= 10)
         assert {type(event) for event in said} == {StreamData}
-        ports.rvr.write(host.send("drive_stop"))
-        ports.lidar.write(ydlidar.encode_command("device_info") + ydlidar.encode_command("scan"))
+        ports["rvr"].write(host.send("drive_stop"))
+        ports["lidar"].write(ydlidar.encode_command("device_info") + ydlidar.encode_command("scan"))
         info, *packets = hear(
-            ports.lidar, lidar, lambda said: sum(getattr(event, "is_ring_start", False) for event in said) > 2
+            ports["lidar"], lidar, lambda said: sum(getattr(event, "is_ring_start", False) for event in said) > 2
         )
         assert info.model == 6
         turns = ydlidar.Turns()
@@ -104,8 +104,8 @@ def test_a_session_with_all_three_devices(tmp_path):
             719,
             719,
         ]
-        ports.proximity.write(multiflex.use_sensors(0xFF).encode())
-        hear(ports.proximity, hub, lambda said: len(said) > 3)
+        ports["proximity"].write(multiflex.use_sensors(0xFF).encode())
+        hear(ports["proximity"], hub, lambda said: len(said) > 3)
         assert host.counts.lost == lidar.lost == hub.lost == 0
     told = [(event["left"], event["by"]) for event in events(tmp_path, "wheels") if event["robot"] == 0]
     assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
@@ -436,8 +436,8 @@ class TestTheCommand:
             assert lines == [f"robot {n}: {tmp_path}/{n}/robot.yaml" for n in range(2)]
             with open_ports(port_names(tmp_path / "1" / "robot.yaml")) as ports:
                 host = rvr.Host()
-                ports.rvr.write(host.send("get_sku"))
-                (response,) = hear(ports.rvr, host, len)
+                ports["rvr"].write(host.send("get_sku"))
+                (response,) = hear(ports["rvr"], host, len)
                 assert isinstance(response, Response)
             process.send_signal(number)
             _, messages = process.communicate(timeout=20)

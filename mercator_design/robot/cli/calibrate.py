@@ -9,7 +9,7 @@ from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, 
 from mercator_design.config.colours import COLOURS, ColourName
 from mercator_design.config.writing import dump
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
-from mercator_design.robot.devices.settings_file import change, rehearse
+from mercator_design.robot.devices.settings_file import change, check_changeable
 from mercator_design.robot.run.safety import Signals
 from mercator_design.robot.setup import ground_calibration, proximity_calibration
 from mercator_design.robot.setup.ground_calibration import ground_sensor
@@ -45,7 +45,7 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
     kept = settings.labels_of({}) if settings.labels else {}
     names = dict.fromkeys(colours or settings.labels or _USUAL)
     if robot is not None:
-        rehearse(robot, labels=dict.fromkeys(names, (0, 0, 0)))
+        check_changeable(robot, labels=dict.fromkeys(names, (0, 0, 0)))
     with Signals().caught(), ground_sensor(settings.ports) as sensor:
         labels = ground_calibration.calibrate(
             sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), print_message
@@ -75,7 +75,7 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
     settings = settings_of(robot)
     if robot is not None:
         offsets = {} if distance is None else {"proximity_offsets": settings.proximity_offsets}
-        rehearse(robot, proximity_angles=settings.proximity_angles, **offsets)
+        check_changeable(robot, proximity_angles=settings.proximity_angles, **offsets)
     with Signals().caught(), hub(settings.ports) as sensors:
         found = proximity_calibration.calibrate(
             sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), print_message

@@ -1,1 +1,1 @@
-"""The devices behind the serial ports: settings, opening, starting, measurements, health of lines."""
+"""The devices at the serial ports: settings, ports, start-up, measurements, health of lines."""

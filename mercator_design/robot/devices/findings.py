@@ -1,4 +1,4 @@
-"""Findings on the devices of a robot: a fault of one does not prevent the checks of the others."""
+"""Findings about a robot's devices: a fault of one does not prevent the checks of the others."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,9 +10,10 @@ from mercator_design.robot.devices.settings import Settings
 
 
 class Finding(NamedTuple):
-    """What was looked at or done, and how it is; if something is wrong, with what to do.
+    """The result of a check or a step, with the remedy if something is wrong.
 
-    is_unclear: Only a person can judge whether it is fine.
+    what: The thing that was checked, or the step.
+    is_unclear: Whether a person has to judge it.
     device: The device that `value` is about.
     quantity: What `value` says about the device; None if the finding has no value.
     value: The result in few words, for a table.
@@ -27,17 +28,19 @@ class Finding(NamedTuple):
     value: str = ""
 
 
-Look: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
-"""At a device, over its open port."""
+DeviceCheck: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
+"""Checks a device over its open port."""
 
 
-def of_devices(settings: Settings, looks: Mapping[DeviceName, Look], patience: float = 0.0) -> Iterator[Finding]:
-    """What is found at each device, by name, or why it could not be looked at; ports are waited for so long [s]."""
+def check_devices(
+    settings: Settings, checks: Mapping[DeviceName, DeviceCheck], patience: float = 0.0
+) -> Iterator[Finding]:
+    """Check each device over its port, waiting for the port for `patience` seconds at most; yield the findings."""
     end = time.monotonic() + patience
-    for device, look in looks.items():
+    for device, check in checks.items():
         try:
             with open_port(device, getattr(settings.ports, device), end) as port:
-                yield from look(settings, Line(device, port))
+                yield from check(settings, Line(device, port))
         except RobotError as error:
             words = str(error).removeprefix(f"{device}: ")
             yield Finding(device, is_fine=False, words=words, device=device, quantity="presence", value="not found")

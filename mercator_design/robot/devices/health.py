@@ -1,6 +1,6 @@
-"""How well the robot is: what of a line arrives whole; the RVR's battery and motors. Without input, output or clock.
+"""The health of a robot: the damage on its lines, and the RVR's battery and motors. Without input, output or clock.
 
-Of each line it is counted what comes. Of that to the RVR also what arrives there, by its answers to commands.
+Bytes from each device are counted, and the RVR's answers to commands, which show what arrives there.
 """
 
 import math
@@ -12,130 +12,130 @@ from mercator_design.errors import RobotStopped
 from mercator_design.robot.devices.settings import Limits
 
 WINDOW = 2.0
-"""[s] over which it is counted what arrives whole."""
-_CALM = 5.0  # [s] for which a line must be well again
-_STEP = 0.1  # [s] between looks that are remembered
+"""[s] over which the damage of a line is counted."""
+_CALM = 5.0  # [s] without damage before a line is reported as good again
+_STEP = 0.1  # [s] between counts that are kept
 ANSWERS_WINDOW = 5.0
-"""[s] over which it is counted which commands are answered: longer, as there are some 14 a second."""
+"""[s] over which answers to commands are counted: longer, as there are about 14 a second."""
 MIN_ANSWERS = 40
-"""Commands of a window that count as answered if there are fewer."""
-IN_TIME = 0.3
-"""[s] after which a command that is not answered counts as lost."""
+"""Number of commands in a window, at least; missing ones count as answered."""
+ANSWER_LIMIT = 0.3
+"""[s] after which a command without an answer counts as lost."""
 
 
-class _Look(NamedTuple):
+class _Counted(NamedTuple):
     time: float
     lost: float
     all: float
 
 
 class LineHealth:
-    """Which share of what a device sends arrives whole.
+    """The share of a device's data that arrives whole.
 
-    share: In the last window, 0 to 1; 1 if nothing came.
+    share: The share in the last window, 0 to 1; 1 if nothing came.
     """
 
     def __init__(self, min_share: float, window: float = WINDOW, min_count: float = 0.0) -> None:
-        """Begin with a line of which nothing is known.
+        """Make one for a line that is not known yet.
 
         Args:
-            min_share: Share below which the line cannot be relied on.
+            min_share: Share below which the line is broken.
             window: Time over which it is counted [s].
-            min_count: How much is counted at least; what is missing of it counts as whole.
+            min_count: Smallest amount for a share; missing data count as whole.
         """
         self.min_share, self._window, self._min_count = min_share, window, min_count
         self._is_noted, self._ill = False, -math.inf
         self.forget()
 
     def forget(self) -> None:
-        """Begin to count anew. Trouble that was reported before is not reported again."""
+        """Restart the count. Damage that was reported before is not reported again."""
         self.share = 1.0
-        self._looks: deque[_Look] = deque()
+        self._counted: deque[_Counted] = deque()
 
     @property
     def is_broken(self) -> bool:
-        """Whether too little arrives whole."""
+        """Whether the share is below the limit."""
         return self.share < self.min_share
 
     def look(self, now: float, lost: float, received: float) -> bool | None:
-        """Take in how much was lost, and how much came, up to a time [s], both counted from any beginning.
+        """Take the amounts that were lost and received up to a time [s], both counted from any start.
 
         Returns:
-            True if damage begins to matter with this look, False if it ceases to, else None.
+            True if damage is to be reported from now on, False if it is over, None if nothing changes.
         """
-        look = _Look(now, lost, received)
-        while self._looks and self._looks[0].time < now - self._window:
-            self._looks.popleft()
-        if not self._looks:
-            self._ill = now  # how the line was until now is not known
-        if not self._looks or now - self._looks[-1].time >= _STEP:
-            self._looks.append(look)
-        first = self._looks[0]
-        # Until a window is full, what is missing of it counts as whole: one damaged frame of a few says little.
-        came = (look.all - first.all) * max(1.0, self._window / max(now - first.time, _STEP))
+        latest = _Counted(now, lost, received)
+        while self._counted and self._counted[0].time < now - self._window:
+            self._counted.popleft()
+        if not self._counted:
+            self._ill = now  # the health of the line until now is not known
+        if not self._counted or now - self._counted[-1].time >= _STEP:
+            self._counted.append(latest)
+        first = self._counted[0]
+        # Until a window is full, the missing part counts as whole: one damaged frame of a few proves little.
+        came = (latest.all - first.all) * max(1.0, self._window / max(now - first.time, _STEP))
         came = max(came, self._min_count)
-        self.share = 1.0 - (look.lost - first.lost) / came if came > 0 else 1.0
-        worse = matters_below(self.min_share)
-        if self.share < matters_below(worse):  # further up, and for some time, so that notes are few
+        self.share = 1.0 - (latest.lost - first.lost) / came if came > 0 else 1.0
+        warning = warning_share(self.min_share)
+        if self.share < warning_share(warning):  # a higher limit, for some time, so that notes are few
             self._ill = now
-        if self.share < worse if not self._is_noted else now - self._ill > _CALM:
+        if self.share < warning if not self._is_noted else now - self._ill > _CALM:
             self._is_noted = not self._is_noted
             return self._is_noted
         return None
 
 
 class Answers:
-    """Which commands are answered in time; those that are not were lost on their way, or their answers were.
+    """Counts which commands are answered in time. The others, or their answers, were lost on their way.
 
-    all: Commands of which that is known.
-    lost: Of these, those without a sound answer in time.
-    repeated: Commands that were sent again because the answer said that they were damaged.
+    all: Number of commands that were answered or lost.
+    lost: Number of these without a valid answer in time.
+    repeated: Number of commands that were sent again because they had arrived damaged.
     """
 
     def __init__(self) -> None:
         self.all = self.lost = self.repeated = 0
-        self._awaited: dict[int, float] = {}  # when each was sent [s], by its number, the latest last
+        self._awaited: dict[int, float] = {}  # time [s] of sending, by sequence number, in order
 
     def send(self, number: int, now: float) -> None:
-        """A command that is to be answered is sent at a time [s]."""
+        """Take in that a command was sent at a time [s]; it awaits an answer."""
         self._awaited.pop(number, None)
         self._awaited[number] = now
 
     def take(self, number: int, *, is_damaged: bool) -> None:
-        """The answer to a command has come; it may say that the command was damaged."""
+        """Take in the answer to a command; it may say that the command arrived damaged."""
         if self._awaited.pop(number, None) is not None:
             self.all += 1
             self.lost += is_damaged
 
     def look(self, now: float) -> None:
-        """Count as lost what has not been answered by a time [s] and should be."""
+        """Count the commands as lost whose time for an answer is over at a time [s]."""
         for number, sent in list(self._awaited.items()):
-            if now - sent <= IN_TIME:
+            if now - sent <= ANSWER_LIMIT:
                 return
             del self._awaited[number]
             self.all += 1
             self.lost += 1
 
     def forget(self) -> None:
-        """Forget the answers that are awaited: the program has not listened for a while."""
+        """Await no answers any more: the program has not read the devices for a while."""
         self._awaited.clear()
 
 
-def matters_below(least: float) -> float:
-    """The share that arrives whole below which users are warned, if less than `least` stops the robot."""
-    return 0.5 * (1.0 + least)
+def warning_share(min_share: float) -> float:
+    """The share that arrives whole below which users are warned, if less than `min_share` stops the robot."""
+    return 0.5 * (1.0 + min_share)
 
 
 GOOD, LOW, CRITICAL = 1, 2, 3
 """States of the battery."""
 _HOT, _TOO_HOT = 1, 2  # of a motor
 SIDES = ("left", "right")
-"""Of motors, by their numbers."""
-_RECOVERED = 2  # [%] above the limit, from which on a battery is no longer low
+"""Sides of the motors, by their numbers."""
+_HYSTERESIS = 2  # [%] above the limit, where a battery is no longer low
 
 
 def percent(share: float) -> str:
-    """A share as text; rounded down, so that a share below a limit looks so."""
+    """A share as text, rounded down, so that a share below a limit never looks equal to it."""
     return f"{math.floor(100.0 * share + 1e-9)} %"
 
 
@@ -145,7 +145,7 @@ def charge(percentage: int) -> str:
 
 
 class RvrHealth:
-    """What the RVR says of its battery and its motors, and what follows from it."""
+    """The RVR's battery and motors, as it reports them."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -154,11 +154,11 @@ class RvrHealth:
         self._is_low = False
         self._heat = [0, 0]
         self._is_stuck = [False, False]
-        self._stuck_for = [0.0, 0.0]  # [s], less the time since
+        self._stuck_for = [0.0, 0.0]  # [s], less the time since it can turn again
         self._looked: float | None = None
 
     def take(self, name: str, values: Mapping[str, Any]) -> Iterator[str]:
-        """Take in a response or notification by its name; messages for users.
+        """Take in a response or notification by its name; yield messages for users.
 
         Raises:
             Stopped: if the robot must not drive.
@@ -183,13 +183,13 @@ class RvrHealth:
                 raise RobotStopped("rvr: it fell asleep")
 
     def look(self, now: float) -> None:
-        """Look at a time [s] whether a tread has been stuck for too long.
+        """Check at a time [s] whether a tread has been stuck for too long.
 
-        The RVR cuts a motor that is stuck for a few seconds, and tries again: so the time for which it was is forgotten
-        as slowly as it has grown.
+        The RVR cuts the power of a stuck motor after a few seconds and tries again: so the time for which it was stuck
+        falls as slowly as it has grown.
 
         Raises:
-            Stopped: if one has.
+            Stopped: if a tread has.
         """
         since = 0.0 if self._looked is None else now - self._looked
         self._looked = now
@@ -199,14 +199,14 @@ class RvrHealth:
                 found = f"for {self._stuck_for[k]:.1f} s; the limit is {self._limits.stall:g} s"
                 raise RobotStopped(f"rvr: the {side} tread is stuck {found}; free it")
 
-    def _battery(self, told: str) -> Iterator[str]:
+    def _battery(self, found: str) -> Iterator[str]:
         if self._state == CRITICAL or self._percentage < self._limits.battery_critical:
-            raise RobotStopped(f"rvr: the battery is critical{told}; charge it")
+            raise RobotStopped(f"rvr: the battery is critical{found}; charge it")
         was_low = self._is_low
-        enough = self._limits.battery_low + (_RECOVERED if was_low else 0)
+        enough = self._limits.battery_low + (_HYSTERESIS if was_low else 0)
         self._is_low = self._state == LOW or self._percentage < enough
         if self._is_low and not was_low:
-            yield f"rvr: the battery is low{told}; charge it soon"
+            yield f"rvr: the battery is low{found}; charge it soon"
 
     def _motor(self, k: int, temperature: float, status: int) -> Iterator[str]:
         before, self._heat[k] = self._heat[k], status

@@ -1,4 +1,4 @@
-"""The link to the three devices: commands, questions, and the events that arrive meanwhile."""
+"""The link to the three devices: it sends commands and questions, and reads events."""
 
 import math
 import select
@@ -13,19 +13,20 @@ from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.remedies import HEARD_BEFORE, JOINED, NEVER_HEARD, damage_remedy
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
-from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.protocols.framing import Counts, Decoder
 from mercator_design.robot.protocols.rvr import Flags, Notification, Response, Unknown
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error, Processor, Value
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 
-_ANSWER = 0.3  # [s] that a device may take to answer, ...
-_TRIES = 5  # ... and how often it is asked
-_BEHIND = 1.0  # [s] that it takes to hear what fits into the system's buffers, at most, ...
-_PAUSE = 0.004  # ... and from one message to the next, where devices leave as much, which a lidar that scans need not
-_MUCH = 1000  # bytes without a meaning from a device that makes sense; a few are normal after a start
+_ANSWER = 0.3  # [s] for an answer of a device
+_TRIES = 5  # of a question
+_MAX_BACKLOG = 1.0  # [s] for reading the system's full buffers
+_PAUSE = 0.004  # [s] between two messages of a device, except of a lidar that scans
+_MUCH = 1000  # bytes without meaning from a device that was understood; a few are normal after a start
 
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
 E = TypeVar("E", bound=Event)
+_Decoder: TypeAlias = rvr.Host | Decoder[ydlidar.Event] | Decoder[multiflex.Event]
 
 
 class Heard(NamedTuple):
@@ -41,7 +42,7 @@ class Heard(NamedTuple):
 class Link:
     """The lines to the devices.
 
-    answers: Of the RVR, to commands that are `counted`.
+    answers: Counts of the RVR's answers to commands that are `counted`.
     is_ending: Whether a line may be lost without an error.
     """
 
@@ -49,13 +50,18 @@ class Link:
         """Make a link over lines to devices; nothing is sent yet."""
         self._lines = {line.device: line for line in lines}
         self._open = list(self._lines.values())
-        self._host, self._lidar, self._hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
-        self._heard: deque[Heard] = deque()  # that `poll` has not yielded yet
+        self._host = rvr.Host()
+        self._decoders: Mapping[DeviceName, _Decoder] = {
+            "rvr": self._host,
+            "lidar": ydlidar.decoder(),
+            "proximity": multiflex.decoder(),
+        }
+        self._heard: deque[Heard] = deque()  # not yielded by `poll` yet
         self.answers = Answers()
         self.is_ending = False
         self._understood: set[DeviceName] = set()
-        self._sent = b""  # the latest
-        self._is_joined = False  # the RVR's line with itself
+        self._sent = b""  # the latest bytes
+        self._is_joined = False  # whether the RVR's port receives what it sends
 
     def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device.
@@ -84,7 +90,7 @@ class Link:
         """Send the RVR a command and return the answer; a command that was damaged on its way is repeated.
 
         Raises:
-            RobotError: if it does not, or refuses.
+            RobotError: if it does not answer, or refuses.
             Stopped: if a port is lost.
         """
         asked: set[int] = set()
@@ -118,14 +124,14 @@ class Link:
 
     def counts(self, device: DeviceName) -> Counts:
         """The counts of bytes that a device has sent so far."""
-        return {"rvr": self._host.counts, "lidar": self._lidar.counts, "proximity": self._hub.counts}[device]
+        return self._decoders[device].counts
 
     def port(self, device: DeviceName) -> str:
         """The name of a device's port."""
         return self._lines[device].port
 
     def remedy(self, device: DeviceName) -> str:
-        """What to check if a device sends nothing, or nothing that can be read, and its port."""
+        """What to check if a device sends nothing, or nothing that is understood, and its port."""
         return f"{self._remedy(device)} ({device} on {self.port(device)})"
 
     def damage_remedy(self, device: DeviceName) -> str:
@@ -158,13 +164,13 @@ class Link:
                 return
 
     def discard(self) -> None:
-        """Read what has come so far, and forget it; errors are those of `poll`."""
+        """Read and forget all that has come so far; errors are those of `poll`."""
         for _ in self.poll():
             pass
 
     def backlog(self) -> Iterator[Heard]:
         """Yield the events that wait in the ports; errors are those of `poll`."""
-        end = time.monotonic() + _BEHIND
+        end = time.monotonic() + _MAX_BACKLOG
         while time.monotonic() < end and select.select(self._open, [], [], _PAUSE)[0]:
             yield from self.poll()
 
@@ -199,15 +205,7 @@ class Link:
                 return
             raise
         now = time.monotonic()
-        events: Iterable[Event]
-        match line.device:
-            case "rvr":
-                events = self._host.receive(data)
-            case "lidar":
-                events = self._lidar.receive(data)
-            case _:
-                events = self._hub.receive(data)
-        for event in events:
+        for event in self._decoders[line.device].receive(data):
             if not isinstance(event, Unknown):
                 self._understood.add(line.device)
             elif event.frame.encode() == self._sent:
@@ -218,5 +216,5 @@ class Link:
 
 
 def words(error: int) -> str:
-    """An error of the RVR's, as text."""
+    """An error of the RVR as text."""
     return Error(error).name.lower().replace("_", " ") if error in list(Error) else f"error {error:#04x}"

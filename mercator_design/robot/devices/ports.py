@@ -1,4 +1,4 @@
-"""The three serial ports of a robot: which they are, and opening them; nothing else opens one."""
+"""The three serial ports of a robot: their names and how to open them. No other module opens a port."""
 
 import contextlib
 import errno
@@ -14,7 +14,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, Literal, TypeAlias, get_args
 
 import serial
 from serial.tools import list_ports
@@ -34,13 +34,13 @@ BAUD: Mapping[DeviceName, int] = {"rvr": 115_200, "lidar": 128_000, "proximity":
 _OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
-"""How long reading and writing wait [s]."""
-_AGAIN = 0.05  # [s] until a port that could not be opened is tried again
+"""[s] after which reading and writing give up."""
+_RETRY = 0.05  # [s] between attempts to open a port
 
 
 @dataclass(frozen=True, kw_only=True)
 class PortNames:
-    """Where the devices are: paths, or what they are on the USB as lsusb tells it, with a serial number if need be."""
+    """The ports of the devices: paths, or USB identifiers as lsusb prints them, with a serial number if necessary."""
 
     rvr: PortName = "/dev/serial0"  # the Sphero RVR, on the header of the Raspberry Pi
     lidar: PortName = "usb:10c4:ea60"  # the YDLIDAR X4's adapter, a CP2102
@@ -57,35 +57,26 @@ class PortNames:
                 yield FieldError(device, f"{name} is the port of {other} already")
 
 
-class Ports(NamedTuple):
-    """The open ports, in the order of `DEVICES`; None of a device that is done without."""
-
-    rvr: serial.Serial
-    lidar: serial.Serial | None
-    proximity: serial.Serial | None
-
-
 @contextlib.contextmanager
-def open_ports(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Ports]:
-    """The three ports, but for those of devices `without` which it goes, for this program alone; closed on the way out.
+def open_ports(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[dict[DeviceName, serial.Serial]]:
+    """Open the ports of the devices, except those `without`, for this program alone; close them on the way out.
 
     Raises:
         RobotError: naming the device and the port, what is wrong with it, and what to do.
     """
     with contextlib.ExitStack() as stack:
         devices: dict[str, DeviceName] = {}
-        ports: list[Any] = []
+        ports: dict[DeviceName, serial.Serial] = {}
         for device in DEVICES:
             if device in without:
-                ports.append(None)
                 continue
             name = getattr(names, device)
             found = find_port(device, name)
             path = os.path.realpath(found)
             if (other := devices.setdefault(path, device)) != device:
                 raise RobotError(f"{name} is {path}, the port of {other} already", device=device)
-            ports.append(stack.enter_context(open_port(device, found)))
-        yield Ports(*ports)
+            ports[device] = stack.enter_context(open_port(device, found))
+        yield ports
 
 
 def find_port(device: DeviceName, name: str) -> str:
@@ -111,7 +102,7 @@ def usb_port(device: DeviceName, name: str) -> ListPortInfo:
     """The USB device at a port.
 
     Raises:
-        RobotError: if there is none, or the port's name may be another device's tomorrow.
+        RobotError: if there is none, or the port's name may belong to another device after the next start.
     """
     path = find_port(device, name)
     ports = {Path(port.device): port for port in list_ports.comports() if port.vid is not None}
@@ -120,19 +111,19 @@ def usb_port(device: DeviceName, name: str) -> ListPortInfo:
         wrong = "is not a USB device" if Path(path).exists() else "is not connected"
         raise RobotError(f"{path} {wrong}; connected are {_listed(ports.values())}", device=device)
     if rivals := sharing(name):
-        raise RobotError(f"which of {rivals} is it? Name it so in robot.yaml", device=device)
+        raise RobotError(f"{name} may be any of {rivals}; name the one in robot.yaml by its usb: name", device=device)
     return found
 
 
 def sharing(name: str) -> str:
-    """The USB devices of which each may have a port's name, by the order in which they came; empty if only one may."""
+    """The USB devices that may get a port's name, depending on their order; empty if only one may."""
     of_usb = [port for port in list_ports.comports() if port.vid is not None]
     rivals = [port for port in of_usb if _NUMBER.sub("", port.device) == _NUMBER.sub("", name)]
     return _listed(rivals) if len(rivals) > 1 else ""
 
 
 class ExclusivePort(serial.Serial):
-    """A port that no other program can open meanwhile, but root's. pyserial's lock keeps out only who asks for it."""
+    """A port that no other program can open meanwhile, except root's. pyserial's lock is only advisory."""
 
     def open(self) -> None:
         super().open()
@@ -146,12 +137,12 @@ class ExclusivePort(serial.Serial):
 
 
 def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial.Serial:
-    """One of the three ports, for this program alone; errors are those of `open_ports`.
+    """Open one of the three ports for this program alone; errors are those of `open_ports`.
 
     Args:
-        device: Whose port it is.
-        name: Of the port.
-        until: When to give up, if it cannot be opened at once [s, of time.monotonic()].
+        device: The device at the port.
+        name: Name of the port.
+        until: Time of the last attempt [s, of time.monotonic()]; there is always one.
     """
     while True:
         try:
@@ -159,7 +150,7 @@ def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial
         except RobotError:
             if time.monotonic() > until:
                 raise
-        time.sleep(_AGAIN)
+        time.sleep(_RETRY)
 
 
 def _open(device: DeviceName, name: str) -> serial.Serial:
@@ -183,8 +174,8 @@ def _wrong(path: str, error: OSError) -> str:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM if not _is_of_group(path):
             return (
-                "no permission, and its group may not use it either; is a login shell on it (raspi-config), or is it "
-                "another user's?"
+                "no permission, and its group has none either; is a login shell on it (raspi-config), or is it "
+                "of another user?"
             )
         case errno.EACCES | errno.EPERM:
             return f"no permission; {_permission(_group(path), user_name() or str(os.getuid()))}"
@@ -196,7 +187,7 @@ def _wrong(path: str, error: OSError) -> str:
 
 
 def _is_of_group(path: str) -> bool:
-    """Whether who is in a port's group may use it; of one that a login shell has, it may not."""
+    """Whether the members of a port's group may use it; while a login shell has the port, they may not."""
     return Path(path).stat().st_mode & _OF_GROUP == _OF_GROUP
 
 
@@ -206,7 +197,7 @@ def _in_use(users: list[str]) -> str:
 
 
 def _permission(group: str, user: str) -> str:
-    """What gives a user the rights of a group."""
+    """The commands that give a user the rights of a group."""
     with contextlib.suppress(KeyError):
         if user in grp.getgrnam(group).gr_mem:
             return f"{user} is in the group {group}, but was not when this shell began: log in again"
@@ -214,7 +205,7 @@ def _permission(group: str, user: str) -> str:
 
 
 def _group(path: str) -> str:
-    """Of a port; its number if it has no name, as in containers."""
+    """The name of a port's group; its number if it has no name, as in containers."""
     try:
         return Path(path).group()
     except KeyError:
@@ -222,7 +213,7 @@ def _group(path: str) -> str:
 
 
 def user_name() -> str | None:
-    """Who this is; None if there is no name, as in containers."""
+    """The name of this user; None if there is none, as in containers."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # the latter from Python 3.13 on
@@ -230,10 +221,10 @@ def user_name() -> str | None:
 
 
 def _users(path: str) -> list[str]:
-    """Other programs that have a port open, of those that this user may look at."""
+    """Other programs of this user that have a port open."""
     port, users = Path(path).resolve(), []
     for process in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # another user's, or one that has just ended
+        with contextlib.suppress(OSError):  # of another user, or just ended
             is_other = process.name != str(os.getpid())
             if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
                 users.append(_described(process))
@@ -241,7 +232,7 @@ def _users(path: str) -> list[str]:
 
 
 def _described(process: Path) -> str:
-    """What a process, by its folder in /proc, is called; one that is suspended heeds no other signal."""
+    """The name and number of a process, by its folder in /proc; a suspended one must be killed."""
     name, _, rest = (process / "stat").read_text().partition("(")[2].rpartition(")")
     suspended = f", suspended: `kill -KILL {process.name}`" if rest.split()[0] in {"T", "t"} else ""
     return f"{name}, process {process.name}{suspended}"
@@ -252,17 +243,17 @@ def _listed(ports: Iterable[ListPortInfo]) -> str:
 
 
 def _usb_name(port: ListPortInfo) -> str:
-    """What it may be called in a file of port names; empty if it is not on the USB."""
+    """The usb: name of a port; empty if it is not on the USB."""
     if port.vid is None:
         return ""
     return f"usb:{port.vid:04x}:{port.pid:04x}" + (f":{port.serial_number}" if port.serial_number else "")
 
 
 class Line:
-    """An open port as a robot uses it: bytes both ways, and an error that names the device once the port is lost.
+    """An open port that carries bytes both ways; errors name the device once the port is lost.
 
-    device: Whose port it is.
-    port: Its name.
+    device: The device at the port.
+    port: Name of the port.
     """
 
     def __init__(self, device: DeviceName, port: serial.Serial) -> None:
@@ -270,11 +261,11 @@ class Line:
         self._port = port
 
     def fileno(self) -> int:
-        """For select."""
+        """The file descriptor, for select."""
         return int(self._port.fileno())
 
     def read(self) -> bytes:
-        """What has come; waits for something, but not for long.
+        """Read what has come; wait at most `TIMEOUT` for the first byte.
 
         Raises:
             Stopped: if the port is lost.
@@ -288,8 +279,8 @@ class Line:
             self._port.write(data)
 
     def set_dtr(self, *, high: bool) -> None:
-        """Set the line that turns a lidar's motor on and off, where there is one."""
-        with contextlib.suppress(OSError):  # a pseudo-terminal has none
+        """Set the line DTR, which turns a lidar's motor on and off."""
+        with contextlib.suppress(OSError):  # a pseudo-terminal has no DTR
             self._port.dtr = high
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""What to check if a device sends nothing, or if what it sends is damaged."""
+"""What to check if a device sends nothing, or if its data are damaged."""
 
 from collections.abc import Mapping
 
@@ -8,8 +8,8 @@ NEVER_HEARD: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on), and this computer's at 115200 baud whatever its clock (enable_uart=1)? Are TX and RX crossed? Is a "
     "login shell on the port (raspi-config)? Do its lamps flash yellow (more than 2.15 A; switch it off and on)? Does "
-    "the UART work (`mercator-robot check` tells, with TX and RX joined in place of the RVR)?",
-    "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which speaks at 128000 baud?",
+    "the UART work (run `mercator-robot check` with TX and RX joined in place of the RVR)?",
+    "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which sends at 128000 baud?",
     "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
     "plugged in?",
 }
@@ -22,7 +22,7 @@ HEARD_BEFORE: Mapping[DeviceName, str] = {
 _DAMAGED: Mapping[DeviceName, str] = {
     "rvr": "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud "
     "whatever its clock (enable_uart=1)?",
-    "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which speaks at 128000 baud?",
+    "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which sends at 128000 baud?",
     "proximity": "is its USB cable loose, too long, or beside one of a motor?",
 }
 JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"

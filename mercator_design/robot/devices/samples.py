@@ -1,4 +1,4 @@
-"""What the RVR and the hub measure, converted: x forwards, y to the left, z up; metres, radians, seconds."""
+"""Measurements of the RVR and the hub in SI units: x forwards, y to the left, z up; metres, radians, seconds."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -23,21 +23,21 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "ambient_light": ("lux",),
     "proximity": tuple(f"distance_{k}" for k in range(8)),  # [m], in the hub's order
 }
-"""What is measured, by name, and the values of a sample.
+"""The sensors by name, and the values of their samples.
 
-A distance is infinite where nothing is in sight, minus infinite where something is too near.
+A distance is inf where nothing is in sight, -inf where something is too near.
 """
 
 
 class Sample(NamedTuple):
-    """The values of a sensor, and when they came [s]."""
+    """The values of a sensor, and the time [s] when they came."""
 
     time: float
     values: tuple[float, ...]
 
 
 def _turned(values: Mapping[str, float], scale: float = 1.0) -> tuple[float, ...]:
-    """A vector of the RVR, whose x is to the right and y forwards; z if it has one. No zero has a sign."""
+    """Turn a vector of the RVR, whose x is to the right and y forwards, with z if it has one. No zero is negative."""
     return (scale * values["y"], 0.0 - scale * values["x"], *(scale * values[axis] for axis in "z" if axis in values))
 
 
@@ -53,11 +53,11 @@ _CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, .
 }
 
 STREAMED = tuple(_CONVERT)
-"""The services that are streamed."""
+"""The services that the RVR is asked to stream."""
 
 
 def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
-    """What an event measured, by the names of FIELDS; nothing of most events."""
+    """The samples of an event, by the names of FIELDS; most events have none."""
     match event:
         case StreamData(is_valid=True):
             for service, values in event.values.items():
@@ -70,7 +70,7 @@ def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
 
 
 def heading(latest: Mapping[str, Sample], time: float) -> float:
-    """Where the robot faces [rad] at a time [s] near to that of its latest attitude; 0 before the first sample."""
+    """The robot's heading [rad] at a time [s] close to that of its latest attitude; 0 before the first sample."""
     if not {"attitude", "turning"} <= latest.keys():
         return 0.0
     came, (_, _, yaw) = latest["attitude"]

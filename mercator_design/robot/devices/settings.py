@@ -1,4 +1,4 @@
-"""What is particular to one robot: its ports, limits, colours, and where its sensors look. A YAML file, robot.yaml."""
+"""The settings of one robot in a YAML file, robot.yaml: its ports, limits, colours and the angles of its sensors."""
 
 import itertools
 import math
@@ -24,32 +24,34 @@ Percentage = Annotated[float, Range(0.0, 100.0)]
 Share = Annotated[float, Range(0.0, 1.0)]
 
 CONTROL_PERIOD = 0.1
-"""[s] of a control cycle, as missions have it unless they say otherwise."""
+"""[s] of a control cycle; the default of missions."""
 
 # The RVR streams every 0.05 s, and a control loop that gives no command for 0.18 s has stalled.
 _PERIOD = Annotated[float, Range(0.05, 0.12)]
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
-"""As the robot model mercator has its proximity sensors."""
-_KEY = 16  # characters of a key, at least
-_NOT_HERE = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
-"""Constants of reference models that remember, as the e-puck's does."""
+"""Angles of the proximity sensors in the robot model mercator."""
+_MIN_KEY = 16  # characters
+_MEMORY = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
+"""Constants of reference models with a memory, such as the e-puck's."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Beyond these the robot stops."""
+    """The limits beyond which the robot stops."""
 
-    speed: Speed = 0.3  # [m/s] of a tread that a behaviour drives at full speed, unless fsm.txt tells a lower one
-    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last told something, which it does every 0.05 s
-    proximity: Age = 0.5  # [s] since the hub last told distances, which it does 6 times a second
+    speed: Speed = 0.3  # [m/s] of a tread that a behaviour drives at full speed, unless fsm.txt has a lower one
+    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last sent samples, which it does every 0.05 s
+    proximity: Age = 0.5  # [s] since the hub last sent distances, which it does 6 times a second
     lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
     rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; and of commands to it
-    proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are much of it
+    proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are a large share
     lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
     battery_low: Percentage = 20.0  # [%] of charge below which users are warned; also if the RVR reports that it is low
-    battery_critical: Percentage = 5.0  # [%] of charge below which the robot stops; also if the RVR says so
+    battery_critical: Percentage = (
+        5.0  # [%] of charge below which the robot stops; also if the RVR reports that it is critical
+    )
     stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
-    unending_commands: bool = False  # whether to run if the RVR says that it drives on when it hears nothing for 0.3 s
+    unending_commands: bool = False  # whether to run if the RVR reports that it drives on without commands for 0.3 s
 
     def __post_init__(self) -> None:
         if self.battery_low < self.battery_critical:
@@ -58,27 +60,27 @@ class Limits:
 
 
 def check_key(key: str, place: str) -> None:
-    """Make sure that nobody guesses a key of heartbeats.
+    """Check that a key of heartbeats is hard to guess.
 
     Raises:
-        FieldError: naming the place, and not what was found there, if it is too short.
+        FieldError: if it is too short, naming the place, but not the key.
     """
-    if len(key) < _KEY:
-        raise FieldError(place, f"expected at least {_KEY} characters, found {len(key)}")
+    if len(key) < _MIN_KEY:
+        raise FieldError(place, f"expected at least {_MIN_KEY} characters, found {len(key)}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwarmSettings:
-    """What is told to all robots over the network."""
+    """Messages to all robots over the network."""
 
-    port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, on which `mercator-robot stop` is heard; null: none
+    port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, for `mercator-robot stop`; null: none
     heartbeat: Age | None = None  # [s] of silence of `mercator-robot heartbeat` that stop the robot; null: none needed
 
     key: str | None = field(default=None, repr=False)  # that heartbeats must be signed with; null: they need not be
 
     def __post_init__(self) -> None:
         if self.heartbeat is not None and self.port is None:
-            raise FieldError("heartbeat", "there is no port to hear it on")
+            raise FieldError("heartbeat", "there is no port to receive it on")
         if self.key is not None:
             check_key(self.key, "key")
 
@@ -90,7 +92,7 @@ class Settings(FromFile):
     KIND: ClassVar = "settings of robot"
 
     schema: Literal[1] = 1  # version of this format
-    name: Name = "mercator"  # by which it answers
+    name: Name = "mercator"  # in its answers
     ports: PortNames = PortNames()
     limits: Limits = Limits()
     labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
@@ -105,24 +107,24 @@ class Settings(FromFile):
 
     def __post_init__(self) -> None:
         checked(
-            FieldError(f"reference_model.{name}", "expected 0, as this robot remembers nothing")
-            for name in _NOT_HERE
+            FieldError(f"reference_model.{name}", "expected 0, as this robot has no memory")
+            for name in _MEMORY
             if getattr(self.reference_model, name) != 0.0
         )
 
     def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
-        """What the ground sensor reads on each colour of the floor that an fsm.txt is for; on any, if it does not say.
+        """What the ground sensor reads on each colour of the floor in the header of an fsm.txt; without it, on all.
 
         Raises:
             FsmError: if the floor in the header is not of colours.
-            SettingsError: if only some of the floor's colours were measured: what a sensor reads on one, and should on
-                another, cannot be compared.
+            SettingsError: if only some of the floor's colours were measured: measured and nominal colours cannot be
+                compared.
         """
         measured = self.labels or {}
-        told = header["floor"].split(", ") if "floor" in header else []
-        if unknown := [name for name in told if name not in COLOURS]:
+        named = header["floor"].split(", ") if "floor" in header else []
+        if unknown := [name for name in named if name not in COLOURS]:
             raise FsmError(f"floor in the header: expected {', '.join(COLOURS)}, found '{excerpt(unknown[0])}'")
-        floor = tuple(name for name in COLOURS if name in told)
+        floor = tuple(name for name in COLOURS if name in named)
         names = (self.missions or {}).get(header.get("mission", "")) or floor or tuple(measured) or LABELS
         if not measured:
             return {name: COLOURS[name] for name in names}
@@ -135,13 +137,13 @@ class Settings(FromFile):
         return {name: _floats(measured[name]) for name in names}
 
     def as_raced(self, header: Mapping[str, str]) -> Self:
-        """With the constants and the full speed that the header of an fsm.txt tells, if it does.
+        """These settings with the constants and the full speed in the header of an fsm.txt, if it has them.
 
         Raises:
-            FsmError: if they are none, or not those of this robot, or the robot cannot keep the control period.
+            FsmError: if they are not valid or not those of this robot, or the robot cannot keep the control period.
         """
         limit = self.limits.speed
-        speed = _told(header, "maximum speed", Speed, limit)
+        speed = _from_header(header, "maximum speed", Speed, limit)
         if speed > limit:
             raise FsmError(
                 f"maximum speed in the header: expected at most limits.speed, {limit:g} m/s, found {speed:g}"
@@ -158,7 +160,7 @@ class Settings(FromFile):
             raise FsmError(f"the header: {wrong.field}: {wrong.message}") from None
 
     def corrected(self, distances: Sequence[float]) -> tuple[float, ...]:
-        """The hub's distances [m] without what each sensor reads too much, at least 0; what is no number of m stays."""
+        """The hub's distances [m] minus the offset of each sensor, at least 0; infinite ones and NaN stay."""
         return tuple(
             max(0.0, distance - offset) if math.isfinite(distance) else distance
             for distance, offset in zip(distances, self.proximity_offsets, strict=True)
@@ -175,37 +177,37 @@ def read_settings(path: Path) -> Settings:
 
 
 def parse_settings(text: str, label: str, folder: Path) -> Settings:
-    """As `read_settings`, of a text, which `label` names in errors; an empty one sets nothing."""
+    """As `read_settings`, from a text, which `label` names in errors; an empty text has all defaults."""
     is_empty = not any(line.partition("#")[0].strip() for line in text.splitlines())
     return parse("{}" if is_empty else text, Settings, error=SettingsError, label=label, folder=folder)
 
 
 def control_period_of(header: Mapping[str, str]) -> float:
-    """The time [s] from one control cycle to the next, by the header of an fsm.txt; if it does not tell, the usual.
+    """The time [s] from one control cycle to the next in the header of an fsm.txt; by default `CONTROL_PERIOD`.
 
     Raises:
-        FsmError: if the robot cannot do it.
+        FsmError: if the robot cannot keep it.
     """
-    return float(_told(header, "control period", _PERIOD, CONTROL_PERIOD))
+    return float(_from_header(header, "control period", _PERIOD, CONTROL_PERIOD))
 
 
 def reference_model_of(header: Mapping[str, str], usual: ReferenceModel) -> ReferenceModel:
-    """The constants that the header of an fsm.txt tells; if it tells none, the usual.
+    """The constants in the header of an fsm.txt, or `usual` without them.
 
     Raises:
-        FsmError: if they are none.
+        FsmError: if they are not valid.
     """
-    model: ReferenceModel = _told(header, "reference model", ReferenceModel, usual)
+    model: ReferenceModel = _from_header(header, "reference model", ReferenceModel, usual)
     return model
 
 
 def nearest(labels: Mapping[ColourName, RGB], found: RGB) -> ColourName:
-    """The label whose colour is nearest to a measured one; the first of several."""
+    """The label whose colour is nearest to a measured one; the first of equally near ones."""
     levels = tuple(itertools.chain.from_iterable(labels.values()))
     return list(labels)[nearest_label(levels, *found)]
 
 
-def _told(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - what `kind` says
+def _from_header(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> Any:  # noqa: ANN401 - of the type `kind`
     if key not in header:
         return usual
     return parse(header[key], kind, error=FsmError, label=f"{key} in the header", lines=False)

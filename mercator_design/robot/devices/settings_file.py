@@ -1,4 +1,4 @@
-"""Changing values in a robot.yaml where they stand: all else stays as somebody wrote it, with its comments."""
+"""Change values in a robot.yaml in place: everything else stays as it was written, with its comments."""
 
 import dataclasses
 import os
@@ -15,7 +15,7 @@ from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.settings import parse_settings, read_settings
 from mercator_design.system.files import write_text
 
-_WIDE = 10**6  # columns; values stand in one line
+_WIDE = 10**6  # columns, so that a value is written in one line
 
 
 def change(path: Path, **values: object) -> None:
@@ -23,20 +23,20 @@ def change(path: Path, **values: object) -> None:
 
     Args:
         path: The file.
-        values: By key; of a mapping, what is not named stays.
+        values: Values by key; entries of a mapping that are not given stay.
 
     Raises:
-        SettingsError: if the file, or what would become of it, is not valid; then it stays as it is.
-        OSError: if it cannot be written; then it stays as well.
+        SettingsError: if the file is not valid before or after the change; then it stays as it is.
+        OSError: if it cannot be written; then it stays as it is.
     """
     write_text(path, _changed(path, values))
 
 
-def rehearse(path: Path, **values: object) -> None:
-    """See whether a file could be changed, before somebody takes the trouble of measuring the true values.
+def check_changeable(path: Path, **values: object) -> None:
+    """Check that a file can be changed, before a user measures the values.
 
     Raises:
-        SettingsError: if it could not.
+        SettingsError: if it cannot.
     """
     _changed(path, values)
     if not os.access(path.resolve().parent, os.W_OK):
@@ -44,7 +44,7 @@ def rehearse(path: Path, **values: object) -> None:
 
 
 def _changed(path: Path, values: Mapping[str, object]) -> str:
-    """The text of a file with other values; errors are those of `change`."""
+    """The text of a file with changed values; errors are those of `change`."""
     old, text = read_settings(path), text_of(path, error=SettingsError)
     wanted: dict[str, Any] = {}
     changes: dict[tuple[str, ...], object]
@@ -114,7 +114,7 @@ def _flow(keys: tuple[str, ...], value: object) -> str:
 
 
 def _end(node: Any) -> int:  # noqa: ANN401
-    """Where a value ends: a block's own mark is behind the comments that follow it."""
+    """The position where a value ends: a block's own mark is behind the comments that follow it."""
     if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
         return int(node.end_mark.index)
     last = node.value[-1]

@@ -1,4 +1,4 @@
-"""What each device is told before it is of use, with what it says of itself then, and to be at rest again."""
+"""Start-up of each device, with its identity and health, and its shut-down."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -15,17 +15,17 @@ from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
 
 _ERROR = 2  # health of a lidar
-_READS = 5  # times that a lidar is asked until two answers are the same
+_TRIES = 5  # to get the same answer twice from a lidar
 _STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
-_WAKING = 2.0  # [s] that the RVR may take to wake up
+_WAKING = 2.0  # [s] for the RVR to wake up
 
 
 class RvrIdentity(NamedTuple):
-    """What an RVR says of itself.
+    """Firmware and battery of an RVR.
 
-    firmware: Major and minor number and revision, of each processor.
-    battery: Its charge [%].
+    firmware: Major and minor number and revision of each processor.
+    battery: Charge [%].
     battery_state: 0 unknown, 1 good, 2 low, 3 critical.
     """
 
@@ -40,10 +40,10 @@ class RvrIdentity(NamedTuple):
 
 
 class Lidar(NamedTuple):
-    """What a lidar says of itself.
+    """Identity and health of a lidar.
 
-    info: What device it is; None if no two answers were the same.
-    warning: The code of what it warns of; None if it warns of nothing.
+    info: Its identity; None if no two answers were the same.
+    warning: Code of its warning; None if there is none.
     """
 
     info: DeviceInfo | None
@@ -52,7 +52,7 @@ class Lidar(NamedTuple):
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
         info = self.info
-        facts = {"lidar": "model and firmware could not be read for sure: each answer was another"}
+        facts = {"lidar": "model and firmware are not certain: all answers differ"}
         if info is not None:
             facts["lidar"] = f"model {info.model}, firmware {info.firmware[0]}.{info.firmware[1]}, serial {info.serial}"
         if self.warning is not None:
@@ -61,12 +61,12 @@ class Lidar(NamedTuple):
 
 
 def firmware_name(processor: Processor) -> str:
-    """What a processor's firmware is called among facts."""
+    """The name of a processor's firmware among facts."""
     return f"firmware_{processor.name.lower()}"
 
 
 def wake_rvr(link: Link) -> RvrIdentity:
-    """End what a former program has begun, and wake the RVR: its firmware and battery.
+    """End what an earlier program has started, and wake the RVR; return its firmware and battery.
 
     Raises:
         RobotError: if it does not answer.
@@ -97,16 +97,16 @@ def stop_rvr(link: Link) -> None:
     end_streaming(link)
     link.send_command("enable_color_detection", is_enabled=False)
     link.send_command("release_led_requests")
-    link.ask("drive_stop")  # what follows makes commands last longer, so be sure of this one
+    link.ask("drive_stop")  # the next command makes drive commands last longer, so this one must be answered
     link.send_command("restore_default_control_system_timeout")
     link.send_command("disable_notifications_and_active_commands")
 
 
 def start_lidar(link: Link, line: Line) -> Lidar:
-    """Start the lidar's motor and its scan: what it says of itself.
+    """Start the lidar's motor and its scan; return its identity and health.
 
     Raises:
-        RobotError: if it does not answer, has an error, or its health cannot be read for sure.
+        RobotError: if it does not answer, has an error, or its answers about its health differ.
     """
     stop_lidar(link, line)
     line.set_dtr(high=True)
@@ -117,29 +117,29 @@ def start_lidar(link: Link, line: Line) -> Lidar:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
     info = _agreed(link, "device_info", DeviceInfo)
-    link.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # one that scans hears only a stop
+    link.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # while it scans it obeys only a stop
     return Lidar(info, health.error_code if health.status else None)
 
 
 def _agreed(link: Link, command: str, kind: type[S]) -> S | None:
-    """What the lidar answers to a command twice, as its answers have no checksum; None if no two are the same."""
-    heard: list[S] = []
-    for _ in range(_READS):
+    """The lidar's answer to a command, given twice, as answers have no checksum; None if all answers differ."""
+    answers: list[S] = []
+    for _ in range(_TRIES):
         said = link.exchange("lidar", partial(encode_command, command), kind)
-        if said in heard:
+        if said in answers:
             return said
-        heard.append(said)
+        answers.append(said)
     return None
 
 
 def stop_lidar(link: Link, line: Line) -> None:
-    """Stop its scan and its motor."""
+    """Stop the lidar's scan and motor."""
     link.send("lidar", _STOP)
     line.set_dtr(high=False)
 
 
 def start_hub(link: Link) -> None:
-    """Let the hub tell the distances of all its sensors.
+    """Start the hub's output of the distances of all sensors.
 
     Raises:
         RobotError: if it does not answer, or refuses.
@@ -151,7 +151,7 @@ def start_hub(link: Link) -> None:
 
 
 def end_streaming(link: Link) -> None:
-    """Let the RVR stream nothing any more."""
+    """Stop the RVR's streaming."""
     for processor in Processor:
         link.send_command("clear_streaming_service", processor)
 

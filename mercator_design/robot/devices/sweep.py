@@ -1,7 +1,6 @@
-"""The lidar's last turn: ranges in a ring by angle, each kept until the lidar has looked there again.
+"""The lidar's last turn: ranges in a ring by angle, each kept until the lidar has measured there again.
 
-Where a packet is lost the lidar has not looked, as far as is known: what was seen there in the turn before is kept for
-one more turn. How much of what it sweeps is lost is counted.
+Where a packet is lost, ranges of the turn before are kept for one more turn. The lost share of the turn is counted.
 """
 
 import math
@@ -12,50 +11,50 @@ from typing import NamedTuple
 from mercator_design.robot.protocols.ydlidar import Packet
 
 BINS = 1440
-"""Of the ring: more than an X4 has samples in a turn, so that none takes another's place."""
+"""Bins of the ring: more than an X4 has samples in a turn, so that each sample has its own bin."""
 STEP = math.tau / BINS
-"""[rad] from one to the next; the first is at the front."""
+"""[rad] from one bin to the next; the first is at the front."""
 MIN_READINGS = 2
-"""In a turn of a lidar that sees something."""
+"""Readings in a turn of a lidar that works."""
 
 _TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
-_BACKWARDS = 10 * 64  # by which a packet may begin before the end of the one before, as turns are not all alike
-_GAP = 4 * 64  # between the angles of packets, from which on samples are missing; a sample is 0.36 to 0.86 degrees
-_ASIDE = 2 * 64  # of a gap, within which it may be that the lidar has not looked; a turn is not quite like the other
+_BACKWARDS = 10 * 64  # by which a packet may begin before the end of the previous one, as turns differ
+_GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
+_ASIDE = 2 * 64  # margin of a gap, as turns differ
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
 
 
 class Swept(NamedTuple):
-    """How far the lidar has turned [degrees / 64], and for how much of that no samples came."""
+    """The angle that the lidar has turned [degrees / 64], and the part of it without samples."""
 
     all: int = 0
     lost: int = 0
 
 
 class Sweep:
-    """Takes packets, whatever their size and number; there are ranges at any time.
+    """Takes packets of any size and number, and has ranges at any time.
 
-    What is old is told by the angle that was swept since, not by time: so it does not matter how fast the lidar turns,
-    nor in which pieces its bytes arrive.
+    The age of a range is the angle swept since, not a time: so the lidar's speed and the pieces in which bytes arrive
+    do not matter.
 
-    Ranges stay where they were seen if it is told how the robot stood, which may turn by half a radian while the lidar
-    goes round: angles are then those of a frame that does not turn.
+    With the robot's headings, angles are those of a frame that does not turn: the robot may turn by half a radian
+    during a turn of the lidar.
 
-    swept: How far the lidar has turned, against the robot, and how much of that was lost.
+    swept: The angle that the lidar has turned, relative to the robot, and the lost part.
     """
 
     def __init__(self, front: float = 0.0) -> None:
-        """Begin without a range; `front` is the angle of the lidar's front from the robot's [rad]."""
+        """Make one without ranges; `front` is the angle of the lidar's front from the robot's [rad]."""
         self._front = front
         self._ranges = [0.0] * BINS
-        self._written = [-_TURN] * BINS  # how far the lidar had swept
-        self._places = [-_TURN] * BINS  # the same, of the sample itself
+        self._written = [-_TURN] * BINS  # angle swept at the end of the packet
+        self._places = [-_TURN] * BINS  # angle swept at the sample itself
         self._swept = 0
-        self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: from where to where nothing came
-        self._seen: int | None = None  # as _last, against the robot
+        self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: angles swept between which nothing came
+        self._seen: int | None = None  # as _last, relative to the robot
         self.swept = Swept()
         self._last: int | None = None  # angle of the last packet's last sample
-        self._began: int | None = None  # how far the lidar had swept at the last ring start
+        self._began: int | None = None  # angle swept at the last ring start
 
     @property
     def is_whole(self) -> bool:
@@ -63,12 +62,12 @@ class Sweep:
         return self._swept >= _TURN
 
     def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
-        """Take in a packet; whether it ends a turn. Ring starts of a lidar that does not get round end none.
+        """Take in a packet; return whether it ends a turn. A ring start before half a turn ends none.
 
         Args:
-            packet: Of the lidar.
-            began: The robot's heading [rad] at the packet's first sample ...
-            ended: ... and at its last.
+            packet: The packet.
+            began: The robot's heading [rad] at the packet's first sample.
+            ended: The robot's heading [rad] at its last sample.
         """
         if packet.is_suspect:
             return False
@@ -87,7 +86,7 @@ class Sweep:
             if distance <= 0.0:
                 continue
             k = round((angle + self._front) / STEP) % BINS
-            # Corrected angles of what is near and far overlap: the nearer hides the other.
+            # Corrected angles of near and far samples overlap: the nearer one counts.
             if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
@@ -100,7 +99,7 @@ class Sweep:
         return ends
 
     def _count(self, packet: Packet) -> bool:
-        """Count how far the lidar has turned with a packet; whether samples before it are missing."""
+        """Add a packet to `swept`; return whether samples before it are missing."""
         ahead = 0 if self._seen is None else _ahead(self._seen, packet.first)
         is_gap = ahead > _GAP
         self._seen = packet.last
@@ -109,7 +108,7 @@ class Sweep:
         return is_gap
 
     def ranges(self) -> list[float]:
-        """Of each bin [m]; 0 where nothing was seen in the last turn, or in the one before if nothing came since."""
+        """The range of each bin [m]; 0 where nothing was seen in the last turn, or, in a gap, in the turn before."""
         oldest = self._swept - _TURN
         found = [
             distance if written > oldest else 0.0 for distance, written in zip(self._ranges, self._written, strict=True)
@@ -123,11 +122,11 @@ class Sweep:
 
 
 def _ahead(last: int, first: int) -> int:
-    """How far it is from a packet's last sample to the next one's first; 0 if that is before it."""
+    """The angle from a packet's last sample to the next one's first; 0 if they overlap."""
     ahead = (first - last) % _TURN
     return ahead if ahead < _TURN - _BACKWARDS else 0
 
 
 def _seen(angle: int, heading: float) -> int:
-    """An angle of a packet, from the robot of a heading [rad], in the frame that does not turn."""
+    """An angle of a packet in the frame that does not turn, with the robot's heading [rad]."""
     return round(angle - heading * _TURN / math.tau) % _TURN

@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
+import serial
+
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.devices.link import Heard, Link, words
-from mercator_design.robot.devices.ports import DEVICES, DeviceName, Line, Ports
+from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, start_hub, start_lidar, stop_lidar, stop_rvr, wake_rvr
@@ -48,7 +50,11 @@ class Mercator:
     """
 
     def __init__(
-        self, settings: Settings, ports: Ports, reads: Iterable[str], labels: Mapping[ColourName, RGB]
+        self,
+        settings: Settings,
+        ports: Mapping[DeviceName, serial.Serial],
+        reads: Iterable[str],
+        labels: Mapping[ColourName, RGB],
     ) -> None:
         """Make the robot; nothing is sent yet.
 
@@ -62,7 +68,7 @@ class Mercator:
             RobotError: if it lacks a sense.
         """
         self.senses = Senses(settings, reads, labels)
-        lines = {device: Line(device, port) for device, port in zip(DEVICES, ports, strict=True) if port is not None}
+        lines = {device: Line(device, port) for device, port in ports.items()}
         self._link = Link(lines.values())
         self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
         self._settings = settings

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from mercator_design.robot.devices.findings import Finding, of_devices
+from mercator_design.robot.devices.findings import Finding, check_devices
 from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line
@@ -22,7 +22,7 @@ def safe_stop(settings: Settings) -> Iterator[Finding]:
         if stopped:
             yield Finding("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
             patience = _ENDING
-    yield from of_devices(settings, {"rvr": _stop_rvr, "lidar": _stop_lidar}, patience)
+    yield from check_devices(settings, {"rvr": _stop_rvr, "lidar": _stop_lidar}, patience)
 
 
 def _stop_rvr(_: Settings, line: Line) -> Iterator[Finding]:

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mercator_design.robot.devices.findings import Finding, Look, of_devices
-from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, matters_below, percent
+from mercator_design.robot.devices.findings import DeviceCheck, Finding, check_devices
+from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
 from mercator_design.robot.devices.link import Event, Link
 from mercator_design.robot.devices.ports import DeviceName, Line, PortNames, sharing
 from mercator_design.robot.devices.samples import STREAMED
@@ -52,7 +52,7 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
     yield from check_names(settings.ports, without)
-    yield from of_devices(settings, {device: look for device, look in _DEVICES.items() if device not in without})
+    yield from check_devices(settings, {device: each for device, each in _DEVICES.items() if device not in without})
     for device in without:
         yield Finding(
             device, is_fine=True, words="left out, by --without", device=device, quantity="presence", value="left out"
@@ -179,7 +179,7 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
         end_streaming(link)
     yield _of_line("rvr", settings, link, before)
     least = settings.limits.rvr_whole
-    is_fine = echoes >= asked * matters_below(least)  # as a run tells of; commands are answered as these are
+    is_fine = echoes >= asked * warning_share(least)  # as a run tells of; commands are answered as these are
     advice = "" if is_fine else f"; a run stops below {percent(least)}; {link.damage_remedy('rvr')}"
     yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
 
@@ -201,7 +201,7 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
     whole = 1.0 - missing / max(of_all, 1)
     least: float = getattr(settings.limits, f"{device}_whole")
-    is_fine = whole >= matters_below(least)
+    is_fine = whole >= warning_share(least)
     value = f"{100.0 * whole:.1f} % arrives whole"
     words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
     advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.damage_remedy(device)}"
@@ -274,7 +274,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
         yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
 
 
-_DEVICES: dict[DeviceName, Look] = {
+_DEVICES: dict[DeviceName, DeviceCheck] = {
     "rvr": _check_rvr,
     "lidar": _check_lidar,
     "proximity": _check_hub,

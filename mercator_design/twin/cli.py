@@ -9,7 +9,7 @@ from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, print_message, print_result
 from mercator_design.jit import announced
 from mercator_design.missions.mission import load_mission
-from mercator_design.robot.run.safety import go_first
+from mercator_design.robot.run.safety import raise_priority
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import robot_model_of
 from mercator_design.twin.arena import TwinArena, without_noise
@@ -65,7 +65,7 @@ def twin(
             terminals.check()
             TwinArena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
             with Interrupt() as interrupt, terminals:
-                go_first(_PRIORITY)
+                raise_priority(_PRIORITY)
                 for number, file in enumerate(terminals.robots):
                     print_result(f"robot {number}: {file}")
                 timing = terminals.run(

@@ -109,7 +109,7 @@ def test_they_start_without_a_device_that_the_pfsm_does_not_need(deploy, robots,
         devices.unplugged.add("lidar")
     (field / "calls").unlink()
     code, _, err = deploy("fsm.txt", "--start", "--without", "lidar")
-    assert (code, "Error: --without lidar: the PFSM reads neighbours, which the lidar tells\n" in err) == (2, True)
+    assert (code, "Error: --without lidar: the PFSM reads neighbours, which needs the lidar\n" in err) == (2, True)
     assert not (field / "calls").exists()
     (field / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20\n")
     for _ in range(ATTEMPTS):

@@ -118,12 +118,12 @@ class TestRun:
         [
             (GO, "", "the PFSM does not need it: run with --without lidar"),
             (NEAR, "", "the PFSM does not need it: run with --without lidar"),
-            (NEIGHBOURS, "", "the PFSM reads neighbours, which the lidar tells"),
+            (NEIGHBOURS, "", "the PFSM reads neighbours, which needs the lidar"),
             (
                 NEAR,
                 "reference_model: {neighbour_obstacle_range: 0.5}",
                 "the PFSM reads proximity, with neighbours as obstacles (neighbour_obstacle_range is 0.5 m), "
-                "which the lidar tells",
+                "which needs the lidar",
             ),
         ],
     )
@@ -191,7 +191,7 @@ class TestStop:
         hosts = ["no..such..host", "slow", "192.0.2.1", "127.0.0.1"]
         code, out, err = robot_command("stop", *hosts, "--port", port)
         assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
-        silent = f"192.0.2.1: no answer on UDP port {port}, as if nothing ran there"
+        silent = f"192.0.2.1: no answer on UDP port {port}"
         assert err == f"Error: no..such..host: no such host; {silent}\n"
         assert waited == [True]
 
@@ -212,7 +212,7 @@ class TestStop:
     def test_none_answers(self, robot_command, robot):
         code, out, err = robot_command("stop", "127.0.0.1", "--port", robot[1])
         assert (code, out) == (1, "")
-        assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}, as if nothing ran there\n"
+        assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}\n"
 
     def test_more_descriptors_than_select_knows(self, robot_command, answering, monkeypatch):
         speaking = network._speaking

@@ -166,8 +166,8 @@ def test_a_robot_that_is_not_well_any_more_while_it_waits(tmp_path, fault, words
 def test_the_swarm_is_told_to_stop_while_it_waits(tmp_path):
     with awaiting(tmp_path) as (robot, leader), Speaker(["127.0.0.1"], robot.port) as speaker:
         speaker.stop()
-        assert next(failures(leader))["why"] == "swarm: told to stop by 127.0.0.1"
-        never_drove(robot, "swarm: told to stop by 127.0.0.1")
+        assert next(failures(leader))["why"] == "swarm: stop received from 127.0.0.1"
+        never_drove(robot, "swarm: stop received from 127.0.0.1")
 
 
 def test_a_signal_while_it_waits(tmp_path):

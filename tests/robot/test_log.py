@@ -177,8 +177,8 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
     ("number", "change", "words"),
     [
         (1, {"fsm": 7}, "start.fsm: expected text, found 7"),
-        (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
-        (1, {"time": "1970-01-01T00:00:00+01:00"}, "start.time: expected a date and time of UTC from 1970 to 2099"),
+        (1, {"time": "1969-12-31T23:00:00+00:00"}, "start.time: expected a date and time in UTC from 1970 to 2099"),
+        (1, {"time": "1970-01-01T00:00:00+01:00"}, "start.time: expected a date and time in UTC from 1970 to 2099"),
         (
             1,
             {"reference_model": {"hue_period": 0.0}},
@@ -328,7 +328,7 @@ def test_a_disk_that_hangs(waits, tmp_path, monkeypatch):
         goes_on.wait()
         return len(data)
 
-    monkeypatch.setattr(log_module, "_HANGS", 0.5)
+    monkeypatch.setattr(log_module, "_DISK_LIMIT", 0.5)
     monkeypatch.setattr(os, "write", write)
     try:
         with Log(tmp_path / "log.jsonl") as log:

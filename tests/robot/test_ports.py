@@ -141,7 +141,10 @@ def test_what_is_no_serial_port(terminals, path):
     ("number", "mode", "words"),
     [
         (errno.EACCES, 0o660, r"no permission; `sudo usermod -aG \w+ \w+`, and log in again"),
-        *((errno.EACCES, mode, r"no permission, and its group has none either; .*\?") for mode in (0o600, 0o620, 0o640)),
+        *(
+            (errno.EACCES, mode, r"no permission, and its group has none either; .*\?")
+            for mode in (0o600, 0o620, 0o640)
+        ),
         (errno.EBUSY, 0o660, r"in use by another program.*; end it first"),
         (errno.EIO, 0o660, r".*could not open.*"),
     ],

@@ -211,8 +211,8 @@ def test_the_swarm_is_told_to_stop(tmp_path):
         until_it_records(devices, tmp_path)
         assert speaker.stop() == (["tester (127.0.0.1)"], [])
         _, messages = process.communicate(timeout=10)
-        assert (process.returncode, "swarm: told to stop by 127.0.0.1" in messages) == (4, True), messages
-    assert events(tmp_path)[-1]["why"] == "swarm: told to stop by 127.0.0.1"
+        assert (process.returncode, "swarm: stop received from 127.0.0.1" in messages) == (4, True), messages
+    assert events(tmp_path)[-1]["why"] == "swarm: stop received from 127.0.0.1"
 
 
 def test_an_existing_file_is_kept(tmp_path):

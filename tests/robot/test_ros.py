@@ -254,7 +254,7 @@ class FakeNode:
 @pytest.fixture
 def devices(monkeypatch):
     for module in (control, safety):
-        monkeypatch.setattr(module, "go_first", lambda _: None)  # pytest is not so urgent
+        monkeypatch.setattr(module, "raise_priority", lambda _: None)  # pytest is not so urgent
     with Devices() as devices:
         yield devices
 
@@ -418,7 +418,7 @@ class FakeRos:
 def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "_module", fake.module)
-    monkeypatch.setattr(ros, "go_first", lambda _: None)
+    monkeypatch.setattr(ros, "raise_priority", lambda _: None)
     yield fake
     fake.go()
 
@@ -543,7 +543,7 @@ def test_without_ros(robot_command, monkeypatch):
         raise ModuleNotFoundError(f"No module named '{name}'")
 
     monkeypatch.setattr(ros, "_module", absent)
-    monkeypatch.setattr(ros, "go_first", lambda _: None)
+    monkeypatch.setattr(ros, "raise_priority", lambda _: None)
     code, out, err = robot_command("ros")
     assert (code, out) == (1, "")
     assert err.startswith("Error: ros: No module named 'rospy'; on Debian and Ubuntu: apt install python3-rospy ")

@@ -54,7 +54,7 @@ def test_after_a_program_that_was_killed(stop, devices):
     began = time.monotonic()
     assert stop() == (
         0,
-        {"rvr": (True, "at rest; battery 87 %"), "lidar": (True, "told to stop")},
+        {"rvr": (True, "at rest; battery 87 %"), "lidar": (True, "stop sent")},
         "",
     )
     assert devices.rests_since() - began < 1.0
@@ -103,7 +103,7 @@ def test_a_run_in_progress(robot_command, tmp_path):
         assert rvr.startswith("ok     rvr ")
         assert lidar.startswith("ok     lidar ")
         returned, error = robot.ended()
-        assert (returned, "swarm: told to stop by 127.0.0.1" in error) == (4, True)
+        assert (returned, "swarm: stop received from 127.0.0.1" in error) == (4, True)
         robot.devices.rests_since()
 
 
@@ -134,7 +134,7 @@ def test_a_port_that_another_program_has(stop, devices):
         code, rows, err = stop()
         assert (code, err) == (1, "Error: 1 wrong\n")
         assert rows["rvr"][1].endswith(f"process {other.pid}); end it first")
-        assert rows["lidar"] == (True, "told to stop")
+        assert rows["lidar"] == (True, "stop sent")
         devices.when(lambda: devices.lidar_commands == ["force_stop", "stop"])
         other.stdin.close()
 

@@ -532,7 +532,7 @@ class TestWaysOut:
             ):
                 began = time.monotonic()
                 assert speaker.stop() == (["mercator (127.0.0.1)"], [])
-                drive.ended(4, "swarm: told to stop by 127.0.0.1")
+                drive.ended(4, "swarm: stop received from 127.0.0.1")
                 return drive.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST

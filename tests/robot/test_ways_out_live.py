@@ -288,7 +288,7 @@ def test_a_full_disk(tmp_path):
 
 def test_a_disk_that_hangs(tmp_path):
     """Such a run goes on for a while, in which others would recover."""
-    soon = "from mercator_design.robot.logs import log; log._HANGS = 0.5; log.SYNC_EVERY = 0"
+    soon = "from mercator_design.robot.logs import log; log._DISK_LIMIT = 0.5; log.SYNC_EVERY = 0"
     hangs = f"{soon}; os.fsync = lambda _: time.sleep(60)"
 
     def attempt(number):
@@ -309,7 +309,7 @@ class TestSwarm:
                 robot.drives()
                 began = time.monotonic()
                 assert speaker.stop() == (["mercator (127.0.0.1)"], [])
-                check(robot, 4, "swarm: told to stop by 127.0.0.1")
+                check(robot, 4, "swarm: stop received from 127.0.0.1")
                 return robot.devices.told_to_rest(began)
 
         assert soonest(attempt) <= LATEST
@@ -324,7 +324,7 @@ class TestSwarm:
                 for _ in range(100):
                     speaker.send(STOP)
             took = time.monotonic() - began
-            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+            check(robot, 4, "swarm: stop received from 127.0.0.1")
             robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
             names = [name for _, name, _ in robot.devices.commands]
             assert names.count("drive_stop") < 10 + 2 * took / 0.2
@@ -345,7 +345,7 @@ class TestSwarm:
             robot.devices.when(lambda: robot.devices.commands)
             speaker.stop()
             returned, error = robot.ended()
-            assert (returned, error) == (4, "Error: swarm: told to stop by 127.0.0.1\n")
+            assert (returned, error) == (4, "Error: swarm: stop received from 127.0.0.1\n")
             assert not robot.devices.drives()
 
     def test_silence(self, tmp_path):
@@ -443,7 +443,7 @@ class TestSwarm:
             robot.devices.when((robot.folder / "log.jsonl").exists)
             robot.devices.when(lambda: (robot.folder / "log.jsonl").stat().st_size)
             speaker.stop()
-            check(robot, 4, "swarm: told to stop by 127.0.0.1")
+            check(robot, 4, "swarm: stop received from 127.0.0.1")
 
     def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
         with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:

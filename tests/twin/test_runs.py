@@ -216,7 +216,7 @@ def beats():
 
     def beat(core):
         os.sched_setaffinity(0, [core])  # of this thread
-        safety.go_first(1)
+        safety.raise_priority(1)
         due = before = time.monotonic()
         while not over.is_set():
             due += 0.1

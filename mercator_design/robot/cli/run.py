@@ -59,7 +59,7 @@ def run(
     """Run the PFSM of an fsm.txt.
 
     The robot stops when the duration is over, on Ctrl-C or another signal, and when something is wrong: a sensor that
-    the PFSM reads is silent, a port is lost, the battery is critical, the swarm is told to stop.
+    the PFSM reads is silent, a port is lost, the battery is critical, a stop comes from the swarm.
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed

@@ -1,7 +1,4 @@
-"""The events of logs and recordings: what their lines hold, and how they are read.
-
-What they mean: log.py, recording.py.
-"""
+"""The events of logs and recordings: their fields and how they are read. log.py and recording.py explain them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,16 +22,16 @@ LINES: Mapping[str, tuple[str, ...]] = {
     "lidar": ("whole", "received", "lost", "refused", "readings"),
     "proximity": ("whole", "received", "lost", "refused"),
 }
-"""The numbers of the line of each device: the share that arrived whole in the last seconds, all bytes so far, those of
-no sound frame, beginnings of frames among these; readings of the last turn. Of the RVR the share of commands that it
-answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
-_MIN_OF_RVR = 4  # numbers of its line: logs of older versions do not have how the RVR answered
+"""The numbers of each device's line: the share that arrived whole in the last seconds, all bytes so far, those outside
+of valid frames, frame starts among these; of the lidar, readings of the last turn; of the RVR, the share of commands
+that it answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
+_MIN_OF_RVR = 4  # numbers of its line in logs of older versions, which do not count answers
 _YEARS = range(1970, 2100)
 
 
 @dataclass(frozen=True, slots=True)
 class _BelowOne:
-    """A number is one that `random()` draws."""
+    """A number is in the range of `random()`."""
 
     def allows(self, value: float) -> bool:
         return 0.0 <= value < 1.0
@@ -45,7 +42,7 @@ class _BelowOne:
 
 @dataclass(frozen=True, slots=True)
 class _DateTime:
-    """A text is a date and time of UTC."""
+    """A text is a date and time in UTC."""
 
     def allows(self, value: str) -> bool:
         try:
@@ -55,12 +52,12 @@ class _DateTime:
         return moment.utcoffset() == timedelta(0) and moment.year in _YEARS
 
     def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
-        return f"a date and time of UTC from {_YEARS[0]} to {_YEARS[-1]}"
+        return f"a date and time in UTC from {_YEARS[0]} to {_YEARS[-1]}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lengths:
-    """Each list of a mapping has one of the lengths of its name; null stands in some, but not first."""
+    """Each list of a mapping has one of the lengths for its name; some may have null, but not first."""
 
     lengths: Mapping[str, Sequence[int]]
     may_have_null: Sequence[str] = ()
@@ -78,7 +75,7 @@ class _Lengths:
 
 
 class _OneSample:
-    """The values of a sample fit to its sensor."""
+    """The values of a sample fit its sensor."""
 
     def allows(self, value: "SampleTaken") -> bool:
         return len(value.values) == len(FIELDS[value.sensor]) and (
@@ -92,7 +89,7 @@ class _OneSample:
 Number = Annotated[float, Range(-1e9, 1e9)]
 Count = Annotated[int, Range(0, 1e9)]
 Seconds = Annotated[float, Range(0.0, 1e6)]
-"""Since the start of the log; up to eleven days."""
+"""Time since the start of the log [s], up to eleven days."""
 Draw = Annotated[float, _BelowOne()]
 DateTime = Annotated[str, _DateTime()]
 Pairs: TypeAlias = tuple[tuple[Number, Number], ...]
@@ -101,23 +98,23 @@ SensedValues = Annotated[
     Mapping[str, Values],
     _Lengths({**{name: [1 + len(each)] for name, each in FIELDS.items()}, "lidar": [1]}, ["proximity"]),
 ]
-"""By sensor: the age of the latest sample [s], then its values."""
+"""The age of the latest sample [s], then its values, by sensor."""
 LineValues = Annotated[
     Mapping[str, tuple[Number, ...]],
     _Lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
 ]
-"""By device: the numbers of LINES."""
+"""The numbers of LINES, by device."""
 
 
 def now() -> str:
-    """The time of day."""
+    """The date and time in UTC."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 class ClockOffset(NamedTuple):
-    """How far this computer's clock of the day was ahead of another's [s]."""
+    """How far this computer's time of day was ahead of another's [s]."""
 
-    reference: str  # the host that has the other clock
+    reference: str  # the host with the other clock
     ahead: Annotated[float, Range(-1e10, 1e10)]
     uncertainty: Annotated[float, Range(-1e10, 1e10)]
 
@@ -128,10 +125,10 @@ class RunStarted:
 
     kind: Literal["run"] = "run"
     format: Literal[2] = FORMAT
-    version: str = field(default_factory=lambda: __version__)  # of mercator_design, that wrote it
+    version: str = field(default_factory=lambda: __version__)  # of mercator_design
     time: DateTime = field(default_factory=now)
     robot: str
-    clock: ClockOffset | None = None  # None: nothing was measured
+    clock: ClockOffset | None = None  # None: not measured
     fsm: str
     flavour: str
     header: Mapping[str, str] | None = None
@@ -151,7 +148,7 @@ class RecordingStarted:
 
     kind: Literal["recording"] = "recording"
     format: Literal[2] = FORMAT
-    version: str = field(default_factory=lambda: __version__)  # of mercator_design, that wrote it
+    version: str = field(default_factory=lambda: __version__)  # of mercator_design
     time: DateTime = field(default_factory=now)
     robot: str
     facts: Mapping[str, object] | None = None
@@ -170,7 +167,7 @@ class CycleDone:
     next_state: Count
     readings: Annotated[tuple[Number, ...], Length(len(Readings._fields), len(Readings._fields))]
     draws: Annotated[tuple[Draw, ...], Length(DRAWS, DRAWS)]
-    wheels: tuple[Number | None, Number | None]  # None: no finite number
+    wheels: tuple[Number | None, Number | None]  # None: not finite
     cpu: Number  # [s]
     program_cpu: Number | None = None  # [s]
     neighbours: Pairs  # distance [m], bearing [rad]
@@ -206,7 +203,7 @@ class WheelsDriven:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoteTaken:
-    """A report of a device or of the program."""
+    """A note on a device or the program."""
 
     time: Seconds
     text: str
@@ -217,7 +214,7 @@ class LogEnded:
     """The end of a log."""
 
     why: str
-    time: str | None = None  # of day
+    time: str | None = None  # date and time
 
 
 LogStart: TypeAlias = RunStarted | RecordingStarted
@@ -241,7 +238,7 @@ _WORDS: Mapping[schema.Kind, str] = {
 
 
 def to_json(event: LogEvent) -> dict[str, Any]:
-    """The form of an event in JSON."""
+    """An event as JSON data."""
     kind = type(event)
     values = {name: getattr(event, name) for name in kind.__slots__}
     for name, value in values.items():
@@ -254,17 +251,17 @@ class EventReader:
     """Reads the events of a log one after the other."""
 
     def __init__(self, kind: LogKind | None) -> None:
-        """Of a log of this kind; None: of any."""
+        """Make a reader of logs of a kind; None: of any kind."""
         self._kind = kind
-        self._events: Mapping[str, schema.Kind] = {}  # that may come
+        self._events: Mapping[str, schema.Kind] = {}  # expected from now on
         self._lines = 0
-        self._latest: dict[str, float] = {}  # time of each event: only those of a name come in their order
+        self._latest: dict[str, float] = {}  # time of the latest event of each name; only these are in order
 
     def read(self, data: checked_lines.Event) -> LogEvent:
         """The event of a line.
 
         Raises:
-            RobotError: with the key, what was expected and what was found.
+            RobotError: naming the key, what was expected and what was found.
         """
         self._lines += 1
         word, line = data.pop("event", None), data.pop("line", None)

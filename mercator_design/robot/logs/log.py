@@ -1,20 +1,19 @@
-"""What happened in a run, or is recorded, in a file that can be read while it is written and after any crash.
+"""Logs of runs and recordings: files that can be read while they are written and after any crash.
 
-An event a line (config/checked_lines.py), only ever appended, with the number of the line: lines that are missing are
-noticed. Of a recording: recording.py. Of a run:
+Each line is an event (config/checked_lines.py) with the number of the line, so that missing lines are noticed. Lines
+are only appended. For the events of a recording see recording.py. Those of a run are:
 
-    start   what runs: the PFSM, the constants that interpret it, seed, robot, what its devices say of themselves; of a
-            run that began together with others, `clock`: how far this computer's clock of the day was `ahead` of the
-            `reference`, the computer that started them, and the `uncertainty` of that [s]
-    cycle   its number, the time since the log's start [s], the state that acted and the one after it, readings, draws,
-            wheels (null if no finite number), what the cycle (cpu) and, since the cycle before, the whole program
-            (program_cpu) took of processors [s], the neighbours' distances [m] and bearings [rad], and of each sensor
-            the age [s] and the values of its latest sample: a distance is null where nothing is in sight, and 0 where
-            something is too near to tell
-    note    a report of a device, and when it came
+    start   the PFSM, the constants that interpret it, seed, robot, facts on its devices; for a run that began together
+            with others, `clock`: how far this computer's time of day was `ahead` of the `reference`, the computer that
+            started them, and the `uncertainty` [s]
+    cycle   its number, the time since the log's start [s], the state that acted and the next one, readings, draws,
+            wheels (null if not finite), processor time of the cycle (cpu) and, since the previous cycle, of the whole
+            program (program_cpu) [s], the neighbours' distances [m] and bearings [rad], and the age [s] and values of
+            each sensor's latest sample: a distance is null where nothing is in sight, and 0 where something is too near
+    note    a note on a device, and its time
     end     why the run ended
 
-Readings, draws and wheels have all their digits: `replay` gives the decision of each cycle again, and compares.
+Readings, draws and wheels have all their digits: `replay` repeats the decision of each cycle, and compares.
 """
 
 import contextlib
@@ -47,31 +46,31 @@ from mercator_design.robot.logs.events import (
 from mercator_design.system.files import sync_folder
 
 SYNC_EVERY = 1.0
-"""Seconds after which what was written is forced to the disk: as much is lost when the power is."""
+"""[s] after which written events are forced to the disk; a power failure loses later ones."""
 NO_END = "the log has no end: it is still being written, or the program was killed"
-_HANGS = 10.0  # [s] for which events may wait for the disk
-_ROUNDING = 1e-9  # of wheels that are decided again
-_LONGEST = 1 << 20  # bytes of a line
+_DISK_LIMIT = 10.0  # [s] for which events may wait for the disk
+_ROUNDING = 1e-9  # of wheels, between processors
+_MAX_LINE = 1 << 20  # bytes
 
 
 class Log:
-    """A log that is written, by a thread of its own: a slow disk holds up no wheels. A context manager.
+    """A log that a thread of its own writes, so that a slow disk does not delay the wheels. A context manager.
 
-    The file is there from the beginning, and stays if `begin` is called.
+    The file exists from the beginning of the context, and is removed at the end unless `begin` was called.
 
-    began: When `begin` was called [s, of time.monotonic()].
+    began: Time of `begin` [s, of time.monotonic()].
     failure: Why it cannot be written any more; empty if it can.
     """
 
     def __init__(self, path: Path, ending: str = "The duration is over") -> None:
-        """Make one; entering its context begins a new file.
+        """Make one; entering its context makes a new file.
 
         Args:
-            path: Of the file.
-            ending: Why it ends, if nothing went wrong.
+            path: The file.
+            ending: Why the log ends, if there is no error.
 
         Raises:
-            RobotError: on entering, if it cannot be written, or exists.
+            RobotError: on entering, if the file cannot be written, or exists.
         """
         self.path, self._ending = path, ending
         self.began = math.nan
@@ -103,7 +102,7 @@ class Log:
         if has_begun:
             self.note(LogEnded(why=why, time=now()))
         self._events.put(None)
-        self._thread.join(_HANGS)
+        self._thread.join(_DISK_LIMIT)
         if self._thread.is_alive():
             self._fail("the disk hangs")
             return
@@ -122,11 +121,11 @@ class Log:
         if self._events.empty():
             self._waits_since = at
         self._events.put(event)
-        if at - self._waits_since > _HANGS and not self.failure:
+        if at - self._waits_since > _DISK_LIMIT and not self.failure:
             self._fail("the disk hangs")
 
     def remark(self, text: str) -> None:
-        """Append a note on what happened just now."""
+        """Append a note with the present time."""
         self.note(NoteTaken(time=round(time.monotonic() - self.began, 4), text=text))
 
     def _fail(self, why: str) -> None:
@@ -147,38 +146,38 @@ class Log:
                     os.fsync(self._file)
                     synced = time.monotonic()
             os.fsync(self._file)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the run must not go on without a log
+        except Exception as error:  # noqa: BLE001 - no error may let the run go on without a log
             self._fail(getattr(error, "strerror", None) or repr(error))
 
 
 def plain(value: float) -> float | None:
-    """What a sensor measured, as JSON has it: null where nothing is in sight, 0 where something is too near."""
+    """A measured value as in JSON: null where nothing is in sight, 0 where something is too near."""
     if math.isinf(value):
         return None if value > 0.0 else 0.0
     return round(value, 6) + 0.0  # not -0.0
 
 
 def finite(wheels: Wheels) -> tuple[float | None, float | None]:
-    """Speeds as a log has them: None if no finite number."""
+    """Speeds as in a log: None if not finite."""
     left, right = (speed if math.isfinite(speed) else None for speed in wheels)
     return left, right
 
 
 def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """A log's lines, of its events in JSON from the first on."""
+    """The lines of a log, from its events as JSON data."""
     for number, event in enumerate(events, start=1):
         yield to_line({**event, "line": number})
 
 
 def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
-    """The events of a log; half a line at its end, which is being written or never will be, is passed over.
+    """The events of a log; an incomplete last line is ignored.
 
     Args:
-        path: Of the log.
-        kind: It is expected to be of; None: of any.
+        path: The log.
+        kind: Its expected kind; None: any.
 
     Raises:
-        RobotError: if it cannot be read, is no log, is one of another kind, has other events than this version writes,
+        RobotError: if it cannot be read, is not a log or not of that kind, has events that this version does not write,
             or is damaged before its end.
     """
     try:
@@ -186,7 +185,7 @@ def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
             raise RobotError(f"{path}: expected a robot's log, found a folder, device or pipe")
         with path.open("rb") as file:
             reader = EventReader(kind)
-            lines = iter(lambda: file.readline(_LONGEST), b"")
+            lines = iter(lambda: file.readline(_MAX_LINE), b"")
             for number, line in enumerate(lines, start=1):
                 try:
                     data = from_line(line)
@@ -207,10 +206,10 @@ def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
 
 @contextlib.contextmanager
 def understanding(path: Path) -> Iterator[None]:
-    """What computes with events of a log, whose values have been checked one by one.
+    """A context for computing with events of a log, whose values have been checked one by one.
 
     Raises:
-        RobotError: if together they cannot be what this version writes.
+        RobotError: if this version cannot have written them together.
     """
     try:
         yield
@@ -220,11 +219,11 @@ def understanding(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What a controller decided in a cycle.
+    """A controller's decision in a cycle.
 
-    time: Since the start of the log [s].
-    condition: Of the transition that was taken; empty if none was.
-    differs: How what it decides now differs from the log; empty if it does not.
+    time: Time since the start of the log [s].
+    condition: Condition of the transition that was taken; empty if none was.
+    differs: How this decision differs from the log; empty if it does not.
     """
 
     cycle: int
@@ -238,12 +237,12 @@ class Decision:
 
 
 def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:
-    """What the start of a run's log says was run.
+    """The PFSM and the controller in the start of a run's log.
 
     Raises:
-        FsmError: if that is no PFSM.
+        FsmError: if the PFSM is not valid.
     """
-    assert isinstance(start, RunStarted)  # noqa: S101 - as `read` has seen
+    assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
     pfsm = parse(start.fsm, start.flavour, tolerate=lambda _: None)
     return pfsm, Controller(pfsm, start.reference_model)
 
@@ -252,11 +251,11 @@ def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator
     """Run the controller of a log again on its readings and draws.
 
     Args:
-        path: Of the log.
-        warn: Called at last if the log has no end.
+        path: The log.
+        warn: Called in the end if the log has no end.
 
     Raises:
-        RobotError: as `read`, or if the log is not of this version's making.
+        RobotError: as `read`, or if this version cannot have written the log.
     """
     events = read(path)
     with understanding(path):

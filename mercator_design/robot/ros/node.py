@@ -21,7 +21,7 @@ from mercator_design.robot.ros import messages
 from mercator_design.robot.ros.messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.run.control import in_control
 from mercator_design.robot.run.mercator import PERIOD
-from mercator_design.robot.run.safety import Brake, go_first
+from mercator_design.robot.run.safety import Brake, raise_priority
 from mercator_design.robot.run.senses import Senses
 
 NAME = "mercator_robot"
@@ -57,7 +57,7 @@ class RosNode:
         Raises:
             RobotError: if ROS's client for Python is not there, or no master is.
         """
-        go_first(1)  # its threads too: one that waits for a processor may have the interpreter's lock
+        raise_priority(1)  # its threads too: one that waits for a processor may have the interpreter's lock
         try:
             self._rospy, self._message, self._dynamic = map(_module, ("rospy", "genpy.message", "genpy.dynamic"))
             self.types = {name: self._type(name) for name in {*OBEYED.values(), *(t.type for t in PUBLISHED.values())}}

@@ -1,1 +1,1 @@
-"""A controller runs on the robot: senses in, wheels out, and the motors stopped on every way out."""
+"""Run a controller on the robot: read senses, drive wheels, and stop the motors on every way out."""

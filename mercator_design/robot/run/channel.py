@@ -1,4 +1,4 @@
-"""Lines that another program says over the standard input, and is answered over the standard output."""
+"""Lines from another program over the standard input, and answers over the standard output."""
 
 import os
 import select
@@ -8,24 +8,24 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Self
 
-from mercator_design.robot.run.safety import go_first
+from mercator_design.robot.run.safety import raise_priority
 
-_LOOK = 0.05  # [s] for which to wait for a line
-_MOST = 4096  # bytes at a time
+_TIMEOUT = 0.05  # [s] of waiting for a line
+_MAX_READ = 4096  # bytes
 
 
 class Channel:
-    """Hears lines in a thread of its own. A context manager."""
+    """Reads lines in a thread of its own. A context manager."""
 
     def __init__(
         self, hear: Callable[[Iterable[bytes] | None, float], None], failed: Callable[[], None] = lambda: None
     ) -> None:
-        """Make one; entering its context begins to listen.
+        """Make a channel; its thread runs within the context.
 
         Args:
-            hear: Called again and again, with lines, which may be none, and when they came [s]; with None once the
-                other end is gone, and then no more.
-            failed: Called if the thread ends before its time.
+            hear: Called repeatedly with the new lines, which may be none, and their time [s]; called a last time with
+                None when the other end has closed the input.
+            failed: Called if the thread ends by an error.
         """
         self._hear, self._failed = hear, failed
         self._over = threading.Event()
@@ -41,7 +41,7 @@ class Channel:
         self._thread.join()
 
     def say(self, line: str) -> bool:
-        """Say a line; whether the other end is there."""
+        """Write a line; return whether that was possible."""
         try:
             os.write(self._out, line.encode())
         except OSError:
@@ -49,14 +49,14 @@ class Channel:
         return True
 
     def _listen(self) -> None:
-        go_first(2)
-        begun = b""  # of a line
+        raise_priority(2)
+        begun = b""  # the start of a line
         is_connected = True
         try:
             while is_connected and not self._over.is_set():
                 lines: list[bytes] = []
-                if select.select([self._in], [], [], _LOOK)[0]:
-                    data = os.read(self._in, _MOST)
+                if select.select([self._in], [], [], _TIMEOUT)[0]:
+                    data = os.read(self._in, _MAX_READ)
                     is_connected = bool(data)
                     *lines, begun = (begun + data).split(b"\n")
                 self._hear(lines, time.monotonic())

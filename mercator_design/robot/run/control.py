@@ -1,4 +1,4 @@
-"""A robot under control: started up, watched, and stopped on every way out."""
+"""Control of a robot: start it up, watch it, and stop it on every way out."""
 
 import contextlib
 import math
@@ -13,17 +13,17 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.log import Log
 from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.monitor import Note
-from mercator_design.robot.run.safety import STALL, Signals, Watchdog, go_first
+from mercator_design.robot.run.safety import STALL, Signals, Watchdog, raise_priority
 
 if TYPE_CHECKING:
     from mercator_design.robot.devices.link import Heard
 
-_FIRST_HEARTBEAT = 5.0  # [s] to wait for it
-_REFUSED = 10.0  # [s] between notes of refused heartbeats
+_FIRST_HEARTBEAT = 5.0  # [s] of waiting for it
+_NOTE_EVERY = 10.0  # [s] between notes on refused heartbeats
 
 
 class Control:
-    """Control of a robot that is started up.
+    """Control of a robot.
 
     robot: The robot.
     heard: Events of its devices in the latest `wait`.
@@ -33,10 +33,10 @@ class Control:
         self.robot, self._watchdog, self._log = robot, watchdog, log
         self.heard: list[Heard] = []
         self._heard, self._late = time.monotonic(), 0.0
-        self._refused, self._told_of_refused = 0, -math.inf
+        self._refused, self._noted = 0, -math.inf  # heartbeats; time of the latest note on them
 
     def start(self) -> None:
-        """Start the robot up, listening all the time; errors are those of `Mercator.start`."""
+        """Start the robot up; errors are those of `Mercator.start`."""
         self.robot.start()
         self._heard = time.monotonic()
 
@@ -44,7 +44,7 @@ class Control:
         """Wait for the first heartbeat, if the settings want heartbeats.
 
         Raises:
-            RobotError: if none comes; or as `wait`.
+            RobotError: if none comes, or as `wait`.
         """
         end = time.monotonic() + _FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
@@ -58,10 +58,10 @@ class Control:
             self.wait(time.monotonic() + 0.1)
 
     def refresh(self) -> None:
-        """Wait for fresh samples if the program has not listened for a while, as when it waited for its user.
+        """Wait for fresh samples if the program has not read the devices for a while, as when it waited for its user.
 
         Raises:
-            RobotError: if a sensor that is needed tells nothing new; or as `wait`.
+            RobotError: if a sensor that is needed sends nothing new, or as `wait`.
         """
         late = max(self._late, time.monotonic() - self._heard)
         if late > STALL:
@@ -71,7 +71,7 @@ class Control:
         self._heard, self._late = time.monotonic(), 0.0
 
     def arm(self) -> None:
-        """From now on commands to the wheels must follow each other, and heartbeats, if the settings want them.
+        """Require regular commands to the wheels from now on, and heartbeats if the settings want them.
 
         Raises:
             RobotError: as `await_heartbeat` and `refresh`.
@@ -81,10 +81,10 @@ class Control:
         self._watchdog.arm()
 
     def wait(self, until: float) -> float:
-        """Hear the devices until a time [s, of time.monotonic]; the time when that is over.
+        """Read the devices until a time [s, of time.monotonic]; return the time afterwards.
 
         Raises:
-            Stopped: if something has stopped the wheels, a device says that they must not turn, or a port is lost.
+            Stopped: if something has stopped the wheels, a device reports that they must not turn, or a port is lost.
             RobotError: if the log cannot be written.
         """
         begin = time.monotonic()
@@ -96,24 +96,24 @@ class Control:
         if self._log is not None and self._log.failure:
             raise RobotError(self._log.failure)
         self._heard = now
-        if now - self._told_of_refused > _REFUSED:
+        if now - self._noted > _NOTE_EVERY:
             self.note_refused()
         return now
 
     def note_refused(self) -> None:
-        """Note how many heartbeats were refused, if more than were noted before."""
+        """Note the number of refused heartbeats if it has grown since the last note."""
         beats = self._watchdog.heartbeats
         if beats.refused > self._refused:
-            self._refused, self._told_of_refused = beats.refused, time.monotonic()
+            self._refused, self._noted = beats.refused, time.monotonic()
             found = f"{beats.refused} heartbeats refused, the last from {self._watchdog.refused_from}: {beats.why}"
             self.robot.notes.add(Note(f"swarm: {found}", matters=True))
 
     def cycles(self, period: float, first: float | None = None) -> Iterator[float]:
-        """The beginnings [s, of time.monotonic] of control cycles, for ever; one that is late is not made up for.
+        """The starts [s, of time.monotonic] of control cycles, without end; a late cycle delays the next ones.
 
         Args:
-            period: Of control [s].
-            first: When the first is due [s]; None: at once.
+            period: Time from one cycle to the next [s].
+            first: Time of the first cycle [s]; None: at once.
 
         Raises:
             Stopped, RobotError: as `wait`.
@@ -125,7 +125,7 @@ class Control:
 
 
 def held_up(seconds: float) -> str:
-    """The note on a time in which the program did not listen."""
+    """The note on a time in which the program did not read the devices."""
     return f"held up for {seconds:.1f} s: samples are missing, or have wrong times"
 
 
@@ -137,24 +137,24 @@ def in_control(
     log: Log | None,
     without: Collection[DeviceName] = (),
 ) -> Iterator[Control]:
-    """Take control of a robot; its watchdog is not armed yet.
+    """Start a robot up and control it; its watchdog is not armed yet.
 
     On the way out the wheels stop first; then the robot is shut down, and the log ends.
 
     Args:
-        settings: The robot.
+        settings: The robot's settings.
         reads: The senses that are needed, of modules.SENSES.
         labels: What the ground sensor reads on each colour of the floor.
-        log: Of what is done, to be begun once the robot is started up.
-        without: Devices that are left alone.
+        log: The log; its first event is written by the caller, after the start-up.
+        without: Devices that are not used.
 
     Raises:
-        Stopped: if something stopped the wheels, with what it was.
+        Stopped: if something stopped the wheels, naming it.
         RobotError: if a device cannot be used, the log cannot be written, or the stop of the RVR is not
-            confirmed; of other exceptions the latter is a note.
+            confirmed; other exceptions have the latter as a note.
         Signalled: if a signal came.
     """
-    go_first(1)
+    raise_priority(1)
     signals = Signals()
     with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports, without) as ports:
         robot = Mercator(settings, ports, reads, labels)

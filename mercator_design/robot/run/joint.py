@@ -1,4 +1,4 @@
-"""When a run begins: at once, or together with other robots, at a time agreed on over standard input and output."""
+"""When a run begins: at once, or together with other robots, at a time agreed over standard input and output."""
 
 import contextlib
 import threading
@@ -16,14 +16,12 @@ from mercator_design.robot.run.control import Control
 if TYPE_CHECKING:
     from mercator_design.robot.run.safety import Brake
 
-_LOOK = 0.05
-"""[s] between looks at the devices."""
-_AHEAD = 0.05
-"""[s] before the first control cycle at which the robot is armed."""
+_CHECK_EVERY = 0.05  # [s] between checks of the devices
+_ARM_AHEAD = 0.05  # [s] before the first control cycle
 
 
 class AtOnce:
-    """A run that begins when its robot has started up. A context manager, as `Joint` is."""
+    """A run that begins when its robot has started up. A context manager, like `Joint`."""
 
     def __enter__(self) -> Self:
         return self
@@ -32,33 +30,33 @@ class AtOnce:
         pass
 
     @contextlib.contextmanager
-    def taking_part(self, control: Control, log: Path) -> Iterator[None]:  # noqa: ARG002 - as of `Joint`
-        """The run, from when the robot has started up until it ends."""
+    def taking_part(self, control: Control, log: Path) -> Iterator[None]:  # noqa: ARG002 - as in `Joint`
+        """The context of the run, from the robot's start-up to the end."""
         yield
 
     def clock(self) -> ClockOffset | None:
-        """What the log is to have of this computer's clock; None if nothing was measured."""
+        """The measured offset of this computer's clock, for the log; None if it was not measured."""
         return None
 
     def wait(self, control: Control) -> None:
         """Wait until it is time to be armed."""
 
     def due(self) -> float:
-        """When the first control cycle is to begin [s]."""
+        """The time of the first control cycle [s]."""
         return time.monotonic()
 
     def begin(self, now: float, cycle: float) -> None:
-        """The first control cycle, of so many seconds, begins."""
+        """Take in that the first control cycle, of `cycle` seconds, begins at a time [s]."""
 
 
 class Joint(AtOnce):
     """A run that begins together with others (robot/protocols/joint_start.py).
 
-    The leader is heard by a thread of its own, which pulls the brake if it says so, or is heard no more.
+    A thread reads the leader's lines, and pulls the brake if the leader sends a stop or falls silent.
     """
 
     def __init__(self) -> None:
-        """Make one; entering its context begins to listen."""
+        """Make one; it reads the leader's lines within its context."""
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
         self._channel = Channel(self._hear, lambda: self._stop("the thread that reads the leader's lines failed"))
@@ -72,10 +70,10 @@ class Joint(AtOnce):
 
     @contextlib.contextmanager
     def taking_part(self, control: Control, log: Path) -> Iterator[None]:
-        """The run: the leader is told that the robot is ready, what time the start is waited for, and of what ends it.
+        """The context of the run: report `ready` to the leader, wait for the start time, and report the end.
 
         Raises:
-            Stopped: if the start was called off, the leader is not heard any more, or what `Control.wait` raises.
+            Stopped: if the start was called off, the leader is silent, or as `Control.wait`.
         """
         try:
             control.await_heartbeat()
@@ -83,7 +81,7 @@ class Joint(AtOnce):
                 self._brake = control.robot.brake
                 self._say(self._follower.be_ready(time.monotonic(), log=str(log)))
             while self._follower.at is None:
-                self._attend(control, time.monotonic() + _LOOK)
+                self._attend(control, time.monotonic() + _CHECK_EVERY)
             yield
         except BaseException as error:
             with self._lock:
@@ -91,7 +89,7 @@ class Joint(AtOnce):
             raise
 
     def clock(self) -> ClockOffset | None:
-        """How far this computer's clock of the day is ahead of the leader's [s], now, and how well that is known."""
+        """How far this computer's time of day is ahead of the leader's [s] now, and the uncertainty."""
         reference = self._follower.reference
         if reference is None:
             return None
@@ -100,12 +98,12 @@ class Joint(AtOnce):
 
     def wait(self, control: Control) -> None:
         """As `AtOnce.wait`; raises as `taking_part`."""
-        end = self.due() - _AHEAD
+        end = self.due() - _ARM_AHEAD
         while (now := time.monotonic()) < end:
-            self._attend(control, min(now + _LOOK, end))
+            self._attend(control, min(now + _CHECK_EVERY, end))
 
     def due(self) -> float:
-        """When the first control cycle is to begin [s], once `taking_part` has begun."""
+        """The time of the first control cycle [s], within `taking_part`."""
         if self._follower.at is None:
             raise RobotStopped("no time of the start received")
         return self._follower.at
@@ -114,7 +112,7 @@ class Joint(AtOnce):
         """As `AtOnce.begin`.
 
         Raises:
-            Stopped: if it must not.
+            Stopped: if it must not begin.
         """
         with self._lock:
             self._say(self._follower.begin(now, cycle))
@@ -123,7 +121,7 @@ class Joint(AtOnce):
             raise RobotStopped(why)
 
     def _attend(self, control: Control, until: float) -> None:
-        """Hear the devices until a time [s], and see that the robot could begin."""
+        """Read the devices until a time [s], and check that the robot can begin."""
         control.wait(until)
         control.refresh()
         control.robot.check_ages()

@@ -1,4 +1,4 @@
-"""The robot as one object: its senses, the wheels, the lamps; start-up and shut-down."""
+"""The robot: its senses, wheels and lamps; start-up and shut-down."""
 
 import contextlib
 import math
@@ -26,26 +26,26 @@ from mercator_design.robot.run.safety import Brake
 from mercator_design.robot.run.senses import Senses, Stale
 
 COMMANDS_END = 0.3
-"""[s] after which the RVR stops by itself if it hears no command: a program that is dead drives no longer."""
+"""[s] without a command after which the RVR stops by itself, for example if this program has died."""
 PERIOD = 0.05
 """[s] of the RVR's streaming."""
 QUERY_EVERY = 1.0
-"""[s] between questions after battery and motors."""
+"""[s] between queries of battery and motors."""
 
-_BEGIN = 5.0  # [s] until every sensor has sent something; a lidar's motor takes a few
-_LOOK = 0.01  # [s]
-_SHOW = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
+_START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor takes a few
+_CHECK_EVERY = 0.01  # [s] between checks whether they have come
+_SHOW_EVERY = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _DRIVE, _STOPPED = "drive_tank_si_units", "robot_has_stopped"
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
 class Mercator:
-    """A Mercator robot, to be started up, and closed on every way out, which stops it and shuts it down.
+    """A Mercator robot; `start` starts it up, and `close`, on every way out, stops it and shuts it down.
 
-    senses: What it perceives.
-    monitor: How well its devices are.
-    facts: Versions and the like, to show to users, of when it was started up.
-    notes: On what happens to it.
+    senses: Its perception.
+    monitor: The watch on its devices.
+    facts: Versions and the like from its start-up, for users.
+    notes: Notes on its devices.
     stop_failure: Why its stop is not confirmed, once it is closed; empty if it is confirmed.
     """
 
@@ -59,13 +59,13 @@ class Mercator:
         """Make the robot; nothing is sent yet.
 
         Args:
-            settings: What is particular to it.
-            ports: Its open ports.
+            settings: The robot's settings.
+            ports: The open ports of its devices.
             reads: The senses that are needed, of modules.SENSES; the robot stops if one of them is stale.
             labels: What the ground sensor reads on each colour of the floor.
 
         Raises:
-            RobotError: if it lacks a sense.
+            RobotError: if the robot lacks a sense.
         """
         self.senses = Senses(settings, reads, labels)
         lines = {device: Line(device, port) for device, port in ports.items()}
@@ -101,7 +101,7 @@ class Mercator:
         """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
 
         Raises:
-            Stopped: if a device says that the robot must not drive, or a port is lost.
+            Stopped: if a device reports that the robot must not drive, or a port is lost.
         """
         return self._take(self._link.poll(until))
 
@@ -123,7 +123,7 @@ class Mercator:
             self.notes.add(note)
 
     def _refuse_drive(self, error: int) -> None:
-        """The RVR has refused a command to drive: send it again if it was damaged on its way."""
+        """Take in that the RVR has refused a drive command; send it again if it was damaged on its way."""
         if error not in DAMAGED:
             port = self._link.port("rvr")
             raise RobotStopped(f"rvr: it does not drive: {words(error)}; switch it off and on (rvr on {port})")
@@ -133,11 +133,11 @@ class Mercator:
         return {device: self._link.counts(device) for device in self._devices}
 
     def lines(self) -> dict[DeviceName, list[float]]:
-        """How well each line is now, as `Monitor.lines`."""
+        """The numbers of each line, as `Monitor.lines`."""
         return self.monitor.lines(self._counts())
 
     def readings(self) -> Readings:
-        """The readings of now; those of a stale sensor are neutral.
+        """The present readings; those of a stale sensor are neutral.
 
         Raises:
             Stopped: if a sense that is needed is stale.
@@ -155,17 +155,17 @@ class Mercator:
             raise RobotStopped(why)
 
     def stale(self, now: float) -> dict[str, str]:
-        """By name, a message for each sample that is needed and too old at a time [s]."""
+        """A message for each sample that is needed and too old at a time [s], by name."""
         return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
 
     def _remedy(self, found: Stale) -> str:
         return self._link.damage_remedy(found.device) if found.is_damaged else self._link.remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
-        """Turn the treads, at fractions of the limit of their speed; if dry, leave them at rest.
+        """Turn the treads at fractions of their maximum speed; a dry run leaves them at rest.
 
         Raises:
-            Stopped: if something has stopped the wheels, a fraction is out of range or no number, or the port is lost.
+            Stopped: if something has stopped the wheels, a fraction is out of range or NaN, or the port is lost.
         """
         speed = self._settings.limits.speed
         left, right = speed * wheels.left, speed * wheels.right
@@ -173,7 +173,7 @@ class Mercator:
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def query(self) -> None:
-        """Ask for the state of battery and motors from time to time; this keeps the RVR awake and shows that it hears.
+        """Query battery and motors every `QUERY_EVERY`; this keeps the RVR awake and shows that it receives commands.
 
         Raises:
             Stopped: if the port is lost.
@@ -184,14 +184,14 @@ class Mercator:
                 self._link.send("rvr", self._link.counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
-        """Give lamps, of rvr_messages.LIGHTS, their colours."""
+        """Set the colours of lamps, of rvr_messages.LIGHTS."""
         now = time.monotonic()
-        if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW:
+        if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW_EVERY:
             self._shown = now, colours
             self._link.send("rvr", self._link.counted("set_all_leds", **lights(colours)))
 
     def close(self) -> None:
-        """Stop the wheels, then all else; nothing is raised, but `stop_failure` says why the stop is not confirmed."""
+        """Stop the wheels, then all else. Raises nothing: `stop_failure` says why the stop is not confirmed."""
         self.brake.stop("the run has ended")
         link = self._link
         link.is_ending = True
@@ -206,7 +206,7 @@ class Mercator:
             self.notes.add(Note(self.stop_failure))
 
     def start(self) -> None:
-        """Start it up; errors are those of `attend`, and RobotError: if a device cannot be used."""
+        """Start the robot up; errors are those of `attend`, and a RobotError if a device cannot be used."""
         link = self._link
         self.facts |= wake_rvr(link).words()
         self._queried = time.monotonic()
@@ -221,7 +221,7 @@ class Mercator:
         link.ask("enable_color_detection", is_enabled=True)
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
-        self.attend(time.monotonic())  # no lidar turns if the battery is critical
+        self.attend(time.monotonic())  # the lidar does not start with a critical battery
         if self._lidar is not None:
             self.facts |= start_lidar(link, self._lidar).words()
         if self._has_hub:
@@ -229,10 +229,10 @@ class Mercator:
         self._await_samples()
 
     def sense_anew(self) -> None:
-        """Wait for fresh samples of all senses that are needed: others may have come at any time before.
+        """Read what has come, and wait for fresh samples of all senses that are needed.
 
         Raises:
-            RobotError: if it is not.
+            RobotError: if one does not come.
             Stopped: as `attend`.
         """
         self._take(self._link.backlog())
@@ -241,27 +241,26 @@ class Mercator:
     def _await_samples(self) -> None:
         """Wait for a fresh sample of each sense that is needed."""
         self.attend(time.monotonic())
-        self.senses.forget()  # what came while devices were started may be older
+        self.senses.forget()  # samples from the start-up may be old
         self.monitor.forget()
-        end = time.monotonic() + _BEGIN
+        end = time.monotonic() + _START_LIMIT
         while (stale := self.stale(now := time.monotonic())) and now < end:
-            self.attend(now + _LOOK)
+            self.attend(now + _CHECK_EVERY)
         for why in stale.values():
             raise RobotError(why)
 
     def _watch_commands_end(self) -> None:
         """Check that a drive command, of speed zero, ends by itself after the time that was set.
 
-        The maker's documents do not say what a robot that was stopped so answers: only if it says that it still drives,
-        this is held against it.
+        The maker's documents do not say what the RVR answers then: only an answer that it still drives is an error.
 
         Raises:
-            RobotError: if it does, and the settings do not permit that.
+            RobotError: if it reports that it still drives, and the settings do not permit that.
         """
         self.brake.drive(0.0, 0.0)
         sent = time.monotonic()
         first = self._controller()
-        self.attend(sent + 0.5 * COMMANDS_END)  # what has stopped by then did so because its speed is zero
+        self.attend(sent + 0.5 * COMMANDS_END)  # a stop until then is due to the speed of zero
         heard = self.attend(sent + COMMANDS_END + 0.1)
         has_stopped = any(isinstance(event, Notification) and event.name == _STOPPED for event, _ in heard)
         last = self._controller()
@@ -269,7 +268,7 @@ class Mercator:
         self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
         if self._do_commands_end or self._settings.limits.unending_commands or not first == last == _TANK:
             return
-        self.attend(sent + 2.0 * COMMANDS_END)  # this computer may have been late, or the line
+        self.attend(sent + 2.0 * COMMANDS_END)  # this computer, or the line, may have been late
         if self._controller() == _TANK:
             raise RobotError(
                 f"rvr: it reports that a drive command does not end after {COMMANDS_END:g} s, so it would drive on if "

@@ -1,4 +1,4 @@
-"""How well a robot's devices are, by what they send: battery, motors, lines, the lidar's sight. No ports, no clocks."""
+"""Watches a robot's devices by their events: battery, motors, lines, the lidar's sight. No ports, no clocks."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -27,7 +27,7 @@ _MAX_WAITING = 100
 
 
 class Note(NamedTuple):
-    """What is to be written into the log.
+    """A note for the log.
 
     matters: Whether users should see it at once.
     """
@@ -37,14 +37,14 @@ class Note(NamedTuple):
 
 
 class Notes:
-    """Notes of a robot. They wait until `send_to` says where they go; the latest only."""
+    """Notes of a robot. The latest ones wait until `send_to` sets their receivers."""
 
     def __init__(self) -> None:
         self._waiting: deque[Note] = deque(maxlen=_MAX_WAITING)
         self._receivers: tuple[Callable[[str], None], Callable[[str], None]] | None = None
 
     def send_to(self, log: Callable[[str], None], users: Callable[[str], None] = lambda _: None) -> None:
-        """Send notes to `log` from now on, and those that matter to users to `users`, too."""
+        """Send notes to `log` from now on, and those that matter also to `users`."""
         self._receivers = log, users
         while self._waiting:
             self.add(self._waiting.popleft())
@@ -61,19 +61,19 @@ class Notes:
 
 
 class Monitor:
-    """Watches the devices of a robot; `Stopped` is raised if one says that the robot must not drive.
+    """Watches the devices of a robot; `Stopped` is raised if one reports that the robot must not drive.
 
-    battery: Its charge as text; empty until the RVR sends it.
+    battery: Charge as text; empty until the RVR sends it.
     """
 
     def __init__(self, limits: Limits, senses: Senses, answers: Answers, ports: Mapping[DeviceName, str]) -> None:
-        """Begin with devices of which nothing is known.
+        """Make one, before the first event.
 
         Args:
-            limits: Of the robot.
-            senses: Whose lines are watched.
-            answers: Of the RVR to commands.
-            ports: The names of the devices' ports.
+            limits: The robot's limits.
+            senses: The robot's senses, with the damage of the lines.
+            answers: Counts of the RVR's answers to commands.
+            ports: Names of the devices' ports.
         """
         self.battery = ""
         self._senses, self._answers, self._ports = senses, answers, ports
@@ -82,7 +82,7 @@ class Monitor:
         self._is_blind = False
 
     def take(self, event: Event) -> Iterator[Note]:
-        """Take in an event.
+        """Take in an event; yield notes on it.
 
         Raises:
             Stopped: if the robot must not drive.
@@ -104,13 +104,13 @@ class Monitor:
             yield Note(text, matters=True)
 
     def end_turn(self) -> Iterator[Note]:
-        """Note at the end of a turn of the lidar whether it is nearly empty, as are those of one whose laser fails."""
+        """Take in the end of a turn of the lidar; note if it is nearly empty, as when the laser fails."""
         was_blind, self._is_blind = self._is_blind, self._senses.sight < MIN_READINGS
         if was_blind != self._is_blind:
             yield Note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
     def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
-        """Check at a time [s] the lines, by the counts of their bytes so far, and whether a tread is stuck.
+        """Check at a time [s] the lines, with the counts of their bytes so far, and whether a tread is stuck.
 
         Raises:
             Stopped: if a tread is stuck for too long, or too few commands are answered.
@@ -133,7 +133,7 @@ class Monitor:
     def _changed(
         self, device: DeviceName, line: LineHealth, is_worse: bool | None, of_what: str, consequence: str
     ) -> Iterator[Note]:
-        """Note that damage of a line begins to matter, or ceases to."""
+        """Note that damage of a line has to be reported, or is over."""
         if is_worse is None:
             return
         found = f"{percent(line.share)} {of_what}"
@@ -145,11 +145,7 @@ class Monitor:
         return damage_remedy(device, self._ports[device])
 
     def lines(self, counts: Mapping[DeviceName, Counts]) -> dict[DeviceName, list[float]]:
-        """Of each line the share that arrives whole, and the bytes that came, were lost, and frames that were refused.
-
-        Of the lidar's the readings of its last turn, too; of the RVR's the share of commands that were answered, and of
-        commands how many were sent, not answered, and repeated.
-        """
+        """The numbers of each device's line, in the order of `LINES` (logs/events.py)."""
         found: dict[DeviceName, list[float]] = {
             device: [round(self._senses.lines[device].share, 4), *count] for device, count in counts.items()
         }
@@ -160,6 +156,6 @@ class Monitor:
         return found
 
     def forget(self) -> None:
-        """Forget which commands were answered: the program has not listened for a while."""
+        """Restart the count of answers: the program has not read the devices for a while."""
         self._answers.forget()
         self._answered.forget()

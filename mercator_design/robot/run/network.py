@@ -1,15 +1,15 @@
-"""Messages to all robots of a swarm over UDP: stop, and heartbeats, whose absence stops the robots, too.
+"""Messages to all robots of a swarm over UDP: stops, and heartbeats, whose absence also stops the robots.
 
-Anybody may say stop. Heartbeats may be signed with a key that robots and the sender share:
+Anybody may send a stop. Heartbeats may be signed with a key that robots and the sender share:
 
     sender  mercator-robot heartbeat?
     robot   mercator-robot sign COUNTER TIME SEAL
     sender  mercator-robot signed COUNTER TIME SEAL SIGNATURE
 
-The counter and the time are the robot's own, so no two clocks need to agree. The seal, with a key that only this run of
-the robot knows, shows that they are: nobody can have them signed before their time, or use those of another run. A
-signed heartbeat says that who has the key was there after that time; so one that is recorded, delayed or sent again
-does not let a robot run for longer.
+The counter and the time are the robot's own, so clocks need not agree. The seal, with a key that only this run of the
+robot has, proves that: nobody can get them signed in advance, or use those of another run. A signed heartbeat proves
+that the holder of the key was there after that time; one that is recorded, delayed or sent again does not let a robot
+run for longer.
 """
 
 import contextlib
@@ -21,8 +21,8 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Iterable
-from typing import NamedTuple, Self
+from collections.abc import Iterable, Iterator
+from typing import Self
 
 from mercator_design.errors import RobotError
 
@@ -30,10 +30,10 @@ STOP, HEARTBEAT, STOPPED = b"mercator-robot stop", b"mercator-robot heartbeat", 
 ASK, SIGN, SIGNED = b"mercator-robot heartbeat?", b"mercator-robot sign ", b"mercator-robot signed "
 _SEALED = re.compile(rb"\d{1,15} \d{1,12}\.\d{6} [0-9a-f]{32}")
 _SIGNATURE = re.compile(rb"(%b) ([0-9a-f]{64})" % _SEALED.pattern)
-_LONGEST = 200  # bytes of a message
-_MOST = 100  # messages heard at once
-_LOOK_UP = 5.0  # [s] for which to wait for the names of hosts
-_LOOK = 0.02  # [s] between looks whether they have come
+_MAX_MESSAGE = 200  # bytes
+_MAX_MESSAGES = 100  # that are received at once
+_LOOK_UP = 5.0  # [s] for looking up the names of hosts
+_CHECK_EVERY = 0.02  # [s] between checks whether they are looked up
 
 
 def listener(port: int) -> socket.socket:
@@ -53,28 +53,28 @@ def listener(port: int) -> socket.socket:
 
 
 def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
-    """The messages that have come, with their senders; if there are many, the first of them."""
-    told: list[tuple[bytes, tuple[str, int]]] = []
+    """Receive the messages that have come, at most `_MAX_MESSAGES`, with their senders."""
+    received: list[tuple[bytes, tuple[str, int]]] = []
     with contextlib.suppress(BlockingIOError):
-        while len(told) < _MOST:
-            told.append(listening.recvfrom(_LONGEST))
-    return told
+        while len(received) < _MAX_MESSAGES:
+            received.append(listening.recvfrom(_MAX_MESSAGE))
+    return received
 
 
 class Heartbeats:
     """Checks the heartbeats to a robot.
 
-    heard: When the sender of the latest that counts was there for certain [s, of the clock of `take`]; None: not yet.
-    refused: How many did not count.
-    why: Of the latest of these.
+    heard: Time at which the sender was certainly there [s, of the clock of `take`]; None before a valid heartbeat.
+    refused: Number of heartbeats that were not valid.
+    why: Why the latest of these was refused.
     """
 
     def __init__(self, key: str | None, lasts: float) -> None:
-        """Begin without one.
+        """Make one, before the first heartbeat.
 
         Args:
-            key: With which they must be signed; None: they need not be.
-            lasts: How long a heartbeat counts [s].
+            key: The key of signed heartbeats; None: they need no signature.
+            lasts: Time for which a heartbeat is valid [s].
         """
         self._key, self._lasts = key, lasts
         self._seal_key = secrets.token_bytes(32)
@@ -84,7 +84,7 @@ class Heartbeats:
         self.refused, self.why = 0, ""
 
     def take(self, message: bytes, now: float) -> bytes | None:
-        """Take a message that came at a time [s]; the answer, if there is one."""
+        """Take a message that came at a time [s]; return the answer, if there is one."""
         if self._key is None:
             if message in {HEARTBEAT, ASK}:
                 self.heard = now
@@ -122,7 +122,7 @@ class Heartbeats:
 
 
 def signature(key: str, sealed: bytes) -> bytes:
-    """The proof that the holder of a key has seen the text that a robot has sealed."""
+    """The signature of a text that a robot has sealed."""
     return _digest(key.encode(), SIGNED + sealed)
 
 
@@ -130,29 +130,21 @@ def _digest(key: bytes, message: bytes) -> bytes:
     return hmac.new(key, message, hashlib.sha256).hexdigest().encode()
 
 
-class Answers(NamedTuple):
-    """The answers of robots to a stop.
-
-    stopped: Those that say that they have, by name and address.
-    silent: Of the hosts from which nothing came, what is known.
-    """
-
-    stopped: list[str]
-    silent: list[str]
-
-
 class Speaker:
     """Sends messages to robots; a context manager.
 
-    Each host's name is looked up in a thread of its own: one that takes long, or is not known, keeps no other waiting.
-    Each has a socket of its own: what comes there is its answer, whatever address that has.
+    Each host's name is looked up in a thread of its own, so that a slow or unknown one does not delay the others. Each
+    host has a socket of its own, which receives its answers from any address.
     """
 
     def __init__(self, hosts: Iterable[str], port: int) -> None:
-        """Begin to look up the robots; a broadcast address is all of a network."""
+        """Begin to look up the hosts of the robots; a broadcast address reaches all robots of a network."""
         self._port = port
-        self._sockets = {host: _speaking() for host in hosts}
-        self._addresses: dict[str, str] = {}  # of the hosts that have been looked up; empty if there is none
+        self._sockets = {host: _socket() for host in hosts}
+        self._waiting = select.poll()  # select takes no more than 1024 descriptors
+        for each in self._sockets.values():
+            self._waiting.register(each, select.POLLIN)
+        self._addresses: dict[str, str] = {}  # of the hosts that are looked up; empty if there is none
         for host in self._sockets:
             threading.Thread(target=self._look_up, args=(host,), daemon=True).start()
 
@@ -167,53 +159,54 @@ class Speaker:
         """Send a message to each robot whose address is known; only an answer shows that it arrived."""
         for host, address in self._addresses.copy().items():
             if address:
-                with contextlib.suppress(OSError):  # no way to this one now; the others are told nevertheless
+                with contextlib.suppress(OSError):  # no route to this one now
                     self._sockets[host].sendto(message, (address, self._port))
 
     def beat(self, key: str | None, seconds: float) -> None:
-        """Let robots run for a while, and sign what they want signed in the next seconds."""
+        """Send a heartbeat, and sign those that robots want signed for so many seconds."""
         self.send(HEARTBEAT if key is None else ASK)
-        waiting = select.poll()
-        for each in self._sockets.values():
-            waiting.register(each, select.POLLIN)
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            waiting.poll(1000.0 * left)
-            for each in self._sockets.values():
-                with contextlib.suppress(OSError):  # nobody listens there, or no way there now
-                    for message, robot in hear(each):
-                        sealed = message.removeprefix(SIGN)
-                        if key is not None and sealed != message and _SEALED.fullmatch(sealed):
-                            each.sendto(SIGNED + sealed + b" " + signature(key, sealed), robot)
+            for host, message, robot in self._received(left):
+                sealed = message.removeprefix(SIGN)
+                if key is not None and sealed != message and _SEALED.fullmatch(sealed):
+                    with contextlib.suppress(OSError):
+                        self._sockets[host].sendto(SIGNED + sealed + b" " + signature(key, sealed), robot)
+
+    def _received(self, seconds: float) -> Iterator[tuple[str, bytes, tuple[str, int]]]:
+        """Wait for messages, for `seconds` at most; yield each with its host and its sender's address."""
+        self._waiting.poll(1000.0 * seconds)
+        for host, each in self._sockets.items():
+            with contextlib.suppress(OSError):  # nobody listens there, or no route there now
+                for message, sender in hear(each):
+                    yield host, message, sender
 
     def look_up(self) -> list[str]:
-        """Wait until all have been looked up, but not for long; of those without an address, what is known."""
+        """Wait until all hosts are looked up, for `_LOOK_UP` at most; return messages on those without an address."""
         end = time.monotonic() + _LOOK_UP
         while len(self._addresses) < len(self._sockets) and time.monotonic() < end:
-            time.sleep(_LOOK)
+            time.sleep(_CHECK_EVERY)
         return [self._silence(host) for host in self._sockets if not self._addresses.get(host)]
 
-    def stop(self, seconds: float = 0.5) -> Answers:
-        """Send stop to the robots repeatedly, for a while after the last address is known."""
+    def stop(self, seconds: float = 0.5) -> tuple[list[str], list[str]]:
+        """Send stops to the robots, for some seconds after the last address is known.
+
+        Returns:
+            The robots that have stopped, by name and address, and messages on the hosts without an answer.
+        """
         stopped: dict[str, None] = {}
         answered = set()
-        waiting = select.poll()  # select knows no more than 1024 descriptors
-        for each in self._sockets.values():
-            waiting.register(each, select.POLLIN)
         end = time.monotonic() + seconds
         latest = end + _LOOK_UP
         while (now := time.monotonic()) < end:
             if len(self._addresses) < len(self._sockets):
                 end = min(now + seconds, latest)
             self.send(STOP)
-            waiting.poll(50)
-            for host, each in self._sockets.items():
-                with contextlib.suppress(ConnectionError):  # nobody listens there
-                    for answer, (address, _) in hear(each):
-                        if answer.startswith(STOPPED):
-                            answered.add(host)
-                            stopped[f"{answer.removeprefix(STOPPED).decode('ascii', 'replace')} ({address})"] = None
-        return Answers([*stopped], [self._silence(host) for host in self._sockets if host not in answered])
+            for host, answer, (address, _) in self._received(0.05):
+                if answer.startswith(STOPPED):
+                    answered.add(host)
+                    stopped[f"{answer.removeprefix(STOPPED).decode('ascii', 'replace')} ({address})"] = None
+        return [*stopped], [self._silence(host) for host in self._sockets if host not in answered]
 
     def _look_up(self, host: str) -> None:
         try:
@@ -228,11 +221,11 @@ class Speaker:
                 return f"{host}: its name could not be looked up in time"
             case "":
                 return f"{host}: no such host"
-        return f"{host}: no answer on UDP port {self._port}, as if nothing ran there"
+        return f"{host}: no answer on UDP port {self._port}"
 
 
-def _speaking() -> socket.socket:
-    speaking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    speaking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-    speaking.setblocking(False)
-    return speaking
+def _socket() -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    found.setblocking(False)
+    return found

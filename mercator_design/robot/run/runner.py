@@ -1,16 +1,15 @@
-"""A run: one controller, a control cycle every 0.1 s, and every way out of it with the wheels at rest."""
+"""A run: one controller in control cycles of 0.1 s; the wheels are at rest on every way out."""
 
-import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
 from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
-from mercator_design.fsm import Controller, Pfsm, to_text
+from mercator_design.fsm import Controller, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.text import FsmFile
@@ -21,20 +20,19 @@ from mercator_design.robot.logs.log import Log, finite, plain
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
 from mercator_design.robot.run.joint import AtOnce
-from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.robot.run.service import notify, until_stopping
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What is to be run.
+    """The PFSM of a run and its options.
 
     file: The PFSM and its header.
-    seed: Of the draws.
-    duration: [s]; None: until something stops it.
-    is_dry: The wheels stay at rest.
-    without: Devices that are left alone, as they are broken or not there; the PFSM reads no sense of theirs.
+    seed: Seed of the draws.
+    duration: Duration [s]; None: until something stops the run.
+    is_dry: Whether the wheels stay at rest.
+    without: Devices that are not used, as they are broken or missing; the PFSM does not need them.
     """
 
     file: FsmFile
@@ -45,7 +43,7 @@ class Run:
 
     @property
     def period(self) -> float:
-        """Of control [s]; errors are those of `control_period_of`."""
+        """The control period [s]; errors are those of `control_period_of`."""
         return control_period_of(self.file.header)
 
 
@@ -55,29 +53,19 @@ def run(
     """Run a PFSM on the robot, until its duration is over.
 
     Args:
-        settings: The robot.
-        what: To run.
-        path: Of the log, a new file.
+        settings: The robot's settings.
+        what: The PFSM and its options.
+        path: The log, a new file.
         report: Called with messages for people.
         together: When the run begins; None: at once.
 
     Raises:
-        Stopped: if something stopped the wheels, with what it was.
-        RobotError: if a device cannot be used, or the log cannot be written.
-        FsmError: if the header of the PFSM's file tells of a floor, a speed or the like that this robot has not.
-        Signalled: if a signal came.
+        FsmError: if the header of the PFSM's file has a floor, a speed or the like that this robot cannot have.
+        RobotError, Stopped, Signalled: as `in_control`.
     """
-    header = what.file.header
-    settings = settings.as_raced(header)
-    with _telling_who_is_needed(what.file.pfsm, settings):
-        _run(settings, what, path, report, together or AtOnce())
-
-
-@contextlib.contextmanager
-def _telling_who_is_needed(pfsm: Pfsm, settings: Settings) -> Iterator[None]:
-    """Add to what is wrong with a device whether the PFSM can go without it."""
+    settings, pfsm = settings.as_raced(what.file.header), what.file.pfsm
     try:
-        yield
+        _run(settings, what, path, report, together or AtOnce())
     except RobotError as error:
         if error.device in OPTIONAL_DEVICES:
             why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
@@ -95,23 +83,19 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
     with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):
-            _begin(log, settings, what, control.robot, report, begins.clock())
+            log.begin(_start(settings, what, control.robot.facts, begins.clock()))
+            control.robot.notes.send_to(log.remark, report)
+            control.robot.introduce(report)
             begins.wait(control)
             control.arm()
             notify(READY=1, STATUS=f"{settings.name} runs, {path}")
             _cycles(control, Controller(pfsm, settings.reference_model), what, log, begins)
 
 
-def _begin(
-    log: Log,
-    settings: Settings,
-    what: Run,
-    robot: Mercator,
-    report: Callable[[str], None],
-    clock: ClockOffset | None,
-) -> None:
+def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: ClockOffset | None) -> RunStarted:
+    """The first event of the log."""
     pfsm = what.file.pfsm
-    start = RunStarted(
+    return RunStarted(
         robot=settings.name,
         clock=clock,
         fsm=to_text(pfsm),
@@ -124,21 +108,18 @@ def _begin(
         control_period=what.period,
         control_software=control_digest(),
         reference_model=settings.reference_model,
-        facts=dict(robot.facts),
+        facts=dict(facts),
     )
-    log.begin(start)
-    robot.notes.send_to(log.remark, report)
-    robot.introduce(report)
 
 
 def _cycles(control: Control, controller: Controller, what: Run, log: Log, begins: AtOnce) -> None:
-    """Control cycles until the duration is over."""
+    """Run control cycles until the duration is over."""
     robot, random = control.robot, Random(what.seed)
     first = begins.due()
-    most = math.inf if what.duration is None else what.duration - 0.5 * what.period
+    end = math.inf if what.duration is None else what.duration - 0.5 * what.period
     program = time.process_time()
     for cycle, begin in enumerate(control.cycles(what.period, first)):
-        if begin - first >= most:
+        if begin - first >= end:
             return
         if cycle == 0:
             begins.begin(begin, what.period)

@@ -1,4 +1,4 @@
-"""Stop this robot, whatever has happened to the program that drove it."""
+"""Stop this robot, also if the program that drove it is dead."""
 
 from collections.abc import Iterator
 
@@ -10,11 +10,11 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, stop_lidar, stop_rvr, wake_rvr
 from mercator_design.robot.run.network import Speaker
 
-_ENDING = 10.0  # [s] that a run which was told to stop may take to let go of the ports; most may start up
+_ENDING = 10.0  # [s] for a stopped run to close its ports; a run in its start-up takes longest
 
 
 def safe_stop(settings: Settings) -> Iterator[Finding]:
-    """Stop the run that is in progress here, if it hears, then the RVR and the lidar, each by itself."""
+    """Stop the run in progress here, if it receives stops, then the RVR and the lidar, each by itself."""
     patience = 0.0
     if settings.swarm.port is not None:
         with Speaker(["127.0.0.1"], settings.swarm.port) as speaker:
@@ -28,11 +28,11 @@ def safe_stop(settings: Settings) -> Iterator[Finding]:
 def _stop_rvr(_: Settings, line: Line) -> Iterator[Finding]:
     link = Link([line])
     link.send("rvr", 2 * halt(link))
-    found = wake_rvr(link)  # asleep it would refuse the rest
+    found = wake_rvr(link)  # an RVR that sleeps refuses the rest
     stop_rvr(link)
     yield Finding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
 
 
 def _stop_lidar(_: Settings, line: Line) -> Iterator[Finding]:
     stop_lidar(Link([line]), line)
-    yield Finding("lidar", is_fine=True, words="told to stop")
+    yield Finding("lidar", is_fine=True, words="stop sent")

@@ -1,9 +1,9 @@
-"""What stops the wheels when the program is not in control of them.
+"""The brake, and what pulls it when the control loop does not: a watchdog and signals.
 
-Every command to the wheels passes the `Brake`. Whatever stops a robot, stops it there, for good: what follows in the
-run are zeros, and only a new run drives again. A `Watchdog` pulls it from a thread of its own if the control
-loop does not get to driving, or if the swarm is to stop; signals pull it at once. What a program that is dead cannot
-do, the RVR does: it stops when it has heard no command for `COMMANDS_END` (see mercator.py).
+Every command to the wheels passes the `Brake`. A stop is for good: only zeros follow in the run, and only a new run
+drives again. A `Watchdog` pulls the brake from a thread of its own if the control loop stalls, or if the swarm has to
+stop; signals pull it at once. If the program is dead, the RVR stops by itself when it has received no command for
+`COMMANDS_END` (mercator.py).
 """
 
 import contextlib
@@ -23,20 +23,17 @@ from mercator_design.robot.devices.settings import SwarmSettings
 from mercator_design.robot.run.network import STOP, STOPPED, Heartbeats, hear, listener
 
 STALL = 0.18
-"""[s] between commands to the wheels after which the control loop is taken for stalled."""
-_LOOK = 0.02
-"""[s] between the watchdog's looks."""
-_AGAIN = 0.2
-"""[s] after which a stop that is told again is obeyed again."""
-_LOCKED = 0.05
-"""[s] that a stop waits for a command that is being sent."""
+"""[s] without a command to the wheels after which the control loop counts as stalled."""
+_CHECK_EVERY = 0.02  # [s] between checks of the watchdog
+_OBEY_EVERY = 0.2  # [s] after which another stop from the swarm is obeyed
+_LOCK_LIMIT = 0.05  # [s] that a stop waits for a command that is being sent
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
-"""Ways to end a program; Ctrl-Z too, as a robot whose program is suspended is out of control."""
+"""Signals that end a program; Ctrl-Z too, as a suspended program does not control its robot."""
 
 
-def go_first(priority: int) -> None:
-    """Let this thread, and those that it starts, run before all that is not as urgent, where that is permitted."""
+def raise_priority(priority: int) -> None:
+    """Give this thread, and those that it starts, a real-time priority, if permitted."""
     with contextlib.suppress(OSError, AttributeError):  # not permitted; no such system
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
 
@@ -44,28 +41,28 @@ def go_first(priority: int) -> None:
 class Brake:
     """The only way to the wheels; threads and signal handlers may use it.
 
-    why: What stopped them; empty as long as nothing has.
+    why: What has stopped the wheels; empty if nothing has.
     """
 
     def __init__(
         self, write: Callable[[bytes], None], drive: Callable[[float, float], bytes], zero: bytes, limit: float
     ) -> None:
-        """Begin without a stop.
+        """Make a brake that is not pulled.
 
         Args:
             write: Sends bytes to the robot.
-            drive: The command that sets the speeds of the left and right tread [m/s].
+            drive: Returns the command that sets the speeds of the left and right tread [m/s].
             zero: The commands that stop the robot.
-            limit: Of speeds [m/s].
+            limit: Maximum speed [m/s].
         """
         self._write, self._drive, self._zero, self._limit = write, drive, zero, limit
         self._lock = threading.RLock()
-        self._latest: tuple[float, float] | None = None  # speeds that were told, and may be told again
-        self._due = math.inf  # when the next command must have come
+        self._latest: tuple[float, float] | None = None  # speeds of the latest command, while it may be repeated
+        self._due = math.inf  # time limit of the next command
         self.why = ""
 
     def arm(self) -> None:
-        """From now on commands must follow each other."""
+        """Require a command every `STALL` from now on."""
         self._due = time.monotonic() + STALL
 
     def look(self) -> None:
@@ -82,7 +79,7 @@ class Brake:
         """
         self.check(left, right)
         with self._lock:
-            self.look()  # who was suspended may get here before the watchdog does
+            self.look()  # after a suspension this may run before the watchdog
             if self.why:
                 raise RobotStopped(self.why)
             self._send(left, right)
@@ -91,9 +88,9 @@ class Brake:
                 self.arm()
 
     def repeat(self) -> bool:
-        """Send the latest command once more if it was damaged on its way, and nothing has stopped the wheels.
+        """Send the latest command, which was damaged on its way, once more, unless something has stopped the wheels.
 
-        This is no sign that the control loop goes on: it does not put off when the next command must come.
+        This does not show that the control loop runs: the time limit of the next command stays.
 
         Returns:
             Whether it was sent.
@@ -120,12 +117,12 @@ class Brake:
             )
 
     def stop(self, why: str) -> None:
-        """Stop the wheels for good. Zero is sent twice, as one frame may be damaged on its way."""
-        locked = self._lock.acquire(timeout=_LOCKED)
+        """Stop the wheels for good. Zeros are sent twice, as one frame may be damaged on its way."""
+        locked = self._lock.acquire(timeout=_LOCK_LIMIT)
         try:
             self.why = self.why or why
             for _ in range(2):
-                with contextlib.suppress(RobotError):  # of a lost port the robot knows by itself
+                with contextlib.suppress(RobotError):  # the port is lost; then the RVR stops by itself
                     self._write(self._zero)
         finally:
             if locked:
@@ -133,30 +130,30 @@ class Brake:
 
 
 class Watchdog(threading.Thread):
-    """Stops the wheels when the control loop stalls, the swarm is told to stop, or heartbeats end.
+    """Stops the wheels when the control loop stalls, a stop comes from the swarm, or heartbeats end.
 
-    A context manager; it looks at stops from the beginning, at stalls and silence from `arm` on.
+    A context manager; it obeys stops from the beginning, and checks stalls and heartbeats from `arm` on.
 
-    heartbeats: Those that came.
-    refused_from: Address from which the latest came that was refused.
+    heartbeats: Heartbeats that came.
+    refused_from: Address of the sender of the latest refused heartbeat.
     """
 
     def __init__(self, brake: Brake, swarm: SwarmSettings, name: str) -> None:
         """Make one.
 
         Args:
-            brake: What it pulls.
-            swarm: Where it hears what is told to the swarm, and what silence stops the robot.
-            name: Of the robot, for answers.
+            brake: The brake.
+            swarm: Its port, its key, and the time without heartbeats that stops the robot.
+            name: The robot's name, for answers.
 
         Raises:
-            RobotError: if another program hears there.
+            RobotError: if another program uses the port.
         """
         super().__init__(daemon=True)
         self._brake, self._heartbeat, self._answer = brake, swarm.heartbeat, STOPPED + name.encode()
         self._listening = None if swarm.port is None else listener(swarm.port)
         self._armed, self._over = threading.Event(), threading.Event()
-        self._obeyed = -math.inf  # when it was told to
+        self._obeyed = -math.inf  # time of the latest stop from the swarm
         self.heartbeats = Heartbeats(swarm.key, swarm.heartbeat or 0.0)
         self.refused_from = ""
 
@@ -176,18 +173,18 @@ class Watchdog(threading.Thread):
             self._listening.close()
 
     def arm(self) -> None:
-        """From now on commands to the wheels must follow each other, and heartbeats."""
+        """Require regular commands to the wheels from now on, and heartbeats if the settings want them."""
         self._brake.arm()
         self._armed.set()
 
     def run(self) -> None:
-        """Watch, until the end of the context."""
-        go_first(2)
+        """Watch until the end of the context."""
+        raise_priority(2)
         try:
             while not self._over.is_set():
                 if self._listening is None:
-                    self._over.wait(_LOOK)
-                elif select.select([self._listening], [], [], _LOOK)[0]:
+                    self._over.wait(_CHECK_EVERY)
+                elif select.select([self._listening], [], [], _CHECK_EVERY)[0]:
                     self._hear(self._listening)
                 if self._armed.is_set() and not self._brake.why:
                     self._look(time.monotonic())
@@ -202,16 +199,16 @@ class Watchdog(threading.Thread):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
     def _obey_stop(self, why: str) -> None:
-        """Stop the wheels, again if a stop comes again, but not so often that it delays the shutdown."""
+        """Stop the wheels; obey repeated stops, but not so often that they delay the shutdown."""
         now = time.monotonic()
-        if now - self._obeyed > _AGAIN:
+        if now - self._obeyed > _OBEY_EVERY:
             self._obeyed = now
             self._brake.stop(why)
 
     def _hear(self, listening: socket.socket) -> None:
         for message, sender in hear(listening):
             if message == STOP:
-                self._obey_stop(f"swarm: told to stop by {sender[0]}")
+                self._obey_stop(f"swarm: stop received from {sender[0]}")
                 answer: bytes | None = self._answer
             else:
                 refused = self.heartbeats.refused
@@ -224,9 +221,9 @@ class Watchdog(threading.Thread):
 
 
 class Signals:
-    """While in this context, a signal pulls the brake, then ends the program: by `Signalled`, once.
+    """In the context `caught`, the first signal pulls the brake, then raises `Signalled`.
 
-    brake: What it pulls, as soon as there is one.
+    brake: The brake, once there is one.
     """
 
     def __init__(self) -> None:
@@ -235,7 +232,7 @@ class Signals:
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:
-        """The context."""
+        """The context in which signals are caught."""
         usual = {number: signal.signal(number, self._act) for number in SIGNALS}
         try:
             yield
@@ -245,7 +242,7 @@ class Signals:
 
     @contextlib.contextmanager
     def until_stopped(self) -> Iterator[None]:
-        """A context that ends with a pull of the brake, behind which a signal interrupts nothing any more."""
+        """A context that ends by pulling the brake; signals have no effect afterwards."""
         try:
             yield
         finally:

@@ -1,4 +1,4 @@
-"""Messages to systemd about a run that it has started (sd_notify(3)); without systemd, none."""
+"""Messages to systemd about a run that it has started (sd_notify(3)); none without systemd."""
 
 import contextlib
 import os
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 
 def notify(**states: str | int) -> None:
-    """Tell systemd, without waiting for it: READY=1, WATCHDOG=1, STATUS="...", STOPPING=1."""
+    """Send states to systemd, without waiting: READY=1, WATCHDOG=1, STATUS="...", STOPPING=1."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address:
         return
@@ -19,7 +19,7 @@ def notify(**states: str | int) -> None:
 
 @contextlib.contextmanager
 def until_stopping() -> Iterator[None]:
-    """A context whose end is the beginning of the service's."""
+    """A context at whose end systemd is notified that the service stops."""
     try:
         yield
     finally:

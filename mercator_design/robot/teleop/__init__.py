@@ -1,1 +1,1 @@
-"""A person drives the robot, and the sensors are recorded."""
+"""Drive the robot from a terminal; record the sensors."""

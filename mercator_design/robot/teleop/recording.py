@@ -1,14 +1,14 @@
-"""A recording: all that a robot's devices measure, as it comes, with the time since its start [s].
+"""A recording: all measurements of a robot's devices, with the time since its start [s].
 
-Written and read as the log of a run (log.py):
+It is written and read as the log of a run (log.py):
 
-    start   the robot, what its devices say of themselves, the settings of its sensors
-    sample  of a sensor by its name in samples.py: time, values; a distance, from which no offset is taken yet, is null
-            where nothing is in sight, and 0 where something is too near to tell
-    turn    of the lidar: the time at which it ended, and its readings, angle [rad, from the robot's front] and range
+    start   the robot, facts on its devices, the settings of its sensors
+    sample  time and values of a sensor, by its name in samples.py; a distance, without correction by offsets, is null
+            where nothing is in sight, and 0 where something is too near
+    turn    a turn of the lidar: the time of its end, and its readings, angle [rad, from the robot's front] and range
             [m] of each; 0 where nothing came back
-    wheels  of a drive: the speeds to which the treads were told to go, left and right [m/s]
-    note    what a device told, that a sensor has fallen silent, or that the program was held up
+    wheels  in a drive: the speeds that were sent to the treads, left and right [m/s]
+    note    a note on a device, a sensor that has fallen silent, or a delay of the program
     end     why the recording ended
 """
 
@@ -27,14 +27,14 @@ from mercator_design.robot.run.control import held_up, in_control
 from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.safety import STALL
 
-_EVERYTHING = ("ground", "neighbours", "proximity")  # senses, which need all devices
-_LOOK = 0.1  # [s] between looks at what has come
+_SENSES = ("ground", "neighbours", "proximity")  # they need all devices
+_CHECK_EVERY = 0.1  # [s] between checks of the devices
 
 
 class Recorder:
-    """Writes to a log what a robot measures from now on.
+    """Writes a robot's measurements to a log.
 
-    count: Of samples and turns.
+    count: Number of samples and turns.
     """
 
     def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
@@ -50,14 +50,14 @@ class Recorder:
         log.begin(start)
 
     def note_wheels(self, now: float, left: float, right: float) -> None:
-        """Write what the wheels [m/s] were told at a time [s, of time.monotonic()]."""
+        """Write the speeds [m/s] that were sent to the wheels at a time [s, of time.monotonic()]."""
         self._log.note(WheelsDriven(time=self._since_start(now), left=left, right=right))
 
     def _since_start(self, now: float) -> float:
         return round(now - self._log.began, 4)
 
     def note_heard(self, heard: Iterable[Heard]) -> None:
-        """Write what devices measured."""
+        """Write the measurements in events of devices."""
         for event, now in heard:
             if now < self._log.began:
                 continue
@@ -84,19 +84,17 @@ def record(
     """Record a robot at rest.
 
     Args:
-        settings: The robot.
-        path: Of the recording, a new file.
-        duration: [s]; None: until something stops it.
+        settings: The robot's settings.
+        path: The recording, a new file.
+        duration: Duration [s]; None: until something stops it.
         report: Called with messages for people.
-        show: Called now and then with the time [s] and the number of samples and turns up to then.
+        show: Called regularly with the time [s] and the number of samples and turns so far.
 
     Raises:
-        Stopped: if the swarm is told to stop, or a device says that the robot is not well.
-        RobotError: if a device cannot be used, or the recording cannot be written.
-        Signalled: if a signal came.
+        RobotError, Stopped, Signalled: as `in_control`.
     """
     log = Log(path)
-    with in_control(settings, _EVERYTHING, {}, log) as control:
+    with in_control(settings, _SENSES, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
         robot.notes.send_to(log.remark, report)
@@ -105,12 +103,12 @@ def record(
         end = math.inf if duration is None else begin + duration
         silent: dict[str, str] = {}
         while now < end:
-            due = min(now + _LOOK, end)
+            due = min(now + _CHECK_EVERY, end)
             now = control.wait(due)
             recorder.note_heard(control.heard)
             before, silent = silent, robot.stale(now)
             warnings = [silent[name] for name in silent.keys() - before.keys()]
-            if now - due > STALL:  # as when it was suspended: what came meanwhile has been heard now, or is lost
+            if now - due > STALL:  # for example suspended: events of that time have the present time, or are lost
                 warnings.append(held_up(now - due))
             for warning in warnings:
                 report(f"Warning: {warning}")

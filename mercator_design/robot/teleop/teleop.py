@@ -1,4 +1,4 @@
-"""A person drives the robot with the keys of a terminal."""
+"""Drive the robot with the keys of a terminal."""
 
 import math
 import time
@@ -13,42 +13,42 @@ from mercator_design.robot.teleop.keyboard import Key, Keyboard, keyboard
 from mercator_design.robot.teleop.recording import Recorder
 
 HELD = 0.7
-"""[s] that a key drives when it is pressed; terminals repeat one that is held from 0.25 to 0.66 s on, ..."""
+"""[s] that the first press of a key drives; terminals repeat a held key after 0.25 to 0.66 s."""
 REPEATED = 0.3
-"""[s] ... and then 10 to 40 times a second, so the wheels stop sooner after the last of them."""
+"""[s] that a repeated key drives; terminals repeat 10 to 40 times a second."""
 
 _PERIOD = 0.05  # [s]
-_STATUS = 4  # periods
+_STATUS_EVERY = 4  # periods
 _WAYS: dict[str, tuple[float, float]] = {
     "forward": (1.0, 1.0),
     "back": (-1.0, -1.0),
     "left": (-0.5, 0.5),
     "right": (0.5, -0.5),
 }
-"""Treads, as fractions of the speed."""
+"""Speeds of the treads, as fractions of the speed of the drive."""
 _AHEAD = 0.5  # cosine of 60 degrees, within which something is ahead
 
 
 class Stick:
-    """Which way the keys say, and until when: nothing drives for longer than `HELD` after the last key."""
+    """The direction of the drive by the pressed keys; it ends at most `HELD` after the last key."""
 
     def __init__(self) -> None:
         self._way: Key = "stop"
         self._pressed = self._until = -math.inf
 
     def press(self, key: Key, now: float) -> None:
-        """A key, at a time [s]; one that drives nowhere stops."""
+        """Take a key that was pressed at a time [s]; a key without a direction stops."""
         repeats = key == self._way and now - self._pressed < HELD
         self._way, self._pressed = key, now
         self._until = now + (REPEATED if repeats else HELD)
 
     def way(self, now: float) -> Key | None:
-        """Where to drive; None: nowhere."""
+        """The direction at a time [s]; None: at rest."""
         return self._way if self._way in _WAYS and now < self._until else None
 
 
 def nearest_ahead(direction: float, distances: Sequence[float], angles: Sequence[float]) -> float:
-    """How far something is [m] within 60 degrees of forwards (1) or backwards (-1); infinite if nothing is."""
+    """The smallest distance [m] within 60 degrees of forwards (1) or backwards (-1); infinite if there is none."""
     ahead = [d for d, angle in zip(distances, angles, strict=True) if direction * math.cos(angle) > _AHEAD]
     return min(ahead, default=math.inf)
 
@@ -59,16 +59,14 @@ def teleop(
     """Drive until a key ends it.
 
     Args:
-        settings: The robot.
-        speed: Of the treads [m/s].
-        guard: The robot does not drive towards what is nearer than this [m]; None: wherever it is told.
-        path: Of a recording, a new file; None: nothing is recorded.
+        settings: The robot's settings.
+        speed: Speed of the treads [m/s].
+        guard: Distance [m] to things ahead below which the robot does not drive; None: no guard.
+        path: The recording, a new file; None: nothing is recorded.
         report: Called with messages for people.
 
     Raises:
-        Stopped: if something stopped the wheels, with what it was; the loss of the terminal, for one.
-        RobotError: if a device cannot be used, or the recording cannot be written.
-        Signalled: if a signal came.
+        RobotError, Stopped, Signalled: as `in_control`, and if the terminal is lost.
     """
     reads = ["proximity"] if guard is not None else []
     log = None if path is None else Log(path, ending="A key ended the drive")
@@ -107,23 +105,23 @@ def _drive(
         for key in pressed:
             stick.press(key, now)
         robot.check_ages()
-        doing: str = stick.way(now) or "stopped"
-        left, right = _WAYS.get(doing, (0.0, 0.0))
+        action: str = stick.way(now) or "stopped"
+        left, right = _WAYS.get(action, (0.0, 0.0))
         if guard is not None and left == right != 0.0:
             distance = nearest_ahead(left, robot.senses.samples["proximity"].values, settings.proximity_angles)
             if distance < guard:
-                doing, left, right = "BLOCKED", 0.0, 0.0
+                action, left, right = "BLOCKED", 0.0, 0.0
         left, right = speed * left, speed * right
         robot.brake.drive(left, right)
         robot.query()
         if recorder is not None:
             recorder.note_wheels(now, left, right)
-        if period % _STATUS == 0:
-            keys.show(f"{doing:<8} {_status(robot, settings, now)}")
+        if period % _STATUS_EVERY == 0:
+            keys.show(f"{action:<8} {_status(robot, settings, now)}")
 
 
 def _status(robot: Mercator, settings: Settings, now: float) -> str:
-    """Battery, label of the ground, distances [cm] from the front counter-clockwise, and what is heard least of."""
+    """Battery, label of the ground, distances [cm] counter-clockwise from the front, and the oldest sample."""
     limits, senses = settings.limits, robot.senses
     ages = {
         "rvr": senses.age("attitude", now),

@@ -22,7 +22,7 @@ _PRIORITY = 3
 """Above that of runs and of their watchdogs: the devices of a real robot do not wait for its computer."""
 
 
-@click.command(short_help="Run robots that are not there, in real time.")
+@click.command(short_help="Run simulated robots in real time.")
 @click.argument("mission")
 @click.option(
     "--folder",

@@ -13,7 +13,7 @@ import pytest
 
 from mercator_design.errors import MercatorError, RobotError
 from mercator_design.robot.cli import main
-from mercator_design.robot.cli.calibrate import _give
+from mercator_design.robot.cli.calibrate import _write
 from mercator_design.robot.devices import settings_file
 from mercator_design.robot.devices.ports import open_ports
 from mercator_design.robot.devices.settings import Settings, read_settings
@@ -112,7 +112,7 @@ class TestColor:
                 f"{name}: {red}.0 {green}.0 {blue}.0, spread 0.0, of {n} measurements"
                 for (name, (red, green, blue)), n in zip(FLOOR.items(), counts(said), strict=True)
             ),
-            "robot.yaml has it now",
+            "Written to robot.yaml",
         ]
         assert read_settings(tmp_path / "robot.yaml").labels == {"red": (90, 10, 10), **FLOOR}
         text = (tmp_path / "robot.yaml").read_text()
@@ -126,7 +126,7 @@ class TestColor:
         live.measured["ground_sensors"] = FLOOR["gray"]
         with calibrate(tmp_path, live, "color", "gray", "--seconds", "0.6") as process:
             said = answer(process, live, lambda _: None)
-        assert "Note: it knows no colours but gray now; measure all others that its floors have, too" in said
+        assert "Note: the robot knows only gray now; measure all other colours of its floors, too" in said
 
     @pytest.mark.parametrize(
         ("kind", "keys"),
@@ -154,7 +154,7 @@ class TestColor:
         file.write_text("name: r7\n")
         monkeypatch.setattr(os, "fsync", fail)
         with pytest.raises(MercatorError, match=r"robot.yaml: cannot be written: No space left on device$"):
-            _give(file, labels=FLOOR)
+            _write(file, labels=FLOOR)
         assert capsys.readouterr().out.startswith("labels:\n  black: [7, 8, 6]\n")
         assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
 
@@ -163,7 +163,7 @@ class TestColor:
         with calibrate(tmp_path, live, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=20)
         assert (process.returncode, out) == (1, "")
-        assert "Put the robot on gray, then press Enter.\nError: no Enter: the input has ended" in said
+        assert "Put the robot on gray, then press Enter.\nError: the input has ended without Enter" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None
         live.when(lambda: lamp(live) == [True, False])
 
@@ -338,10 +338,10 @@ class TestProximity:
         found, said = find(devices, Clumsy(devices))
         assert found.angles == tuple(RING[place] for place in WIRED)
         assert [line.removeprefix("Once more: ") for line in said if line.startswith("Once more")] == [
-            "nearer than 0.75 m is something before sensor 5",
+            "something is nearer than 0.75 m before sensor 5",
             "sensors 1, 2 see it; hold something smaller, and stand aside",
-            "no sensor sees it; not found yet, so may be dead: sensors 0, 1, 2, 3, 4, 5, 6, 7",
-            "sensor 2 sees it, which looks in front (+0 degrees)",
+            "no sensor sees it; not found yet, perhaps dead: sensors 0, 1, 2, 3, 4, 5, 6, 7",
+            "sensor 2 sees it, but was found in front (+0 degrees)",
         ]
 
     def test_a_dead_sensor(self, devices):
@@ -350,21 +350,19 @@ class TestProximity:
                 if sensor != 1:
                     super().hold(sensor)
 
-        with pytest.raises(
-            RobotError, match=r"after 3 times still: no sensor sees it; .* sensors 0, 1, 3, 4, 5, 6, 7$"
-        ):
+        with pytest.raises(RobotError, match=r"after 3 attempts: no sensor sees it; .* sensors 0, 1, 3, 4, 5, 6, 7$"):
             find(devices, Dead(devices))
 
     @pytest.mark.parametrize(
-        ("distance", "words"), [(0.02, "too near to tell"), (0.55, "sensor 2 sees it at 0.55 m, not 0.3 m")]
+        ("distance", "words"), [(0.02, "or it is too near"), (0.55, "sensor 2 sees it at 0.55 m, not 0.3 m")]
     )
     def test_something_held_elsewhere(self, devices, distance, words):
-        with pytest.raises(RobotError, match=f"after 3 times still: .*{words}"):
+        with pytest.raises(RobotError, match=f"after 3 attempts: .*{words}"):
             find(devices, Hand(devices, distance), 0.3)
 
     def test_a_sensor_that_is_unplugged(self, devices):
         devices.hub.plugged_in = 0xF6
-        with pytest.raises(RobotError, match="proximity: not plugged in, says the hub: sensors 0, 3"):
+        with pytest.raises(RobotError, match="proximity: the hub reports as not plugged in: sensors 0, 3"):
             find(devices, Hand(devices))
 
     def test_a_hub_that_falls_silent(self, devices):

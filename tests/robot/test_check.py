@@ -112,7 +112,7 @@ def test_lines_that_are_damaged(found, devices):
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's line", "lidar's line", "proximity's line"}
     words = r"\d\d\.\d % arrives whole; \d+ of \d+ bytes lost, \d+ frames refused; "
-    words += r"to a run it is silent below \d0 %; is its (USB )?cable loose, .*\((rvr|lidar|proximity) on /.*\)"
+    words += r"in a run it counts as silent below \d0 %; is its (USB )?cable loose, .*\((rvr|lidar|proximity) on /.*\)"
     assert all(re.fullmatch(words, line) for line in wrong.values()), wrong
 
 
@@ -186,7 +186,7 @@ def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devic
     code, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
     (row,) = [line for line in out.splitlines() if "lidar's sight" in line]
     assert row.startswith("look   lidar's sight")
-    assert "0 readings in a turn; is there nothing at its height, or does its laser fail?" in row
+    assert "0 readings in a turn; is there nothing at its height, or has its laser failed?" in row
 
 
 @pytest.mark.parametrize("left_out", [["lidar"], ["proximity", "lidar"]])
@@ -262,7 +262,7 @@ def test_names_that_others_may_have(found, monkeypatch):
     _, _, wrong, _ = found(lidar="/dev/ttyUSB0", proximity="/dev/ttyACM0")
     assert {name: words for name, words in wrong.items() if name.endswith("name")} == {
         "proximity's name": "/dev/ttyACM0 may be any of /dev/ttyACM0 (usb:0483:5740:3058), /dev/ttyACM1 "
-        "(usb:1366:0105), as they come: name it so in robot.yaml, or install names for them"
+        "(usb:1366:0105): name the one in robot.yaml by its usb: name, or run mercator-robot install"
     }
 
 
@@ -299,13 +299,13 @@ def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
     monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
     finding = check_clock(0.0)
     assert not finding.is_fine
-    assert " is past; a Pi has no clock of its own" in finding.words
+    assert " is in the past; a Pi has no clock of its own" in finding.words
     later = Path(__file__).stat().st_mtime + 1e7
     assert check_clock(later).is_fine
     (tmp_path / "timesync").mkdir()
     finding = check_clock(later)
     assert not finding.is_fine
-    assert " was not set by a network since " in finding.words
+    assert " was not set over the network since " in finding.words
     (tmp_path / "timesync/synchronized").touch()
     assert check_clock(later).is_fine
 
@@ -376,7 +376,7 @@ class TestOtherPrograms:
         finding = check_programs("/dev/ttyS0")
         assert not finding.is_fine
         modems, login, braille = (
-            finding.words.index(word) for word in ("ModemManager talks", "a login", "brltty takes")
+            finding.words.index(word) for word in ("ModemManager writes", "a login", "brltty opens")
         )
         assert modems < login < braille
 
@@ -384,9 +384,9 @@ class TestOtherPrograms:
         rules = tmp_path / "99-mercator.rules"
         rules.write_text('SYMLINK+="mercator-lidar"')
         processes("ModemManager", "agetty -o -p tty1 linux")
-        assert check_programs("/dev/ttyS0").words.startswith("ModemManager talks")
+        assert check_programs("/dev/ttyS0").words.startswith("ModemManager writes")
         rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
-        assert check_programs("/dev/ttyS0")[:3] == ("other programs", True, "none that takes ports")
+        assert check_programs("/dev/ttyS0")[:3] == ("other programs", True, "none that opens ports")
 
     def test_one_that_reads_a_port_too(self, found):
         ends = os.openpty()

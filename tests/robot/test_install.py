@@ -79,7 +79,7 @@ class TestRules:
     def test_by_serial_number(self, install, root):
         code, out, err = install()
         assert (code, err) == (0, "")
-        assert "ok     /dev/mercator-lidar        for what is /dev/ttyUSB0 now\n" in out
+        assert "ok     /dev/mercator-lidar        for the device at /dev/ttyUSB0\n" in out
         assert rules(root) == [
             [
                 'SUBSYSTEM=="tty"',
@@ -256,13 +256,13 @@ class TestServices:
         assert "\nUser=bin\n" in files(root)[RUN]
         assert install("--user", "nobody.here")[::2] == (
             1,
-            "Error: nobody.here: no such user; --user names who is to run the robot\n",
+            "Error: nobody.here: no such user; give the robot's user with --user\n",
         )
 
     def test_root_is_told(self, install, root, monkeypatch):
         monkeypatch.delenv("SUDO_USER", raising=False)
         monkeypatch.setattr(getpass, "getuser", lambda: "root")
-        assert install()[2] == "Warning: the services will run as root; --user names who else is to run the robot\n"
+        assert install()[2] == "Warning: the services will run as root; give another user with --user\n"
         assert "\nUser=root\n" in files(root)[RUN]
         assert install("--user", "root")[2] == ""
 
@@ -273,7 +273,7 @@ class TestServices:
 
         monkeypatch.delenv("SUDO_USER", raising=False)
         monkeypatch.setattr(getpass, "getuser", unknown)
-        words = f"Error: user {os.getuid()} has no name; --user names who is to run the robot\n"
+        words = f"Error: user {os.getuid()} has no name; give the robot's user with --user\n"
         assert install()[::2] == (1, words)
         assert install("--user", "daemon")[0] == 0
 
@@ -288,7 +288,7 @@ class TestServices:
         folder.mkdir()
         monkeypatch.chdir(folder)
         code, _, err = install()
-        assert (code, err.startswith(f"Error: {folder}: expected plain letters")) == (1, True)
+        assert (code, err.startswith(f"Error: {folder}: expected only letters")) == (1, True)
         assert not files(root)
 
 
@@ -313,7 +313,7 @@ class TestFiles:
         path.parent.mkdir(parents=True)
         path.write_text("[Unit]\n")
         code, _, err = install(*option)
-        assert (code, err) == (1, f"Error: {path}: is not of mercator-robot's making; move it away\n")
+        assert (code, err) == (1, f"Error: {path}: not written by mercator-robot; move it away\n")
         assert set(files(root)) == {RUN}
 
     def test_no_permission(self, install, root, monkeypatch):
@@ -341,7 +341,7 @@ class TestFiles:
         path.parent.mkdir(parents=True)
         os.mkfifo(path)
         code, _, err = install(*option)
-        assert (code, err) == (1, f"Error: {path}: is not of mercator-robot's making; move it away\n")
+        assert (code, err) == (1, f"Error: {path}: not written by mercator-robot; move it away\n")
 
     @pytest.mark.parametrize("option", [[], ["--uninstall"]])
     def test_a_link_that_leads_out_of_the_root(self, install, root, tmp_path, option):

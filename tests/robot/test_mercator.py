@@ -400,7 +400,7 @@ def port():
 
 
 def robot_over(port):
-    return Mercator(Settings(), (port, None, None), SENSES, {})
+    return Mercator(Settings(), {"rvr": port}, SENSES, {})
 
 
 def test_of_commands_that_are_refused_one_matters():

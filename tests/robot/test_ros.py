@@ -457,7 +457,7 @@ class TestNode:
         assert orders.speeds(time.monotonic()) == (0.1, 0.2)
         (shut_down,) = fake.hooks
         shut_down()
-        assert orders._brake.why == "ros: the node was told to shut down"
+        assert orders._brake.why == "ros: the node was shut down"
 
     def test_a_master_that_goes(self, fake, orders):
         RosNode().obey(orders._brake, orders)

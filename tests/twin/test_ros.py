@@ -319,7 +319,7 @@ def nobody_drives(ros, process, client):
 
 WAYS = {
     # what happens: how, seconds that it may go on, exit code, what is said
-    "rosnode kill": (killed_by_its_name, 0.0, 4, "ros: the node was told to shut down"),
+    "rosnode kill": (killed_by_its_name, 0.0, 4, "ros: the node was shut down"),
     "roscore ends": (roscore_ends, MASTER_LOOK, 4, "ros: no master at http://127.0.0.1:"),
     "roscore suspended": (roscore_is_suspended, MASTER_LOOK + 2.0, 4, "ros: no master at http://127.0.0.1:"),
     "not a number": (tells("nan", 0.1), 0.0, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.1"),

@@ -1,12 +1,12 @@
-"""The command `mercator-robot`; each verb has its file. Exit codes stand in its help."""
+"""The command `mercator-robot`; each verb has its file. Its help lists the exit codes."""
 
 import click
 
 from mercator_design import __version__, command
 from mercator_design.robot.cli import calibrate, check, install, record, replay, ros, run, stop, teleop
 
-_ELSEWHERE = {"twin": command.LazyVerb("mercator_design.twin.cli", "Run robots that are not there, in real time.")}
-"""Commands of the designer's part, which a robot need not have."""
+_ELSEWHERE = {"twin": command.LazyVerb("mercator_design.twin.cli", "Run simulated robots in real time.")}
+"""Commands that need the designer's packages."""
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""mercator-robot calibrate: what is particular to a robot's sensors, measured with the help of the user."""
+"""mercator-robot calibrate: measure a robot's sensors with the help of the user."""
 
 from functools import partial
 from pathlib import Path
@@ -18,15 +18,15 @@ from mercator_design.robot.setup.proximity_calibration import hub
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(
-    "--seconds", type=NumberRange(0.2, 60.0), default=3.0, show_default=True, help="Of each measurement."
+    "--seconds", type=NumberRange(0.2, 60.0), default=3.0, show_default=True, help="Duration of each measurement."
 )
 
 
-@click.group(cls=SpelledGroup, short_help="Measure what is particular to this robot's sensors.")
+@click.group(cls=SpelledGroup, short_help="Calibrate this robot's sensors.")
 def calibrate() -> None:
-    """Measure what is particular to this robot's sensors, for its robot.yaml.
+    """Calibrate this robot's sensors, for its robot.yaml.
 
-    Says what to do, and waits for Enter. The values are printed, and put into ROBOT.yaml, where all else stays.
+    Prints what to do, and waits for Enter. The values are printed and written into ROBOT.yaml, where all else stays.
     The wheels do not turn.
     """
 
@@ -38,8 +38,8 @@ def calibrate() -> None:
 def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -> None:
     """Measure what the ground sensor reads on the COLOURs of the floor: the `labels`.
 
-    Without COLOURs these are the ones that ROBOT.yaml has labels of, or else black, gray and white. Labels of other
-    colours stay.
+    Without COLOURs, measures those with labels in ROBOT.yaml, or else black, gray and white. Labels of other colours
+    stay.
     """
     settings = settings_of(robot)
     kept = settings.labels_of({}) if settings.labels else {}
@@ -53,24 +53,24 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
     known = {**kept, **labels}
     if not settings.labels or len(known) < 2:
         print_message(
-            f"Note: it knows no colours but {', '.join(known)} now; measure all others that its floors have, too"
+            f"Note: the robot knows only {', '.join(known)} now; measure all other colours of its floors, too"
         )
-    _give(robot, labels=labels)
+    _write(robot, labels=labels)
 
 
-@calibrate.command(short_help="Find which sensor of the hub looks where.")
+@calibrate.command(short_help="Find the angles of the hub's sensors.")
 @ROBOT_FILE
 @click.option(
     "--distance",
     type=NumberRange(0.1, 1.0),
     metavar="METRES",
-    help="From each sensor to what is held before it: measures `proximity_offsets` too.",
+    help="Distance of the object from each sensor; measures `proximity_offsets`, too.",
 )
 @_SECONDS
 def proximity(robot: Path | None, distance: float | None, seconds: float) -> None:
-    """Find which sensor of the hub looks where, the `proximity_angles`, and which are dead or unplugged.
+    """Find the angles of the hub's sensors, the `proximity_angles`, and which sensors are dead or unplugged.
 
-    Somebody holds a hand, or a box, before the robot, in each direction in turn.
+    The user holds a hand, or a box, before each sensor in turn.
     """
     settings = settings_of(robot)
     if robot is not None:
@@ -81,13 +81,13 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
             sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), print_message
         )
     offsets = {} if found.offsets is None else {"proximity_offsets": found.offsets}
-    _give(robot, proximity_angles=tuple(round(angle, 4) for angle in found.angles), **offsets)
+    _write(robot, proximity_angles=tuple(round(angle, 4) for angle in found.angles), **offsets)
 
 
-def _give(robot: Path | None, **values: object) -> None:
-    """Print settings, and put them into a robot.yaml."""
+def _write(robot: Path | None, **values: object) -> None:
+    """Print settings, and write them into a robot.yaml."""
     print_result(dump(values), nl=False)
     if robot is not None:
         with naming(robot):
             change(robot, **values)
-        print_message(f"{robot} has it now")
+        print_message(f"Written to {robot}")

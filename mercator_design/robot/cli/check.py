@@ -1,4 +1,4 @@
-"""mercator-robot check: what is wrong with the robot, and what to do."""
+"""mercator-robot check: find faults of the robot, and what to do."""
 
 from collections.abc import Iterable
 
@@ -15,20 +15,20 @@ from mercator_design.robot.run.channel import Channel
 from mercator_design.robot.setup.check import check as findings
 
 
-@click.command(short_help="Look for what is wrong with this robot.")
+@click.command(short_help="Find faults of this robot.")
 @ROBOT
 @click.option(
     "--json",
     "as_json",
     is_flag=True,
-    help="Print a line of JSON for each finding and one when all is done, and answer who asks for the clock, as "
-    "`mdesign deploy --check` does.",
+    help="Print a line of JSON for each finding and one at the end, and answer questions for the clock; for "
+    "`mdesign deploy --check`.",
 )
 @WITHOUT
 def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) -> None:
-    """Look at the clock, the console, and each device by itself, and say what is wrong and what to do.
+    """Check the clock, the console, and each device by itself; print faults and what to do.
 
-    The wheels are not touched; the lidar turns for some seconds. Exit code 1 if something is wrong.
+    The wheels do not turn; the lidar turns for some seconds. Exit code 1 if there is a fault.
     """
     if as_json:
         _print(findings(settings, without))

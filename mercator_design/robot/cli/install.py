@@ -1,4 +1,4 @@
-"""mercator-robot install: what the system knows of the robot."""
+"""mercator-robot install: the robot's files in the system."""
 
 import os
 from pathlib import Path
@@ -15,18 +15,21 @@ from mercator_design.robot.setup import install as installation
 
 @click.command(short_help="Give ports their names, and systemd its services.")
 @ROBOT_FILE
-@click.option("--user", help="Who runs the robot.  [default: who has typed sudo]")
+@click.option("--user", help="User who runs the robot.  [default: the user who ran sudo]")
 @click.option(
     "--root",
     type=click.Path(path_type=Path, file_okay=False, exists=True, resolve_path=True),
     default="/",
     show_default=True,
-    help="Write below a folder, and run no command; the files are for this system nevertheless.",
+    help="Write below a folder, and run no command; the files are still for this system.",
 )
 @click.option(
-    "--duration", type=DURATION, metavar="SECONDS", help="Of the service's run.  [default: until it is stopped]"
+    "--duration",
+    type=DURATION,
+    metavar="SECONDS",
+    help="Duration of the service's run.  [default: until it is stopped]",
 )
-@click.option("--seed", type=SEED, help="Of the service's run.  [default: a fresh one each time]")
+@click.option("--seed", type=SEED, help="Seed of the service's run.  [default: a new one each time]")
 @click.option("--dry-run", is_flag=True, help="Print the files and commands, and do nothing.")
 @click.option("--uninstall", is_flag=True, help="Remove what was installed.")
 def install(
@@ -38,11 +41,11 @@ def install(
     dry_run: bool,
     uninstall: bool,
 ) -> None:
-    """Write udev rules for the lidar and the hub, connected as they are now, and systemd's services.
+    """Write udev rules for the lidar and the hub, as they are connected now, and systemd's services.
 
-    The ports become /dev/mercator-lidar and /dev/mercator-proximity. mercator-idle.service brings the robot to rest
-    when the Pi starts. mercator-robot.service, which nothing starts by itself, runs fsm.txt of the folder where
-    ROBOT.yaml is, or else of this folder, for --duration and with --seed; install again to change these.
+    The ports become /dev/mercator-lidar and /dev/mercator-proximity. mercator-idle.service stops the robot when the Pi
+    starts. mercator-robot.service, which only a user starts, runs fsm.txt in the folder of ROBOT.yaml, or else in this
+    folder, for --duration and with --seed; install again to change these.
     """
     if uninstall:
         if user or dry_run or duration is not None or seed is not None:
@@ -52,9 +55,9 @@ def install(
     ports, findings = installation.connected(settings_of(robot))
     runs_it = user or os.environ.get("SUDO_USER") or user_name()
     if runs_it is None:
-        raise RobotError(f"user {os.getuid()} has no name; --user names who is to run the robot")
+        raise RobotError(f"user {os.getuid()} has no name; give the robot's user with --user")
     if runs_it == "root" and user is None:
-        print_message("Warning: the services will run as root; --user names who else is to run the robot")
+        print_message("Warning: the services will run as root; give another user with --user")
     setup = installation.Setup(
         user=runs_it,
         folder=(robot.parent if robot else Path()).resolve(),

@@ -1,4 +1,4 @@
-"""Options that several verbs have."""
+"""Options of several verbs."""
 
 import contextlib
 import time
@@ -16,9 +16,9 @@ from mercator_design.robot.devices.settings import Settings, read_settings
 
 _VARIABLE = "MERCATOR_ROBOT"
 _SETTINGS, _FILE = "settings", "robot"
-"""Parameters of verbs that the option --robot becomes."""
+"""Parameters of verbs for the option --robot."""
 DURATION, SEED = NumberRange(0.1, 1e6), click.IntRange(0, 2**63 - 1)
-"""Of a run: seconds; of its random draws."""
+"""Types of a run's duration [s], and of the seed of its random draws."""
 FC = TypeVar("FC", bound=Callable[..., Any])
 
 WITHOUT = click.option(
@@ -32,7 +32,7 @@ WITHOUT = click.option(
 
 
 def settings_of(path: Path | None) -> Settings:
-    """The settings in the robot.yaml that a verb was given, or as usual without one."""
+    """The settings in a robot.yaml, or the usual ones without it."""
     try:
         return Settings() if path is None else read_settings(path)
     except SettingsError as error:
@@ -43,12 +43,12 @@ def settings_of(path: Path | None) -> Settings:
 
 
 def new_file(given: str | None, kind: str, robot: str) -> Path:
-    """Where a log is to be: a file, or in a folder, which is made if it ends in a slash, a file of its own.
+    """The path of a new log: a file, or a file with a name of its own in a folder, which is made if it ends in a slash.
 
     Args:
-        given: What the user has named; None: this folder.
-        kind: Of the log, for its name.
-        robot: Whose it is: robots that begin in the same second in the same folder have a file each.
+        given: The path that the user has given; None: this folder.
+        kind: Kind of the log, for its name.
+        robot: Name of the robot: robots that begin in the same second in the same folder have a file each.
     """
     path = Path(given or "")
     if given is not None and given.endswith("/"):
@@ -60,7 +60,7 @@ def new_file(given: str | None, kind: str, robot: str) -> Path:
 
 @contextlib.contextmanager
 def naming_in_the_end(path: Path, what: str, report: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
-    """Say where a file is that was made in this context, whatever ended it; gives whether there is one."""
+    """Report the path of a file made in this context, however it ends; yield a function that says if there is one."""
     existed = path.exists()
 
     def is_made() -> bool:
@@ -81,7 +81,7 @@ def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:
         envvar=_VARIABLE,
         metavar="ROBOT.yaml",
         callback=lambda _context, _parameter, path: read(path),
-        help=f"What is particular to this robot.  [default: ${_VARIABLE}, or a Mercator as usual]",
+        help=f"Settings of this robot.  [default: ${_VARIABLE}, or a usual Mercator]",
     )
 
 

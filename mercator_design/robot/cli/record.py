@@ -1,4 +1,4 @@
-"""mercator-robot record: what the robot's sensors measure while it stands."""
+"""mercator-robot record: record the sensors of the robot at rest."""
 
 import signal
 import sys
@@ -25,8 +25,8 @@ from mercator_design.robot.teleop.recording import record as write
 def record(settings: Settings, duration: float | None, output: str | None) -> None:
     """Record every sample of every sensor, and every turn of the lidar, of the robot at rest.
 
-    The wheels are not turned. `mdesign calibrate` makes a robot model's noise of such recordings. Without --duration
-    Ctrl-C is the end to be expected, with exit code 0.
+    The wheels do not turn. `mdesign calibrate` makes the noise of a robot model from such recordings. Without
+    --duration, Ctrl-C ends the recording, with exit code 0.
     """
     path = new_file(output, "recording", settings.name)
     with naming_in_the_end(path, "recording", _print) as is_made:
@@ -43,7 +43,7 @@ def _show(seconds: float, count: int) -> None:
 
 
 def _print(message: str) -> None:
-    """Say something in the place of what `_show` has written."""
+    """Print a message in the place of the line of `_show`."""
     if sys.stderr.isatty():
         click.echo(f"\r{'':50}\r", nl=False, err=True)
     print_message(message)

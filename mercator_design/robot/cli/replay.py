@@ -1,4 +1,4 @@
-"""mercator-robot replay: what a controller decided in each cycle of a run, and whether it would again."""
+"""mercator-robot replay: show and check the decisions of a run, from its log."""
 
 import math
 from pathlib import Path
@@ -18,8 +18,8 @@ from mercator_design.robot.logs.log import replay as decisions
 def replay(log: Path) -> None:
     """Show the decision of every cycle of a run, from its log, which may still be written.
 
-    The controller runs again on the readings and draws in the log; exit code 1 if it decides anything else. It warns
-    if a log has no end.
+    The controller runs again on the readings and draws in the log; exit code 1 if a decision differs. Prints a
+    warning if the log has no end.
     """
     found = [*map(_show, decisions(log, lambda warning: print_message(f"{log}: {warning}")))]
     if differing := [*filter(None, found)]:
@@ -28,7 +28,7 @@ def replay(log: Path) -> None:
 
 
 def _show(decided: tuple[Pfsm, Decision]) -> str:
-    """Print a decision; how it differs from the log."""
+    """Print a decision; return how it differs from the log, if it does."""
     pfsm, decision = decided
     state, readings = pfsm.states[decision.state], decision.readings
     moved = f"  -> {decision.next_state} ({decision.condition})" if decision.next_state != decision.state else ""

@@ -10,7 +10,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.ros.node import RosNode, serve
 
 
-@click.command(short_help="Be a node of ROS 1.")
+@click.command(short_help="Run a node of ROS 1.")
 @click.argument("names", nargs=-1, metavar="[NAME:=NAME]...")
 @ROBOT
 @click.option(
@@ -19,7 +19,7 @@ from mercator_design.robot.ros.node import RosNode, serve
     default=5.0,
     show_default=True,
     metavar="HZ",
-    help="Of colours, light, imu and odom; a scan comes each turn, ranges as they are measured.",
+    help="Rate of colours, light, imu and odom; a scan comes each turn, ranges as they are measured.",
 )
 @click.option(
     "--silence",
@@ -27,14 +27,14 @@ from mercator_design.robot.ros.node import RosNode, serve
     default=0.3,
     show_default=True,
     metavar="SECONDS",
-    help="Without a message on rvr/wheels_speed, after which the wheels are at rest.",
+    help="Time without a message on rvr/wheels_speed after which the wheels are at rest.",
 )
 def ros(names: tuple[str, ...], settings: Settings, rate: float, silence: float) -> None:
-    """Be a node of ROS 1, with the topics of the original driver, labeller, lidar and Multiflex.
+    """Run a node of ROS 1, with the topics of the original driver, labeller, lidar and Multiflex.
 
     Publishes rvr/ground_color, rvr/fixed_color, rvr/ambient_light, rvr/imu, rvr/odom, scan and ranges; obeys
-    rvr/wheels_speed and rvr/rgb_leds. NAME:=NAME are remappings as of any node, such as __ns:=robot1. What stops the
-    wheels in a run ends the node; so do roscore's end and a message that cannot be obeyed.
+    rvr/wheels_speed and rvr/rgb_leds. NAME:=NAME are remappings as for any node, such as __ns:=robot1. The node ends
+    when something stops the wheels, as in a run, when roscore ends, and on a message that cannot be obeyed.
     """
     if wrong := [name for name in names if ":=" not in name]:
         raise click.UsageError(f"expected a remapping, NAME:=NAME, found '{wrong[0]}'")

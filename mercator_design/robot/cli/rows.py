@@ -8,11 +8,11 @@ from mercator_design.robot.devices.findings import Finding
 
 
 def show(findings: Iterable[Finding]) -> None:
-    """Print a row for each, as soon as it is there; what is done goes on if that cannot be written.
+    """Print a row for each finding as it comes; go on if a row cannot be written.
 
     Raises:
         OSError: in the end, if a row was not written.
-        RobotError: in the end, if something is wrong.
+        RobotError: in the end, if there is a fault.
     """
     wrong, unwritten = 0, None
     for finding in findings:

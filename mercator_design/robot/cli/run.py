@@ -1,4 +1,4 @@
-"""mercator-robot run: a PFSM on the robot."""
+"""mercator-robot run: run a PFSM on the robot."""
 
 import secrets
 from pathlib import Path
@@ -30,9 +30,9 @@ from mercator_design.robot.run.senses import why_device_is_needed
 @click.option(
     "--seed",
     type=SEED,
-    help="Of the random draws; robots of a swarm need different ones.  [default: a fresh one; the log has it]",
+    help="Seed of the random draws; robots of a swarm need different ones.  [default: a new one; the log has it]",
 )
-@click.option("--dry-run", is_flag=True, help="Do everything but turn the wheels.")
+@click.option("--dry-run", is_flag=True, help="Do not turn the wheels.")
 @click.option(
     "-o", "--log", type=OutputFile(), help="A new file, or a folder for it.  [default: run-NAME-DATE-TIME.jsonl]"
 )
@@ -40,7 +40,7 @@ from mercator_design.robot.run.senses import why_device_is_needed
 @click.option(
     "--await-start",
     is_flag=True,
-    help="Begin together with other robots, when the standard input says so; it is what `mdesign deploy --start` uses.",
+    help="Begin together with other robots, as sent over the standard input; for `mdesign deploy --start`.",
 )
 @FLAVOUR
 @LENIENT

@@ -1,4 +1,4 @@
-"""mercator-robot stop, heartbeat: stop this robot, and send stops and heartbeats to a swarm."""
+"""mercator-robot stop, heartbeat: stop this robot; send stops and heartbeats to a swarm."""
 
 import signal
 from dataclasses import replace
@@ -17,13 +17,12 @@ from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safe_stop import safe_stop
 from mercator_design.robot.run.safety import Signals
 
-_BEATS = 0.1
-"""[s] between heartbeats."""
+_BEAT_EVERY = 0.1  # [s]
 
 _PORT = click.option(
     "--port",
     type=click.IntRange(1, 65535),
-    help=f"Of UDP.  [default: swarm.port of ROBOT.yaml, as usual {SwarmSettings().port}]",
+    help=f"Port of UDP.  [default: swarm.port in ROBOT.yaml, or {SwarmSettings().port}]",
 )
 
 
@@ -32,12 +31,12 @@ _PORT = click.option(
 @ROBOT
 @_PORT
 def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
-    """Stop this robot, or those that run at HOSTs; a broadcast address stops all of a network.
+    """Stop this robot, or those that run at HOSTs; a broadcast address stops all robots of a network.
 
     Without HOST, stops a run in progress here, then wheels, streaming, lamps and the lidar over their ports, each
     device by itself. Exit code 1 if a device could not be stopped.
 
-    With HOSTs, prints which robots say that they have stopped; exit code 1 unless one does at each.
+    With HOSTs, prints which robots answer that they have stopped; exit code 1 if there is no answer from a HOST.
     """
     if port is not None:
         settings = replace(settings, swarm=replace(settings.swarm, port=port))
@@ -54,7 +53,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
         raise RobotError("; ".join(silent))
 
 
-@click.command(short_help="Let robots run as long as this command does.")
+@click.command(short_help="Let robots run as long as this command runs.")
 @click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
 @ROBOT
 @_PORT
@@ -62,10 +61,10 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
     "--key-file",
     type=FILE,
     metavar="FILE",
-    help="Whose first line is the key that robots have as swarm.key.  [default: swarm.key of ROBOT.yaml]",
+    help="File whose first line is the robots' swarm.key.  [default: swarm.key in ROBOT.yaml]",
 )
 def heartbeat(hosts: tuple[str, ...], settings: Settings, port: int | None, key_file: Path | None) -> None:
-    """Let robots whose robot.yaml has swarm.heartbeat run, as long as this command does; Ctrl-C stops them.
+    """Let robots whose robot.yaml has swarm.heartbeat run as long as this command runs; Ctrl-C stops them.
 
     Robots that have a key run only if this command has the same.
     """
@@ -81,7 +80,7 @@ def heartbeat(hosts: tuple[str, ...], settings: Settings, port: int | None, key_
         print_message("Robots may run. Ctrl-C stops them.")
         try:
             while True:
-                speaker.beat(key, _BEATS)
+                speaker.beat(key, _BEAT_EVERY)
         except Signalled as signalled:
             if signalled.exit_code != 128 + signal.SIGINT:
                 raise
@@ -90,10 +89,10 @@ def heartbeat(hosts: tuple[str, ...], settings: Settings, port: int | None, key_
 
 
 def _key_in(path: Path) -> str:
-    """The key in a file, which no error shows.
+    """The key in a file; errors do not show it.
 
     Raises:
-        SettingsError: if there is none.
+        SettingsError: if it is missing or too short.
     """
     key = text_of(path, error=SettingsError).partition("\n")[0].strip()
     try:

@@ -1,4 +1,4 @@
-"""mercator-robot teleop: a person drives."""
+"""mercator-robot teleop: drive with the keys of a terminal."""
 
 import contextlib
 import sys
@@ -19,8 +19,8 @@ _SPEED = 0.15
     short_help="Drive with the keys of this terminal.",
     help=f"""Drive with the keys of this terminal: arrows or WASD as long as they are held, any other key stops, Q ends.
 
-    The wheels stop {REPEATED} s after the last key of one that repeats, {HELD} s after a single one; all that stops a
-    run stops them too, for good, and so does the loss of the terminal.
+    The wheels stop {REPEATED} s after the last repetition of a held key, and {HELD} s after a single press. Everything
+    that stops a run also ends the drive, and so does the loss of the terminal.
     """,
 )
 @ROBOT
@@ -28,13 +28,14 @@ _SPEED = 0.15
     "--speed",
     type=NumberRange(0.01, 1.55),
     metavar="M/S",
-    help=f"Of the treads, at most limits.speed; half of it in turns.  [default: {_SPEED}, or limits.speed if lower]",
+    help="Speed of the treads, at most limits.speed; half of it in turns.  "
+    f"[default: {_SPEED}, or limits.speed if lower]",
 )
 @click.option(
     "--guard",
     type=NumberRange(0.05, 2.0),
     metavar="METRES",
-    help="Do not drive towards what a proximity sensor sees nearer than this.",
+    help="Do not drive towards anything that a proximity sensor sees nearer than this.",
 )
 @click.option(
     "-o", "--output", type=OutputFile(), metavar="FILE.jsonl", help="Record sensors and wheels, as `record` does."

@@ -1,1 +1,1 @@
-"""A node of ROS 1 in the place of the robot's original nodes."""
+"""A node of ROS 1 that replaces the robot's original nodes."""

@@ -1,8 +1,8 @@
-"""What the ROS topics of a Mercator carry, as plain values: fields by name.
+"""The messages of a Mercator's ROS topics, as plain values: fields by name.
 
-Types, units, frames and axes are those of the nodes that the robot had first (rvr_ros, ydlidar_ros_driver with its
-X4.launch, teraranger_array): of imu and odom, x is to the right and y forwards, as the RVR has them; of the scan, x is
-forwards and angles are counter-clockwise. Covariances are unknown, zero.
+Types, units, frames and axes are those of the robot's original nodes (rvr_ros, ydlidar_ros_driver with its X4.launch,
+teraranger_array): in imu and odom, x is to the right and y forwards, as in the RVR; in the scan, x is forwards and
+angles are counter-clockwise. Covariances are zero: unknown.
 """
 
 import math
@@ -17,11 +17,11 @@ Fields: TypeAlias = dict[str, Any]
 
 
 class Topic(NamedTuple):
-    """What is published.
+    """A published topic.
 
-    type: Of its messages.
-    latched: Whether who subscribes gets the last message at once.
-    queue: How many messages wait for a slow subscriber.
+    type: Type of its messages.
+    latched: Whether a new subscriber gets the last message at once.
+    queue: Number of messages that wait for a slow subscriber.
     """
 
     type: str
@@ -40,37 +40,37 @@ PUBLISHED: Mapping[str, Topic] = {
 }
 WHEELS, LEDS = "rvr/wheels_speed", "rvr/rgb_leds"
 OBEYED: Mapping[str, str] = {WHEELS: "std_msgs/Float32MultiArray", LEDS: "rvr_ros/Leds"}
-"""Type of each topic that is listened to."""
+"""The type of each subscribed topic."""
 
 MADE_HERE = {
     "teraranger_array/RangeArray": ("sensor_msgs/Range[] ranges\nHeader header\n", "sensor_msgs/Range"),
     "rvr_ros/Leds": ("std_msgs/ColorRGBA[5] led_colors", "std_msgs/ColorRGBA"),
 }
-"""Types that no distribution of ROS has: their definition, and the type that it is made of."""
+"""Types that are not in distributions of ROS: their definition, and the type of its parts."""
 
 READINGS = 720
-"""Of a scan, the last at the angle of the first: what the lidar's node has with a fixed resolution."""
+"""Readings of a scan, the last at the angle of the first, as in the lidar's node with a fixed resolution."""
 _INCREMENT = math.tau / (READINGS - 1)
 _NEAREST, _FARTHEST = 0.1, 12.0  # [m]; no other range is a measurement
 _INFRARED = 1
 
 _PLACES = tuple(round(((k * STEP + math.pi) % math.tau) / _INCREMENT) for k in range(BINS))
-"""Of each of the ring's bins, its place in the scan."""
+"""The index in the scan of each bin of the ring."""
 
 
 def stamp(seconds: float) -> Fields:
-    """A time [s]."""
+    """The time stamp of a time [s]."""
     nanoseconds = max(0, round(1e9 * seconds))
     return {"secs": nanoseconds // 10**9, "nsecs": nanoseconds % 10**9}
 
 
 def header(seconds: float, frame: str = "") -> Fields:
-    """Of a measurement made at a time [s]."""
+    """The header of a measurement at a time [s]."""
     return {"stamp": stamp(seconds), "frame_id": frame}
 
 
 def colour(levels: RGB) -> Fields:
-    """A ColorRGBA, of 0 to 255."""
+    """A ColorRGBA with levels from 0 to 255."""
     red, green, blue = levels
     return {"r": red, "g": green, "b": blue, "a": 255.0}
 
@@ -124,7 +124,7 @@ def scan(seconds: float, ranges: Sequence[float], duration: float) -> Fields:
 def range_array(seconds: float, distances: Sequence[float], namespace: str = "") -> Fields:
     """A RangeArray, in the order of the hub's sensors: inf where nothing is in sight, -inf where something is too near.
 
-    A namespace, without slashes, is in the names of the frames.
+    The names of the frames have the namespace, which has no slashes.
     """
     prefix = f"{namespace}_" if namespace else ""
     return {
@@ -153,7 +153,7 @@ def _rvr_axes(forwards: float, left: float, up: float) -> Fields:
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> Fields:
-    """Of turns about x, then y, then z, of axes that stay where they are."""
+    """The quaternion of turns about fixed axes: x, then y, then z."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
     return {
         "x": sr * cp * cy - cr * sp * sy,

@@ -1,4 +1,4 @@
-"""A node of ROS 1 in the place of those that drove Mercator: publishes what the robot senses, obeys two topics."""
+"""A node of ROS 1 that replaces those that drove Mercator: it publishes the robot's senses and obeys two topics."""
 
 import http.client
 import importlib
@@ -25,7 +25,7 @@ from mercator_design.robot.run.safety import Brake, raise_priority
 from mercator_design.robot.run.senses import Senses
 
 NAME = "mercator_robot"
-"""Of the node."""
+"""Name of the node."""
 
 _SENSES = ("ground", "neighbours", "proximity")
 _ABSENT = (
@@ -39,25 +39,24 @@ _LIGHTS_OF = (
     ("power_button_front", "power_button_rear"),  # on the right side
     ("brakelight_left", "brakelight_right"),
 )
-"""Which lamps each colour of an rvr_ros/Leds is for."""
-_OF_RVR = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
-"""Samples."""
-_MASTER_LOOK = 0.5  # [s] between looks after the master
-_MASTER_ANSWER = 2.0  # [s] that it may take to answer
-_REGISTER = 5.0  # [s] that ROS's client may take to tell the master of us, ...
-_LEAVE = 2.0  # ... and that we are gone; it would try for ever
+"""The lamps of each colour in an rvr_ros/Leds."""
+_RVR_SAMPLES = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
+_MASTER_CHECK_EVERY = 0.5  # [s]
+_MASTER_ANSWER = 2.0  # [s] for the master's answer
+_REGISTER = 5.0  # [s] for registering at the master; ROS's client would try without end
+_LEAVE = 2.0  # [s] for unregistering
 
 
 class RosNode:
     """This program as a node of ROS."""
 
     def __init__(self) -> None:
-        """Become one, by the names and remappings in sys.argv.
+        """Register the node, with the names and remappings in sys.argv.
 
         Raises:
-            RobotError: if ROS's client for Python is not there, or no master is.
+            RobotError: if ROS's client for Python is not installed, or there is no master.
         """
-        raise_priority(1)  # its threads too: one that waits for a processor may have the interpreter's lock
+        raise_priority(1)  # for its threads, too: a waiting one may hold the interpreter's lock
         try:
             self._rospy, self._message, self._dynamic = map(_module, ("rospy", "genpy.message", "genpy.dynamic"))
             self.types = {name: self._type(name) for name in {*OBEYED.values(), *(t.type for t in PUBLISHED.values())}}
@@ -74,25 +73,25 @@ class RosNode:
         self.namespace = str(self._rospy.get_namespace()).strip("/").replace("/", "_")
 
     def close(self) -> None:
-        """Be a node no more; a master that does not answer is not waited for."""
+        """Unregister the node, without waiting for a master that does not answer."""
         leaving = threading.Thread(target=self._rospy.signal_shutdown, args=("it has ended",), daemon=True)
         leaving.start()
         leaving.join(_LEAVE)
 
     def publish(self, topic: str, fields: Fields) -> None:
-        """Send a message."""
+        """Publish a message on a topic."""
         message = self.types[PUBLISHED[topic].type]()
         self._message.fill_message_args(message, [fields])
         self._publishers[topic].publish(message)
 
     def obey(self, brake: Brake, orders: "Orders") -> None:
-        """Take orders, in threads of their own, from now on; pull the brake if this is a node no more.
+        """Subscribe to orders, which come in threads of their own; pull the brake if the node or the master ends.
 
         Raises:
-            RobotError: if the master has gone.
+            RobotError: if there is no master any more.
         """
         self._reach_master()
-        self._rospy.on_shutdown(lambda: brake.stop("ros: the node was told to shut down"))
+        self._rospy.on_shutdown(lambda: brake.stop("ros: the node was shut down"))
         threading.Thread(target=self._watch_master, args=(brake,), daemon=True).start()
 
         def subscribe() -> None:
@@ -121,11 +120,11 @@ class RosNode:
             )
 
     def _register(self, register: Callable[[], None]) -> None:
-        """Let ROS's client send something to the master; in a thread, as it would try for ever.
+        """Let ROS's client register something at the master, in a thread, as it would try without end.
 
         Raises:
             RobotError: if that takes too long.
-            Exception: whatever the client raises.
+            Exception: any error of the client.
         """
         ended: list[Exception | None] = []
 
@@ -158,52 +157,52 @@ class RosNode:
             raise RobotError(f"ros: no master at {self._master}: {error}; does roscore run there?") from None
 
     def _watch_master(self, brake: Brake) -> None:
-        """A node is not told that its master has gone."""
+        """Pull the brake if the master does not answer; ROS does not report this to nodes."""
         while not brake.why:
             try:
                 self._reach_master()
             except RobotError as error:
                 brake.stop(str(error))
-            time.sleep(_MASTER_LOOK)
+            time.sleep(_MASTER_CHECK_EVERY)
 
 
 class _Impatient(xmlrpc.client.Transport):
-    """One that does not wait for ever."""
+    """A transport with a time limit."""
 
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:  # noqa: ANN401 - as the base has it
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:  # noqa: ANN401 - as in the base class
         connection = super().make_connection(host)
         connection.timeout = _MASTER_ANSWER
         return connection
 
 
 def _module(name: str) -> Any:  # noqa: ANN401 - ROS's have no types
-    """What a robot need not have."""
+    """Import a module of ROS, which a robot need not have."""
     return importlib.import_module(name)
 
 
 class Orders:
-    """What others want, as their messages come, in threads of ROS; the control loop looks it up."""
+    """The latest orders of other nodes: ROS's threads set them, the control loop reads them."""
 
     def __init__(self, brake: Brake, silence: float, report: Callable[[str], None]) -> None:
-        """Begin at rest.
+        """Make orders of zero speed.
 
         Args:
-            brake: Pulled by what cannot be obeyed.
-            silence: How long [s] speeds last.
-            report: Called with what is ignored.
+            brake: The brake; invalid speeds pull it.
+            silence: Time for which speeds are valid [s].
+            report: Called with messages on ignored orders.
         """
         self._brake, self._silence, self._report = brake, silence, report
         self._speeds = (-math.inf, 0.0, 0.0)
         self._ignored = ""
         self.colours: dict[str, Levels] = dict.fromkeys(LIGHTS, (0, 0, 0))
 
-    def take_speeds(self, message: Any) -> None:  # noqa: ANN401 - of any type with these fields
+    def take_speeds(self, message: Any) -> None:  # noqa: ANN401 - any type with these fields
         """Take a Float32MultiArray: the speeds of the left and right tread [m/s].
 
-        Of messages that follow each other, the first is not obeyed: a topic that is latched has it from any time ago.
+        The first message after a silence is not obeyed: on a latched topic it may be old.
         """
         now = time.monotonic()
-        speeds = [round(speed, 6) for speed in message.data]  # 0.3, not 0.30000001192: it has single precision
+        speeds = [round(speed, 6) for speed in message.data]  # 0.3, not 0.30000001192: they have single precision
         if len(speeds) != 2:
             self._brake.stop(f"{WHEELS}: expected 2 speeds, found {len(speeds)}")
             return
@@ -212,7 +211,7 @@ class Orders:
         self._speeds = now, left, right
 
     def take_colours(self, message: Any) -> None:  # noqa: ANN401
-        """Take a Leds: five colours, of 0 to 255."""
+        """Take a Leds: five colours with levels from 0 to 255."""
         colours: dict[str, Levels] = {}
         for lights, colour in zip(_LIGHTS_OF, message.led_colors, strict=True):
             found = colour.r, colour.g, colour.b
@@ -224,7 +223,7 @@ class Orders:
         self.colours = dict.fromkeys(LIGHTS, (0, 0, 0)) | colours
 
     def speeds(self, now: float) -> tuple[float, float]:
-        """Those that are wanted at a time [s]; zero if the last message is too old."""
+        """The ordered speeds at a time [s]; zero if the last message is too old."""
         came, left, right = self._speeds
         return (left, right) if now - came <= self._silence else (0.0, 0.0)
 
@@ -235,17 +234,17 @@ class Orders:
 
 
 class Reports:
-    """What is to be published: of the RVR at a rate, of the lidar each turn, of the hub each measurement."""
+    """The messages to publish: of the RVR at a rate, of the lidar each turn, of the hub each measurement."""
 
     def __init__(self, senses: Senses, sweep: Sweep, namespace: str, rate: float) -> None:
-        """Begin; `rate` is the RVR's [Hz], and `namespace` that of the node, without slashes."""
+        """Make reports; `rate` is the RVR's [Hz], and `namespace` the node's, without slashes."""
         self._senses, self._sweep, self._namespace, self._period = senses, sweep, namespace, 1.0 / rate
         self._due = self._turned = self._measured = -math.inf
 
     def due(self, now: float, ros_now: float) -> Iterator[tuple[str, Fields]]:
-        """Topics and messages that are due at a time [s], for which ROS has another number."""
+        """Topics and messages that are due at a time [s], which is `ros_now` by ROS's clock."""
         samples, later = self._senses.samples, ros_now - now
-        if now >= self._due and samples.keys() >= _OF_RVR:
+        if now >= self._due and samples.keys() >= _RVR_SAMPLES:
             self._due = max(self._due + self._period, now)
             light = samples["ambient_light"]
             red, green, blue = samples["ground"].values
@@ -264,28 +263,26 @@ class Reports:
 
 
 def serve(settings: Settings, node: RosNode, rate: float, silence: float, report: Callable[[str], None]) -> None:
-    """Be the robot's node, until something stops the wheels.
+    """Publish the robot's senses and obey orders, until something stops the wheels.
 
     Args:
-        settings: The robot.
-        node: What it is in ROS.
-        rate: At which the RVR's senses are published [Hz].
-        silence: After which the wheels are at rest [s].
+        settings: The robot's settings.
+        node: The robot's node.
+        rate: Rate at which the RVR's senses are published [Hz].
+        silence: Time without orders after which the wheels are at rest [s].
         report: Called with messages for people.
 
     Raises:
-        Stopped: if something stopped the wheels, with what it was.
-        RobotError: if a device cannot be used.
-        Signalled: if a signal came.
+        RobotError, Stopped, Signalled: as `in_control`.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
         robot = control.robot
         robot.introduce(report)
-        sweep = Sweep(settings.lidar_angle)  # as the robot saw it, wherever it turned
+        sweep = Sweep(settings.lidar_angle)  # in the robot's frame
         orders, reports = Orders(robot.brake, silence, report), Reports(robot.senses, sweep, node.namespace, rate)
         robot.notes.send_to(report)
         node.obey(robot.brake, orders)
-        report(f"{node.name} runs; the wheels turn from the second message on {WHEELS} on")
+        report(f"{node.name} runs; the wheels turn from the second message on {WHEELS}")
         control.arm()
         for now in control.cycles(PERIOD):
             for event, _ in control.heard:

@@ -1,4 +1,4 @@
-"""What may be wrong with a robot before it runs, each with what to do: the computer, then each device by itself."""
+"""Check a robot before it runs: the computer, then each device by itself. Findings say what to do."""
 
 import math
 import time
@@ -30,29 +30,30 @@ from mercator_design.robot.protocols.ydlidar import Packet, Turns
 from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.setup.install import NAMED, RULES
 
-_TIMESYNC = Path("/run/systemd/timesync")  # of systemd's client of NTP, which most Pis have
+_TIMESYNC = Path("/run/systemd/timesync")  # of systemd's NTP client, which Pis have by default
 _KERNEL = Path("/proc/cmdline")
 _PROCESSES = Path("/proc")
-_CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first of newer systems
+_CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first one in newer systems
 _HEADER = {"serial0", "ttyS0", "ttyAMA0"}
 """Names of the UART on a Pi's header."""
 _RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
-_LISTEN = 2.0  # [s] to a lidar or hub
+_DURATION = 2.0  # [s] of the check of a device's data
 _MIN_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _MIN_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
-_ECHO, _ECHOES = bytes(range(16)), 0.05  # what the RVR is asked to say again, and how often [s]
-_OLDEST = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
+_ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, and period [s]
+_MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
 def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
-    """Look at all that a run needs, of which nothing moves but the lidar; devices `without` are left alone."""
+    """Check all that a run needs, except devices `without`. Only the lidar moves."""
     yield check_clock(time.time())
     kernel = _text(_KERNEL)
     yield check_console(settings.ports.rvr, kernel)
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
     yield from check_names(settings.ports, without)
-    yield from check_devices(settings, {device: each for device, each in _DEVICES.items() if device not in without})
+    checks: dict[DeviceName, DeviceCheck] = {"rvr": _check_rvr, "lidar": _check_lidar, "proximity": _check_hub}
+    yield from check_devices(settings, {device: each for device, each in checks.items() if device not in without})
     for device in without:
         yield Finding(
             device, is_fine=True, words="left out, by --without", device=device, quantity="presence", value="left out"
@@ -60,7 +61,7 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[
 
 
 def _text(path: Path) -> str:
-    """Of a file; empty if it cannot be read."""
+    """The text of a file; empty if it cannot be read."""
     try:
         return path.read_text(errors="replace").replace("\0", " ")
     except OSError:
@@ -68,21 +69,23 @@ def _text(path: Path) -> str:
 
 
 def check_clock(now: float) -> Finding:
-    """Whether a clock [s since 1970] may be right: it has been set, and not to before this program was installed."""
+    """Check that the clock [s since 1970] was set, and not to a time before this program was installed."""
     date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
     here = Path(__file__)
-    installed = next(path for path in (here, *here.parents) if path.exists())  # this file, or the archive it is in
+    installed = next(path for path in (here, *here.parents) if path.exists())  # this file, or the archive with it
     if now < installed.stat().st_mtime:
-        found = "is past"
+        found = "is in the past"
     elif _TIMESYNC.exists() and not (_TIMESYNC / "synchronized").exists():
-        found = "was not set by a network since this computer was switched on"
+        found = "was not set over the network since this computer was switched on"
     else:
         return Finding("clock", is_fine=True, words=date)
-    return Finding("clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: give it a network")
+    return Finding(
+        "clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: connect it to a network"
+    )
 
 
 def check_console(port: str, kernel: str) -> Finding:
-    """Whether the system has its console on the RVR's port, by the kernel's command line."""
+    """Check that the system's console is not on the RVR's port, by the kernel's command line."""
     consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
     if _names(port).isdisjoint(consoles):
         return Finding("console", is_fine=True, words=f"not on {port}")
@@ -90,14 +93,14 @@ def check_console(port: str, kernel: str) -> Finding:
 
 
 def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
-    """Whether the UART of a Pi's header is on and keeps its rate, by the kernel's command line and the Pi's config.txt.
+    """Check that the UART of a Pi's header is on and keeps its rate, by the kernel's command line and config.txt.
 
-    Nothing, if that is not the RVR's port, or there is no such file.
+    There is no finding if the RVR is on another port, or the file is missing.
     """
     if not config or _names(port).isdisjoint(_HEADER):
         return
     lines = _for_all(config)
-    told = [line for line in lines if line.startswith("enable_uart=")]
+    settings = [line for line in lines if line.startswith("enable_uart=")]
     without_bluetooth = any(
         line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
     )
@@ -105,7 +108,7 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
         yield Finding(
             "uart", is_fine=False, words="8250.nr_uarts=0 hides it; remove that from the kernel's command line"
         )
-    elif told[-1:] == ["enable_uart=1"] or (not told and without_bluetooth):
+    elif settings[-1:] == ["enable_uart=1"] or (not settings and without_bluetooth):
         yield Finding("uart", is_fine=True, words="on")
     else:
         words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
@@ -113,38 +116,39 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
 
 
 def _for_all(config: str) -> list[str]:
-    """The lines of a config.txt, without spaces and comments, that every Pi 4 heeds."""
-    lines, are_heeded = [], True
+    """The lines of a config.txt, without spaces and comments, that apply to every Pi 4."""
+    lines, is_for_all = [], True
     for line in ("".join(each.partition("#")[0].split()) for each in config.splitlines()):
         if line.startswith("["):
-            are_heeded = line in {"[all]", "[pi4]"}
-        elif are_heeded:
+            is_for_all = line in {"[all]", "[pi4]"}
+        elif is_for_all:
             lines.append(line)
     return lines
 
 
 def check_programs(port: str) -> Finding:
-    """Whether programs run that take serial ports for theirs, as modems, Braille displays or terminals."""
+    """Check that no program runs that opens serial ports for modems, Braille displays or terminals."""
     found, rules = set(), _text(RULES)
     for process in _PROCESSES.glob("[0-9]*"):
         match _text(process / "comm").strip():
             case "ModemManager" if not all(f"mercator-{device}" in rules for device in NAMED):
                 found.add(
-                    "ModemManager talks to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
+                    "ModemManager writes to serial ports: sudo mercator-robot install, or sudo apt remove modemmanager"
                 )
             case "brltty":
-                found.add("brltty takes adapters such as the lidar's: sudo apt remove brltty")
+                found.add("brltty opens adapters such as the lidar's: sudo apt remove brltty")
             case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
                 found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
-    return Finding("other programs", not found, "; ".join(sorted(found)) or "none that takes ports")
+    return Finding("other programs", not found, "; ".join(sorted(found)) or "none that opens ports")
 
 
 def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
-    """Whether a port's name may be another device's after the next start, but for devices `without`."""
+    """Check that ports keep their names after the next start, except those of devices `without`."""
     for device in [each for each in NAMED if each not in without]:
         name = getattr(names, device)
         if rivals := sharing(name):
-            words = f"{name} may be any of {rivals}, as they come: name it so in robot.yaml, or install names for them"
+            advice = "name the one in robot.yaml by its usb: name, or run mercator-robot install"
+            words = f"{name} may be any of {rivals}: {advice}"
             yield Finding(f"{device}'s name", is_fine=False, words=words)
 
 
@@ -156,8 +160,8 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     link = Link([line])
     found = wake_rvr(link)
     words = found.words()
-    for processor, oldest in _OLDEST.items():
-        is_fine = found.firmware[processor] >= oldest
+    for processor, min_version in _MIN_FIRMWARE.items():
+        is_fine = found.firmware[processor] >= min_version
         advice = "" if is_fine else "; update it with the app Sphero Edu"
         name = firmware_name(processor)
         yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
@@ -168,19 +172,19 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     level = words["battery"]
     yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
-    echoes, asked, before = 0, round(_LISTEN / _ECHOES), link.counts("rvr")
+    echoes, asked, before = 0, round(_DURATION / _ECHO_EVERY), link.counts("rvr")
     try:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
         for _ in range(asked):
             link.send_command("echo", data=_ECHO)
-            echoes += sum(_is_echo(event) for event, _ in link.poll(time.monotonic() + _ECHOES))
+            echoes += sum(_is_echo(event) for event, _ in link.poll(time.monotonic() + _ECHO_EVERY))
     finally:
         end_streaming(link)
     yield _of_line("rvr", settings, link, before)
-    least = settings.limits.rvr_whole
-    is_fine = echoes >= asked * warning_share(least)  # as a run tells of; commands are answered as these are
-    advice = "" if is_fine else f"; a run stops below {percent(least)}; {link.damage_remedy('rvr')}"
+    min_share = settings.limits.rvr_whole
+    is_fine = echoes >= asked * warning_share(min_share)  # as a run warns; it counts answers to commands
+    advice = "" if is_fine else f"; a run stops below {percent(min_share)}; {link.damage_remedy('rvr')}"
     yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
 
 
@@ -196,15 +200,17 @@ def _of_motors(heat: Mapping[str, Any]) -> Finding:
 
 
 def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None) -> Finding:
-    """How much of what a device has said since a count has arrived whole."""
+    """The finding on a device's line: the share of its data that arrived whole since the counts `before`."""
     received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts(device), strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
     whole = 1.0 - missing / max(of_all, 1)
-    least: float = getattr(settings.limits, f"{device}_whole")
-    is_fine = whole >= warning_share(least)
+    min_share: float = getattr(settings.limits, f"{device}_whole")
+    is_fine = whole >= warning_share(min_share)
     value = f"{100.0 * whole:.1f} % arrives whole"
     words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
-    advice = "" if is_fine else f"; to a run it is silent below {percent(least)}; {link.damage_remedy(device)}"
+    advice = (
+        "" if is_fine else f"; in a run it counts as silent below {percent(min_share)}; {link.damage_remedy(device)}"
+    )
     return Finding(f"{device}'s line", is_fine, words + advice, device=device, quantity="line", value=value)
 
 
@@ -216,7 +222,7 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
     if started.warning is not None:
         words = f"{facts['lidar_health']}; take its power away for a moment"
         yield Finding("lidar's health", is_fine=False, words=words)
-    link.discard()  # turns of before the lidar was started
+    link.discard()  # turns from before the start
     turns, sweep = Turns(), Sweep()
     try:
         next(_sights(link, turns, sweep), None)  # the motor starts
@@ -233,13 +239,13 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
     if sights:
         _, seen = sights[len(sights) // 2]
         sees = seen >= MIN_READINGS
-        advice = "" if sees else "; is there nothing at its height, or does its laser fail? Hold something before it"
+        advice = "" if sees else "; is there nothing at its height, or has its laser failed? Hold something before it"
         yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
 
 
 def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int]]:
-    """For each turn of a lidar within `_LISTEN`, when it ended [s], and how many of its readings see something."""
-    for event, now in link.poll(time.monotonic() + _LISTEN):
+    """The end [s] and the number of readings of each turn of a lidar within `_DURATION`."""
+    for event, now in link.poll(time.monotonic() + _DURATION):
         if isinstance(event, Packet):
             sweep.add(event)
             if (turn := turns.receive(event)) is not None:
@@ -247,8 +253,8 @@ def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int
 
 
 def _rate(times: Sequence[float]) -> float:
-    """How often something came [1/s] that came at times [s] within `_LISTEN`; of what ceased soon, less than that."""
-    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * _LISTEN) if times else 0.0
+    """The rate [1/s] of events at times [s] within `_DURATION`; it is lower if they ceased early."""
+    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * _DURATION) if times else 0.0
 
 
 def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
@@ -256,7 +262,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     start_hub(link)
     link.discard()
     before = link.counts("proximity")
-    heard = link.poll(time.monotonic() + _LISTEN)
+    heard = link.poll(time.monotonic() + _DURATION)
     found = [(event, now) for event, now in heard if isinstance(event, Distances)]
     yield _of_line("proximity", settings, link, before)
     rate = _rate([now for _, now in found])
@@ -270,12 +276,5 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     for i, (angle, distance) in enumerate(zip(settings.proximity_angles, distances, strict=True)):
         is_fine = bool(last.mask >> i & 1)
         seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
-        words = f"{seen}; a hand before it shows whether it is this one" if is_fine else "off; plug it in"
+        words = f"{seen}; hold a hand before it to see whether it is this one" if is_fine else "off; plug it in"
         yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
-
-
-_DEVICES: dict[DeviceName, DeviceCheck] = {
-    "rvr": _check_rvr,
-    "lidar": _check_lidar,
-    "proximity": _check_hub,
-}

@@ -1,4 +1,4 @@
-"""What the ground sensor reads on each colour of the floor; only the RVR is used, and it does not move."""
+"""Measure what the ground sensor reads on each colour of the floor. Only the RVR is used; it does not move."""
 
 import contextlib
 import itertools
@@ -16,14 +16,14 @@ from mercator_design.robot.devices.start import stop_rvr, wake_rvr
 from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 
 _PERIOD = 50  # [ms] of streaming
-_MIN_SAMPLES = 10  # samples of a measurement
-_AWAKE = 10.0  # [s] between commands, as an RVR that is told nothing falls asleep
-_SPREAD = 15.0  # levels, of a robot that stands still on one colour; noise of 5 in each channel is 9
-_STRANGE = 60.0  # levels by which a colour is brighter or darker than usual
-_DARK = 5.0  # levels without a lamp
-_APART = 3.0  # standard deviations from one colour to the middle between two, ...
-_MIN_APART = 1.0  # ... below which they cannot be told from each other
-_MIN_DEVIATION = 1.0  # levels; more than a few seconds show
+_MIN_SAMPLES = 10  # of a measurement
+_AWAKE = 10.0  # [s] between commands; an RVR without commands falls asleep
+_MAX_SPREAD = 15.0  # levels, of a robot at rest on one colour; noise of 5 in each channel is 9
+_MAX_DEVIATION = 60.0  # levels between the brightness of a colour and the usual one
+_DARK = 5.0  # levels without the lamp
+_MIN_APART = 1.0  # standard deviations from a colour to the middle between two; fewer are an error,
+_CLEARLY_APART = 3.0  # fewer than these a warning
+_MIN_DEVIATION = 1.0  # levels, the smallest standard deviation; a few seconds may show less
 
 
 class GroundSensor:
@@ -34,7 +34,7 @@ class GroundSensor:
         self._sent = time.monotonic()
 
     def attend(self) -> None:
-        """Read what it sends, and keep it from falling asleep."""
+        """Read the RVR's events, and keep it awake."""
         now = time.monotonic()
         if now - self._sent > _AWAKE:
             self._sent = now
@@ -42,10 +42,10 @@ class GroundSensor:
         self._link.discard()
 
     def measure(self, seconds: float) -> list[RGB]:
-        """What it reads from now on.
+        """The colours that it reads in the next seconds.
 
         Raises:
-            RobotError: if that is nothing, or next to nothing, or the port is lost.
+            RobotError: if there are too few, or the port is lost.
         """
         self.attend()
         found = []
@@ -61,7 +61,7 @@ class GroundSensor:
 
 @contextlib.contextmanager
 def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
-    """The ground sensor of a robot, which is at rest in the end.
+    """The ground sensor of a robot; in the end the RVR is at rest.
 
     Raises:
         RobotError: if the RVR cannot be used.
@@ -88,18 +88,18 @@ def calibrate(
     ask: Callable[[str], None],
     report: Callable[[str], None],
 ) -> dict[ColourName, Levels]:
-    """The levels that the sensor reads on colours, one after the other.
+    """Measure the levels of colours, one after the other.
 
     Args:
-        sensor: That measures.
-        names: Of the colours.
-        kept: What others were measured as before.
-        seconds: Of each measurement.
-        ask: Called with what the user has to do before each.
-        report: Called with what was measured, and with what is doubtful.
+        sensor: The sensor.
+        names: The colours.
+        kept: Levels of other colours that were measured before.
+        seconds: Duration of each measurement.
+        ask: Called with what the user has to do before each measurement.
+        report: Called with results and warnings.
 
     Raises:
-        RobotError: if the sensor cannot be used, sees nothing, or cannot tell two colours from each other.
+        RobotError: if the sensor cannot be used, sees nothing, or cannot distinguish two colours.
     """
     measured: dict[ColourName, list[RGB]] = {}
     for name in names:
@@ -119,19 +119,19 @@ def calibrate(
 
 
 def mean(found: Sequence[RGB]) -> RGB:
-    """Of colours, by channel."""
+    """The mean of colours, by channel."""
     red, green, blue = map(fmean, zip(*found, strict=True))
     return red, green, blue
 
 
 def spread(found: Sequence[RGB]) -> float:
-    """The root of the mean square of distances from the mean."""
+    """The root mean square of the distances of colours from their mean."""
     middle = mean(found)
     return math.sqrt(fmean(math.dist(colour, middle) ** 2 for colour in found))
 
 
 def check_light(name: ColourName, found: Sequence[RGB]) -> None:
-    """See whether the sensor sees the floor.
+    """Check that the sensor sees the floor.
 
     Raises:
         RobotError: if a colour that is not black reads as nothing.
@@ -141,26 +141,26 @@ def check_light(name: ColourName, found: Sequence[RGB]) -> None:
 
 
 def warnings(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
-    """What is odd about the measurements of one colour."""
-    if spread(found) > _SPREAD:
-        yield f"{name} is not the same all the time; stand still, on one colour, and measure it again"
+    """Warnings on the measurements of one colour."""
+    if spread(found) > _MAX_SPREAD:
+        yield f"{name} varies; keep the robot still, on one colour, and measure again"
     brightness, usual = fmean(mean(found)), fmean(COLOURS[name])
-    if abs(brightness - usual) > _STRANGE:
+    if abs(brightness - usual) > _MAX_DEVIATION:
         than = "darker" if brightness < usual else "brighter"
         yield f"{name} is {than} than usual: brightness {brightness:.0f}, not {usual:.0f}; is it {name}?"
 
 
 def confused(
-    measured: Mapping[ColourName, Sequence[RGB]], labels: Mapping[ColourName, RGB], least: float = _APART
+    measured: Mapping[ColourName, Sequence[RGB]], labels: Mapping[ColourName, RGB], min_apart: float = _CLEARLY_APART
 ) -> Iterator[str]:
-    """Which two colours are read as each other too often: what was measured, as normal distributions, of labels.
+    """Warnings on pairs of labels that are often confused, with normal distributions of the measurements.
 
-    Those are less than `least` standard deviations from the middle between them.
+    Their labels are less than `min_apart` standard deviations from the middle between them.
     """
     for one, other in itertools.combinations(labels, 2):
         far = math.dist(labels[one], labels[other])
         spreads = [_along(measured[name], labels[one], labels[other]) for name in (one, other) if name in measured]
-        if not spreads or (apart := 0.5 * far / max(*spreads, _MIN_DEVIATION)) >= least:
+        if not spreads or (apart := 0.5 * far / max(*spreads, _MIN_DEVIATION)) >= min_apart:
             continue
         levels = "1 level" if round(far) == 1 else f"{far:.0f} levels"
         yield (
@@ -170,7 +170,7 @@ def confused(
 
 
 def _along(found: Sequence[RGB], start: RGB, end: RGB) -> float:
-    """The standard deviation of colours along the line between two."""
+    """The standard deviation of colours along the line between two colours."""
     far = math.dist(start, end) or 1.0
     return pstdev(sum(c * (b - a) for a, b, c in zip(start, end, colour, strict=True)) / far for colour in found)
 

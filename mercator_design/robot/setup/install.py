@@ -1,9 +1,8 @@
-"""What the system knows of the robot: names of its ports, services that run it and keep it at rest, and its priority.
+"""The robot's files in the system: names of its ports, services that run and stop it, and its priority.
 
-udev gives the two USB devices names of their own, by what they are and not by the order in which they came, and keeps
-ModemManager and brltty from them. systemd brings the robot to rest when the Pi starts, and after each run that it has
-started, whatever ended that. Nothing makes a robot drive by itself: the run is started by hand, and never again by
-systemd.
+udev gives the two USB devices fixed names, whatever their order, and keeps ModemManager and brltty away from them.
+systemd stops the robot when the Pi starts, and after each run that it has started, however that ended. No robot drives
+by itself: a user starts the run, and systemd never restarts it.
 """
 
 import contextlib
@@ -32,12 +31,12 @@ _OURS = "# Written by `mercator-robot install`, removed by `mercator-robot insta
 _READ_UNITS = ["systemctl daemon-reload"]
 _READ_RULES = ["udevadm control --reload", "udevadm trigger --subsystem-match=usb --subsystem-match=tty"]
 NAMED: tuple[DeviceName, ...] = ("lidar", "proximity")
-"""Devices that udev gives a name."""
+"""Devices that get a name from udev."""
 AFTERWARDS = [*_READ_UNITS, f"systemctl enable {IDLE.name}", *_READ_RULES]
-"""Commands that let the system heed what was written."""
+"""Commands that make the system read the files."""
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./:@+-]+")
-"""What means itself in rules and units."""
+"""Characters without a special meaning in rules and units."""
 
 _LIMITS = "@dialout - rtprio 2\n"
 # The second line of a rule is of the whole USB device: there ModemManager heeds it, and brltty's rules want a service.
@@ -95,13 +94,13 @@ Restart=no
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """Whom a robot's services serve.
+    """Options of a robot's services.
 
-    user: Who runs them.
-    folder: With fsm.txt; logs go to `logs` there.
-    robot: Its robot.yaml; None: as usual.
-    duration: Of the run that the service starts [s]; None: until it is stopped.
-    seed: Of that run; None: a fresh one each time.
+    user: The user that runs them.
+    folder: The folder with fsm.txt; logs go to `logs` there.
+    robot: The robot.yaml; None: the usual settings.
+    duration: Duration of the run that the service starts [s]; None: until it is stopped.
+    seed: Seed of that run; None: a new one each time.
     """
 
     user: str
@@ -112,7 +111,7 @@ class Setup:
 
 
 def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:
-    """The lidar and the hub, as they are connected now, and what is found of them."""
+    """The USB ports at which lidar and hub are connected now, and findings on them."""
     ports: dict[str, ListPortInfo] = {}
     findings = []
     for device in NAMED:
@@ -123,20 +122,20 @@ def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding
             words = f"{str(error).removeprefix(f'{device}: ')}; then install again"
             findings.append(Finding(link, is_fine=False, words=words))
         else:
-            findings.append(Finding(link, is_fine=True, words=f"for what is {ports[device].device} now"))
+            findings.append(Finding(link, is_fine=True, words=f"for the device at {ports[device].device}"))
     return ports, findings
 
 
 def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[Path, str]:
-    """The files; a device that is not among the ports keeps the rule that it has below the root.
+    """The texts of the files by path; a device without a port keeps its present rule.
 
     Raises:
-        RobotError: if there is no such user, a path would mean something else in a unit, or the rules cannot be read.
+        RobotError: if there is no such user, a path has special characters, or the rules cannot be read.
     """
     try:
         pwd.getpwnam(setup.user)
     except KeyError:
-        raise RobotError(f"{setup.user}: no such user; --user names who is to run the robot") from None
+        raise RobotError(f"{setup.user}: no such user; give the robot's user with --user") from None
     rules = _rules(root) | {device: _rule(device, port) for device, port in ports.items()}
     program = " ".join(map(_plain, _program()))
     robot = "" if setup.robot is None else f"Environment=MERCATOR_ROBOT={_plain(setup.robot)}\n"
@@ -153,10 +152,10 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[P
 
 
 def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
-    """Write the files below a root, and let the system heed them if it is this system's.
+    """Write the files below a root, and make the system read them if the root is this system's.
 
     Raises:
-        RobotError: if one cannot be written, or another's is in its place; then none is.
+        RobotError: if a file cannot be written, or a foreign one is in its place; then none is written.
     """
     _refuse_foreign(files, root)
     with contextlib.ExitStack() as drafts:
@@ -174,10 +173,10 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[Finding]:
 
 
 def uninstall(root: Path) -> Iterator[Finding]:
-    """Remove the files that `install` has written, and no others.
+    """Remove the files of `install`, and no others.
 
     Raises:
-        RobotError: as `install`, or if its service runs.
+        RobotError: as `install`, or if the service of the run is active.
     """
     there = [place for place in (RULES, LIMITS, IDLE, RUN) if _below(root, place).exists()]
     _refuse_foreign(there, root)
@@ -197,7 +196,7 @@ def uninstall(root: Path) -> Iterator[Finding]:
 
 
 def _rules(root: Path) -> dict[str, str]:
-    """Those that were written below a root, by device."""
+    """The present rules below a root, by device."""
     path = _below(root, RULES)
     _refuse_foreign([RULES], root)
     with _permitted(path):
@@ -206,7 +205,7 @@ def _rules(root: Path) -> dict[str, str]:
 
 
 def _rule(device: str, port: ListPortInfo) -> str:
-    """By serial number, if that tells the device from all others; else by where it is plugged in."""
+    """The rule for a port: by serial number, if no other device has the same one, else by its USB socket."""
     place = _place(port)
     alike = (port.vid, port.pid, port.serial_number)
     places = {_place(other) for other in list_ports.comports() if (other.vid, other.pid, other.serial_number) == alike}
@@ -225,12 +224,12 @@ def _rule(device: str, port: ListPortInfo) -> str:
 
 
 def _place(port: ListPortInfo) -> str:
-    """Of the USB device, such as 1-1.4, without its interface."""
+    """The place of a USB device, such as 1-1.4, without its interface."""
     return (port.location or "").partition(":")[0]
 
 
 def _program() -> list[str | Path]:
-    """The command line of this program, whatever the folder."""
+    """The command line of this program, for any working folder."""
     here = Path(__file__)
     archive = next(path for path in here.parents if path.exists())
     if archive.is_file():
@@ -240,7 +239,9 @@ def _program() -> list[str | Path]:
 
 def _plain(word: str | Path) -> str:
     if not _PLAIN.fullmatch(str(word)):
-        raise RobotError(f"{word}: expected plain letters, digits and _ . / : @ + -, as it stands in systemd's files")
+        raise RobotError(
+            f"{word}: expected only letters, digits and _ . / : @ + -, as it is written into systemd's files"
+        )
     return str(word)
 
 
@@ -255,7 +256,7 @@ def _refuse_foreign(places: Iterable[Path], root: Path) -> None:
             raise RobotError(f"{path}: a link leads out of {root}")
         with _permitted(path):
             if path.exists() and not _is_ours(path):
-                raise RobotError(f"{path}: is not of mercator-robot's making; move it away")
+                raise RobotError(f"{path}: not written by mercator-robot; move it away")
 
 
 def _is_ours(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Whoever stands beside the robot and does what it cannot do by itself."""
+"""Prompts for the user beside the robot."""
 
 import os
 import select
@@ -9,28 +9,28 @@ from mercator_design.command import print_message
 from mercator_design.errors import RobotError
 
 _STDIN = 0
-_LOOK = 0.1  # [s]
+_TIMEOUT = 0.1  # [s] of waiting for a byte
 
 
 def ask(what: str, meanwhile: Callable[[], None]) -> None:
     """Ask the user, or a script that writes a line, to do something; wait for Enter.
 
     Args:
-        what: To do.
-        meanwhile: Called again and again, as devices must be heard.
+        what: What the user has to do.
+        meanwhile: Called repeatedly, to read the devices.
 
     Raises:
         RobotError: at the end of the input.
     """
     if os.isatty(_STDIN):
-        termios.tcflush(_STDIN, termios.TCIFLUSH)  # Enter that was pressed too often is no answer
+        termios.tcflush(_STDIN, termios.TCIFLUSH)  # ignore what was typed before the prompt
     print_message(f"{what}, then press Enter.")
     while True:
-        while not select.select([_STDIN], [], [], _LOOK)[0]:
+        while not select.select([_STDIN], [], [], _TIMEOUT)[0]:
             meanwhile()
-        byte = os.read(_STDIN, 1)  # not more, as a line further is the answer to another question
+        byte = os.read(_STDIN, 1)  # the next line is the answer to another prompt
         if not byte:
-            raise RobotError("no Enter: the input has ended; nothing was changed")
+            raise RobotError("the input has ended without Enter; nothing was changed")
         if byte == b"\n":
             meanwhile()
             return

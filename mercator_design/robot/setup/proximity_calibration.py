@@ -1,4 +1,4 @@
-"""Which of the hub's sensors looks where, and what each reads too much; of the devices only the hub is used."""
+"""Find the angles and the offsets of the hub's sensors. Only the hub is used."""
 
 import contextlib
 import math
@@ -13,11 +13,11 @@ from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.start import start_hub
 from mercator_design.robot.protocols.multiflex import Distances
 
-_MIN_SAMPLES = 4  # measurements of each sensor
+_MIN_SAMPLES = 4  # of each sensor
 _TRIES = 3
-_FALLS = 0.15  # [m] by which a sensor's distance falls if it sees the object
+_MIN_FALL = 0.15  # [m] by which a sensor's distance falls if it sees the object
 _CLEAR = 0.75  # [m] without anything around the robot
-_MAX_ERROR = 0.1  # [m] that a sensor reads wrong, rather than the object being elsewhere
+_MAX_OFFSET = 0.1  # [m] of a sensor; with more the object is elsewhere
 
 _SIDES = ("in front", "front left", "left", "rear left", "behind", "rear right", "right", "front right")
 
@@ -25,31 +25,31 @@ T = TypeVar("T")
 
 
 class ProximityFit(NamedTuple):
-    """angles: [rad] of the sensors, in the hub's order; offsets: [m] that each reads too much, if that was measured."""
+    """Angles of the sensors [rad], in the hub's order; their offsets [m], what each reads too much, if measured."""
 
     angles: tuple[float, ...]
     offsets: tuple[float, ...] | None
 
 
-class _Unclear(Exception):  # noqa: N818 - is asked again
-    """Why a measurement says nothing."""
+class _Unclear(Exception):  # noqa: N818 - it leads to another attempt
+    """A measurement is not clear and has to be repeated."""
 
 
 class CalibrationHub:
-    """The hub, with all its sensors on."""
+    """The hub with all sensors on."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
     def attend(self) -> None:
-        """Read what it sends."""
+        """Read the hub's events."""
         self._link.discard()
 
     def measure(self, seconds: float) -> list[list[float]]:
-        """The distances [m] of each sensor from now on; infinite as `Distances.metres` has them.
+        """The distances [m] of each sensor in the next seconds, as `Distances.metres`.
 
         Raises:
-            RobotError: if these are next to none, a sensor is off, or the port is lost.
+            RobotError: if there are too few, a sensor is off, or the port is lost.
         """
         self.attend()
         found = [event for event, _ in self._link.poll(time.monotonic() + seconds) if isinstance(event, Distances)]
@@ -57,7 +57,7 @@ class CalibrationHub:
             raise RobotError(f"proximity: {len(found)} measurements in {seconds:g} s; {self._link.remedy('proximity')}")
         by_sensor = [list(metres) for metres in zip(*(each.metres() for each in found), strict=True)]
         if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
-            raise RobotError(f"proximity: not plugged in, says the hub: {_sensors(off)}")
+            raise RobotError(f"proximity: the hub reports as not plugged in: {_sensors(off)}")
         return by_sensor
 
 
@@ -85,15 +85,15 @@ def calibrate(
     """Find each sensor by an object that the user holds before it.
 
     Args:
-        hub: Whose sensors they are.
-        angles: Where sensors look [rad], in any order.
-        distance: Of the object from the sensor [m]; None: about 0.3 m, and no offsets are measured.
-        seconds: Of each measurement.
+        hub: The hub.
+        angles: Angles of the sensors [rad], in any order.
+        distance: Distance of the object from the sensor [m]; None: about 0.3 m, and offsets are not measured.
+        seconds: Duration of each measurement.
         ask: Called with what the user has to do.
-        report: Called with what was found, and why something is asked again.
+        report: Called with results, and with reasons for another attempt.
 
     Raises:
-        RobotError: if something stays unclear.
+        RobotError: if a measurement is not clear after `_TRIES` attempts.
     """
 
     def asked(what: str, judge: Callable[[list[list[float]]], T]) -> T:
@@ -105,7 +105,7 @@ def calibrate(
                 return judge(hub.measure(seconds))
             except _Unclear as unclear:
                 if tries == _TRIES:
-                    raise RobotError(f"proximity: after {_TRIES} times still: {unclear}") from None
+                    raise RobotError(f"proximity: after {_TRIES} attempts: {unclear}") from None
                 report(f"Once more: {unclear}")
 
     clear = asked(f"Leave nothing within {_CLEAR:g} m around the robot", _clear)
@@ -129,39 +129,39 @@ def calibrate(
 
 
 def direction(angle: float) -> str:
-    """An angle [rad] from the robot's front in words."""
+    """The direction of an angle [rad] in words."""
     degrees = 180 - round(180.0 - math.degrees(angle)) % 360
     return f"{_SIDES[round(degrees / 45.0) % 8]} ({degrees:+d} degrees)"
 
 
 def _clear(metres: list[list[float]]) -> list[float]:
-    """The distances when the user is not near."""
+    """The distances without an object."""
     found = [median_low(each) for each in metres]
     if near := [k for k, each in enumerate(found) if each < _CLEAR]:
-        raise _Unclear(f"nearer than {_CLEAR:g} m is something before {_sensors(near)}")
+        raise _Unclear(f"something is nearer than {_CLEAR:g} m before {_sensors(near)}")
     return found
 
 
 def _seeing(metres: list[list[float]], clear: list[float], places: dict[int, float]) -> int:
-    """The one sensor that sees something that was not there."""
-    seeing = [k for k, each in enumerate(metres) if median_low(each) < clear[k] - _FALLS]
+    """The one sensor that sees the object."""
+    seeing = [k for k, each in enumerate(metres) if median_low(each) < clear[k] - _MIN_FALL]
     if not seeing:
         missing = [k for k in range(len(metres)) if k not in places]
-        raise _Unclear(f"no sensor sees it; not found yet, so may be dead: {_sensors(missing)}")
+        raise _Unclear(f"no sensor sees it; not found yet, perhaps dead: {_sensors(missing)}")
     if len(seeing) > 1:
         raise _Unclear(f"{_sensors(seeing)} see it; hold something smaller, and stand aside")
     if seeing[0] in places:
-        raise _Unclear(f"sensor {seeing[0]} sees it, which looks {direction(places[seeing[0]])}")
+        raise _Unclear(f"sensor {seeing[0]} sees it, but was found {direction(places[seeing[0]])}")
     return seeing[0]
 
 
 def _error(sensor: int, metres: list[float], distance: float) -> float:
-    """What a sensor reads too much [m]."""
+    """The offset of a sensor [m]."""
     seen = [each for each in metres if math.isfinite(each)]
     if 2 * len(seen) < len(metres):
-        raise _Unclear(f"sensor {sensor} sees it too near to tell, or not all the time")
+        raise _Unclear(f"sensor {sensor} does not see it all the time, or it is too near")
     error = fmean(seen) - distance
-    if abs(error) > _MAX_ERROR:
+    if abs(error) > _MAX_OFFSET:
         raise _Unclear(f"sensor {sensor} sees it at {fmean(seen):.2f} m, not {distance:g} m")
     return error
 

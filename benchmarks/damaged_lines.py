@@ -25,7 +25,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.robot.devices.health import Answers
-from mercator_design.robot.devices.ports import DEVICES
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.sweep import Sweep
@@ -81,7 +80,7 @@ def perceived(rate: float, seconds: float, *, is_moving: bool, seed: int = 1) ->
     twin = Twin(TwinArena(_mission(), without_noise(load_robot_model("mercator")), 1), _faults(rate, seed))
     settings = Settings()
     senses, alone = (Senses(settings, ("neighbours",), settings.labels_of({})) for _ in range(2))
-    monitor = Monitor(settings.limits, senses, Answers(), dict.fromkeys(DEVICES, "/dev/tty"))
+    monitor = Monitor(settings.limits, senses, Answers(), str)
     alone.sweep = _LastTurn()
     robot, *others = twin.robots
     host, lidar = rvr.Host(), ydlidar.decoder()

@@ -202,7 +202,7 @@ class TestColor:
             return [(level, level, level)] * n
 
         assert list(warnings("gray", gray(93.0))) == []
-        assert "stand still" in next(warnings("gray", gray(80.0, 30) + gray(120.0, 30)))
+        assert "keep the robot still" in next(warnings("gray", gray(80.0, 30) + gray(120.0, 30)))
         assert "darker than usual: brightness 100, not 255" in next(warnings("white", gray(100.0)))
         assert "brighter than usual: brightness 99, not 0" in next(warnings("black", gray(99.0)))
         assert list(warnings("black", gray(0.0))) == []

@@ -215,7 +215,7 @@ class TestStop:
         assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}\n"
 
     def test_more_descriptors_than_select_knows(self, robot_command, answering, monkeypatch):
-        speaking = network._speaking
+        speaking = network._sending_socket
 
         def far():
             with speaking() as near:
@@ -224,7 +224,7 @@ class TestStop:
             return made
 
         usual = resource.getrlimit(resource.RLIMIT_NOFILE)
-        monkeypatch.setattr(network, "_speaking", far)
+        monkeypatch.setattr(network, "_sending_socket", far)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(2048, usual[0]), usual[1]))
         try:
             code, out, err = robot_command("stop", "127.0.0.1", "--port", answering[0])

@@ -150,6 +150,13 @@ def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(link, line):
         link.ask("get_battery_percentage")
 
 
+def test_the_remedy_of_a_damaged_line_names_its_port(link):
+    assert link.damage_remedy("rvr") == (
+        "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud whatever "
+        "its clock (enable_uart=1)? (rvr on /dev/serial0)"
+    )
+
+
 def test_a_few_bytes_that_make_no_sense_matter_only_where_none_does(link, line):
     noise = b"\x00\xf8\x1c"
     line.answer = lambda _commands: noise

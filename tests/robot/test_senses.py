@@ -4,7 +4,6 @@ import pytest
 
 from benchmarks.damaged_lines import perceived
 from mercator_design.robot.devices.health import Answers
-from mercator_design.robot.devices.ports import DEVICES
 from mercator_design.robot.devices.settings import Limits, Settings
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.multiflex import Distances
@@ -13,7 +12,7 @@ from mercator_design.robot.run.senses import Senses
 
 
 def monitor_of(senses, settings):
-    return Monitor(settings.limits, senses, Answers(), dict.fromkeys(DEVICES, "/dev/tty"))
+    return Monitor(settings.limits, senses, Answers(), str)
 
 
 def mean(values):
@@ -66,8 +65,7 @@ def test_what_is_not_needed_and_damaged_is_neutral():
     notes = [*monitor.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
     assert notes == [
         Note(
-            "proximity: only 28 % of what it sends arrives whole; below 50 % it counts as silent; is its USB cable "
-            "loose, too long, or beside one of a motor? (proximity on /dev/tty)",
+            "proximity: only 28 % of what it sends arrives whole; below 50 % it counts as silent; proximity",
             matters=True,
         )
     ]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DeviceName, Line
-from mercator_design.robot.devices.remedies import HEARD_BEFORE, JOINED, NEVER_HEARD, damage_remedy
+from mercator_design.robot.devices.remedies import DAMAGED_LINE, HEARD_BEFORE, JOINED, NEVER_HEARD
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.framing import Counts, Decoder
 from mercator_design.robot.protocols.rvr import Flags, Notification, Response, Unknown
@@ -122,9 +122,9 @@ class Link:
                 return answer
         raise RobotError(f"no answer; {self.remedy(device)}", device=device)
 
-    def counts(self, device: DeviceName) -> Counts:
-        """The counts of bytes that a device has sent so far."""
-        return self._decoders[device].counts
+    def counts(self) -> dict[DeviceName, Counts]:
+        """The counts of bytes that each device has sent so far."""
+        return {device: self._decoders[device].counts for device in self._lines}
 
     def port(self, device: DeviceName) -> str:
         """The name of a device's port."""
@@ -136,13 +136,13 @@ class Link:
 
     def damage_remedy(self, device: DeviceName) -> str:
         """What to check if too many bytes to or from a device are damaged, and its port."""
-        return damage_remedy(device, self.port(device))
+        return f"{DAMAGED_LINE[device]} ({device} on {self.port(device)})"
 
     def _remedy(self, device: DeviceName) -> str:
         if device == "rvr" and self._is_joined:
             return JOINED
         remedy = (HEARD_BEFORE if device in self._understood else NEVER_HEARD)[device]
-        lost = self.counts(device).lost
+        lost = self._decoders[device].counts.lost
         if lost <= (_MUCH if device in self._understood else 0):
             return remedy
         return f"{remedy} ({lost} bytes from it make no sense: another device, or another baud rate)"

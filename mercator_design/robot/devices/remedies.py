@@ -19,15 +19,10 @@ HEARD_BEFORE: Mapping[DeviceName, str] = {
     "cable loose, or is this computer too busy?",
     "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy?",
 }
-_DAMAGED: Mapping[DeviceName, str] = {
+DAMAGED_LINE: Mapping[DeviceName, str] = {
     "rvr": "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud "
     "whatever its clock (enable_uart=1)?",
     "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which sends at 128000 baud?",
     "proximity": "is its USB cable loose, too long, or beside one of a motor?",
 }
 JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
-
-
-def damage_remedy(device: DeviceName, port: str) -> str:
-    """What to check if too many bytes to or from a device are damaged, and its port."""
-    return f"{_DAMAGED[device]} ({device} on {port})"

@@ -134,7 +134,7 @@ class Settings(FromFile):
                 f"found none of {', '.join(lacking)}; "
                 f"measure with `mercator-robot calibrate color {' '.join(lacking)}`"
             )
-        return {name: _floats(measured[name]) for name in names}
+        return {name: measured[name] for name in names}
 
     def as_raced(self, header: Mapping[str, str]) -> Self:
         """These settings with the constants and the full speed in the header of an fsm.txt, if it has them.
@@ -211,8 +211,3 @@ def _from_header(header: Mapping[str, str], key: str, kind: Any, usual: Any) -> 
     if key not in header:
         return usual
     return parse(header[key], kind, error=FsmError, label=f"{key} in the header", lines=False)
-
-
-def _floats(levels: Levels) -> RGB:
-    red, green, blue = levels
-    return float(red), float(green), float(blue)

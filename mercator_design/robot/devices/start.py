@@ -145,8 +145,8 @@ def start_hub(link: Link) -> None:
         RobotError: if it does not answer, or refuses.
     """
     for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
-        said = link.exchange("proximity", command.encode, Acknowledgement, partial(_acknowledges, command))
-        if not said.ok:
+        acknowledges = partial(lambda code, event: event.code == code, command.code)
+        if not link.exchange("proximity", command.encode, Acknowledgement, acknowledges).ok:
             raise RobotError(f"command {command.code:#x} was refused", device="proximity")
 
 
@@ -154,7 +154,3 @@ def end_streaming(link: Link) -> None:
     """Stop the RVR's streaming."""
     for processor in Processor:
         link.send_command("clear_streaming_service", processor)
-
-
-def _acknowledges(command: multiflex.HubCommand, said: Acknowledgement) -> bool:
-    return said.code == command.code

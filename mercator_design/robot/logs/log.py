@@ -131,14 +131,11 @@ class Log:
     def _fail(self, why: str) -> None:
         self.failure = f"{self.path}: cannot be written: {why}"
 
-    def _queued(self) -> Iterator[LogEvent]:
-        while (event := self._events.get()) is not None:
-            yield event
-
     def _write_all(self) -> None:
         synced = time.monotonic()
+        events: Iterator[LogEvent] = iter(self._events.get, None)
         try:
-            for text in to_lines(map(to_json, self._queued())):
+            for text in to_lines(map(to_json, events)):
                 line = text.encode()
                 while line:
                     line = line[os.write(self._file, line) :]

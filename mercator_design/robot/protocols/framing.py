@@ -46,11 +46,6 @@ class Decoder(Generic[Event]):
         self._kept = b""
         self.counts = Counts()
 
-    @property
-    def lost(self) -> int:
-        """Number of bytes so far outside of valid frames."""
-        return self.counts.lost
-
     def receive(self, data: bytes) -> list[Event]:
         """Return the events that these bytes complete, in order."""
         self.counts = self.counts._replace(received=self.counts.received + len(data))

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from mercator_design.errors import RobotStopped
 from mercator_design.robot.logs.events import ClockOffset
@@ -21,13 +21,11 @@ _ARM_AHEAD = 0.05  # [s] before the first control cycle
 
 
 class AtOnce:
-    """A run that begins when its robot has started up. A context manager, like `Joint`."""
+    """A run that begins when its robot has started up."""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
+    def listening(self) -> contextlib.AbstractContextManager[object]:
+        """The context in which lines of the leader are read."""
+        return contextlib.nullcontext()
 
     @contextlib.contextmanager
     def taking_part(self, control: Control, log: Path) -> Iterator[None]:  # noqa: ARG002 - as in `Joint`
@@ -56,17 +54,12 @@ class Joint(AtOnce):
     """
 
     def __init__(self) -> None:
-        """Make one; it reads the leader's lines within its context."""
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
         self._channel = Channel(self._hear, lambda: self._stop("the thread that reads the leader's lines failed"))
 
-    def __enter__(self) -> Self:
-        self._channel.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._channel.__exit__()
+    def listening(self) -> contextlib.AbstractContextManager[object]:
+        return self._channel
 
     @contextlib.contextmanager
     def taking_part(self, control: Control, log: Path) -> Iterator[None]:

@@ -17,7 +17,6 @@ from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, start_hub, start_lidar, stop_lidar, stop_rvr, wake_rvr
-from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.rvr import Notification, Response
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, lights
 from mercator_design.robot.protocols.rvr_streaming import streaming
@@ -70,14 +69,12 @@ class Mercator:
         self.senses = Senses(settings, reads, labels)
         lines = {device: Line(device, port) for device, port in ports.items()}
         self._link = Link(lines.values())
-        self._lidar, self._has_hub, self._devices = lines.get("lidar"), "proximity" in lines, [*lines]
+        self._lidar, self._has_hub = lines.get("lidar"), "proximity" in lines
         self._settings = settings
         self._do_commands_end = False
         self._queried = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
-        self.monitor = Monitor(
-            settings.limits, self.senses, self._link.answers, {device: self._link.port(device) for device in lines}
-        )
+        self.monitor = Monitor(settings.limits, self.senses, self._link.answers, self._link.damage_remedy)
         self.facts: dict[str, Any] = {}
         self.notes = Notes()
         self.stop_failure = ""
@@ -115,7 +112,7 @@ class Mercator:
             self._add_notes(self.monitor.take(heard.event))
             if isinstance(heard.event, Response) and heard.event.name == _DRIVE and heard.event.error:
                 self._refuse_drive(heard.event.error)
-        self._add_notes(self.monitor.look(time.monotonic(), self._counts()))
+        self._add_notes(self.monitor.look(time.monotonic(), self._link.counts()))
         return taken
 
     def _add_notes(self, notes: Iterable[Note]) -> None:
@@ -129,12 +126,9 @@ class Mercator:
             raise RobotStopped(f"rvr: it does not drive: {words(error)}; switch it off and on (rvr on {port})")
         self._link.answers.repeated += self.brake.repeat()
 
-    def _counts(self) -> dict[DeviceName, Counts]:
-        return {device: self._link.counts(device) for device in self._devices}
-
     def lines(self) -> dict[DeviceName, list[float]]:
         """The numbers of each line, as `Monitor.lines`."""
-        return self.monitor.lines(self._counts())
+        return self.monitor.lines(self._link.counts())
 
     def readings(self) -> Readings:
         """The present readings; those of a stale sensor are neutral.

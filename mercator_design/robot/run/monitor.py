@@ -16,7 +16,6 @@ from mercator_design.robot.devices.health import (
 )
 from mercator_design.robot.devices.link import Event, words
 from mercator_design.robot.devices.ports import DeviceName
-from mercator_design.robot.devices.remedies import damage_remedy
 from mercator_design.robot.devices.settings import Limits
 from mercator_design.robot.devices.sweep import MIN_READINGS
 from mercator_design.robot.protocols.framing import Counts
@@ -66,17 +65,19 @@ class Monitor:
     battery: Charge as text; empty until the RVR sends it.
     """
 
-    def __init__(self, limits: Limits, senses: Senses, answers: Answers, ports: Mapping[DeviceName, str]) -> None:
+    def __init__(
+        self, limits: Limits, senses: Senses, answers: Answers, damage_remedy: Callable[[DeviceName], str]
+    ) -> None:
         """Make one, before the first event.
 
         Args:
             limits: The robot's limits.
             senses: The robot's senses, with the damage of the lines.
             answers: Counts of the RVR's answers to commands.
-            ports: Names of the devices' ports.
+            damage_remedy: Returns what to check if the line of a device is damaged.
         """
         self.battery = ""
-        self._senses, self._answers, self._ports = senses, answers, ports
+        self._senses, self._answers, self._remedy = senses, answers, damage_remedy
         self._rvr = RvrHealth(limits)
         self._answered = LineHealth(limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
         self._is_blind = False
@@ -126,7 +127,7 @@ class Monitor:
         is_worse, answered = line.look(now, answers.lost, answers.all), "of the commands to it are answered"
         if line.is_broken:
             limit = f"the limit is {percent(line.min_share)}"
-            raise RobotStopped(f"rvr: only {percent(line.share)} {answered}; {limit}; {self.damage_remedy('rvr')}")
+            raise RobotStopped(f"rvr: only {percent(line.share)} {answered}; {limit}; {self._remedy('rvr')}")
         yield from self._changed("rvr", line, is_worse, answered, "the robot stops")
         self._rvr.look(now)
 
@@ -137,12 +138,8 @@ class Monitor:
         if is_worse is None:
             return
         found = f"{percent(line.share)} {of_what}"
-        below = f"below {percent(line.min_share)} {consequence}; {self.damage_remedy(device)}"
+        below = f"below {percent(line.min_share)} {consequence}; {self._remedy(device)}"
         yield Note(f"{device}: {f'only {found}; {below}' if is_worse else f'{found} again'}", matters=True)
-
-    def damage_remedy(self, device: DeviceName) -> str:
-        """What to check if too many bytes to or from a device are damaged, and its port."""
-        return damage_remedy(device, self._ports[device])
 
     def lines(self, counts: Mapping[DeviceName, Counts]) -> dict[DeviceName, list[float]]:
         """The numbers of each device's line, in the order of `LINES` (logs/events.py)."""

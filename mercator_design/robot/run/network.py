@@ -140,7 +140,7 @@ class Speaker:
     def __init__(self, hosts: Iterable[str], port: int) -> None:
         """Begin to look up the hosts of the robots; a broadcast address reaches all robots of a network."""
         self._port = port
-        self._sockets = {host: _socket() for host in hosts}
+        self._sockets = {host: _sending_socket() for host in hosts}
         self._waiting = select.poll()  # select takes no more than 1024 descriptors
         for each in self._sockets.values():
             self._waiting.register(each, select.POLLIN)
@@ -224,7 +224,7 @@ class Speaker:
         return f"{host}: no answer on UDP port {self._port}"
 
 
-def _socket() -> socket.socket:
+def _sending_socket() -> socket.socket:
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     found.setblocking(False)

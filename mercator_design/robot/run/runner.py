@@ -80,7 +80,7 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
         report(
             "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
         )
-    with begins, in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
+    with begins.listening(), in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):
             log.begin(_start(settings, what, control.robot.facts, begins.clock()))

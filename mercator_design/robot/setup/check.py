@@ -8,7 +8,7 @@ from typing import Any
 
 from mercator_design.robot.devices.findings import DeviceCheck, Finding, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
-from mercator_design.robot.devices.link import Event, Link
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import DeviceName, Line, PortNames, sharing
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
@@ -172,13 +172,14 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     level = words["battery"]
     yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
-    echoes, asked, before = 0, round(_DURATION / _ECHO_EVERY), link.counts("rvr")
+    echoes, asked, before = 0, round(_DURATION / _ECHO_EVERY), link.counts()["rvr"]
     try:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
         for _ in range(asked):
             link.send_command("echo", data=_ECHO)
-            echoes += sum(_is_echo(event) for event, _ in link.poll(time.monotonic() + _ECHO_EVERY))
+            events = [event for event, _ in link.poll(time.monotonic() + _ECHO_EVERY)]
+            echoes += sum(isinstance(each, Response) and each.values.get("data") == _ECHO for each in events)
     finally:
         end_streaming(link)
     yield _of_line("rvr", settings, link, before)
@@ -186,10 +187,6 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     is_fine = echoes >= asked * warning_share(min_share)  # as a run warns; it counts answers to commands
     advice = "" if is_fine else f"; a run stops below {percent(min_share)}; {link.damage_remedy('rvr')}"
     yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
-
-
-def _is_echo(event: Event) -> bool:
-    return isinstance(event, Response) and event.name == "echo" and event.values.get("data") == _ECHO
 
 
 def _of_motors(heat: Mapping[str, Any]) -> Finding:
@@ -201,7 +198,7 @@ def _of_motors(heat: Mapping[str, Any]) -> Finding:
 
 def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None) -> Finding:
     """The finding on a device's line: the share of its data that arrived whole since the counts `before`."""
-    received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts(device), strict=True))
+    received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts()[device], strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
     whole = 1.0 - missing / max(of_all, 1)
     min_share: float = getattr(settings.limits, f"{device}_whole")
@@ -226,7 +223,7 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
     turns, sweep = Turns(), Sweep()
     try:
         next(_sights(link, turns, sweep), None)  # the motor starts
-        before, begin = link.counts("lidar"), sweep.swept
+        before, begin = link.counts()["lidar"], sweep.swept
         sights = [*_sights(link, turns, sweep)]
     finally:
         stop_lidar(link, line)
@@ -261,7 +258,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     link = Link([line])
     start_hub(link)
     link.discard()
-    before = link.counts("proximity")
+    before = link.counts()["proximity"]
     heard = link.poll(time.monotonic() + _DURATION)
     found = [(event, now) for event, now in heard if isinstance(event, Distances)]
     yield _of_line("proximity", settings, link, before)

@@ -67,11 +67,8 @@ class Recorder:
                 self._log.note(SampleTaken(time=self._since_start(now), sensor=name, values=values))
             if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
                 self.count += 1
-                readings = tuple((self._turned(angle), round(reach, 5)) for angle, reach in turn)
+                readings = tuple((round((angle + self._front) % math.tau, 5), round(reach, 5)) for angle, reach in turn)
                 self._log.note(TurnTaken(time=self._since_start(now), readings=readings))
-
-    def _turned(self, angle: float) -> float:
-        return round((angle + self._front) % math.tau, 5)
 
 
 def record(

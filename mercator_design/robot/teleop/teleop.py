@@ -123,11 +123,8 @@ def _drive(
 def _status(robot: Mercator, settings: Settings, now: float) -> str:
     """Battery, label of the ground, distances [cm] counter-clockwise from the front, and the oldest sample."""
     limits, senses = settings.limits, robot.senses
-    ages = {
-        "rvr": senses.age("attitude", now),
-        "hub": senses.age("proximity", now),
-        "lidar": senses.age("lidar", now),
-    }
+    samples = {"rvr": "attitude", "hub": "proximity", "lidar": "lidar"}
+    ages = {name: senses.age(sample, now) for name, sample in samples.items()}
     ground = senses.label() if senses.age("ground", now) <= limits.rvr else "?"
     around = [math.nan] * len(settings.proximity_angles)
     if ages["hub"] <= limits.proximity:

@@ -294,8 +294,8 @@ def find(devices, ask, distance=None):
         ask(text)
         settle(devices)
 
-    with hub(devices.names) as sensors:
-        return proximity_calibration.calibrate(sensors, RING, distance, 1.0, question, said.append), said
+    with hub(devices.names) as link:
+        return proximity_calibration.calibrate(link, RING, distance, 1.0, question, said.append), said
 
 
 class TestProximity:
@@ -366,10 +366,10 @@ class TestProximity:
             find(devices, Hand(devices))
 
     def test_a_hub_that_falls_silent(self, devices):
-        with hub(devices.names) as sensors:
+        with hub(devices.names) as link:
             devices.silent.add("proximity")
             with pytest.raises(RobotError, match=r"proximity: 0 measurements in 0.5 s; it was heard before"):
-                sensors.measure(0.5)
+                proximity_calibration.measured(link, 0.5)
 
     def test_offsets_are_taken_from_what_a_robot_senses(self, devices):
         devices.measured["proximity"] = [0.312, 0.055, 0.02, *CLEAR[3:]]

@@ -76,9 +76,9 @@ def proximity(robot: Path | None, distance: float | None, seconds: float) -> Non
     if robot is not None:
         offsets = {} if distance is None else {"proximity_offsets": settings.proximity_offsets}
         check_changeable(robot, proximity_angles=settings.proximity_angles, **offsets)
-    with Signals().caught(), hub(settings.ports) as sensors:
+    with Signals().caught(), hub(settings.ports) as link:
         found = proximity_calibration.calibrate(
-            sensors, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=sensors.attend), print_message
+            link, settings.proximity_angles, distance, seconds, partial(ask, meanwhile=link.discard), print_message
         )
     offsets = {} if found.offsets is None else {"proximity_offsets": found.offsets}
     _write(robot, proximity_angles=tuple(round(angle, 4) for angle in found.angles), **offsets)

@@ -64,11 +64,7 @@ class Link:
         self._is_joined = False  # whether the RVR's port receives what it sends
 
     def send(self, device: DeviceName, data: bytes) -> None:
-        """Send bytes to a device.
-
-        Raises:
-            Stopped: if the port is lost.
-        """
+        """Send bytes to a device; errors are those of `Line.write`."""
         self._sent = data
         self._lines[device].write(data)
 

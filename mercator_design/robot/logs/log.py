@@ -185,13 +185,11 @@ def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
             lines = iter(lambda: file.readline(_MAX_LINE), b"")
             for number, line in enumerate(lines, start=1):
                 try:
-                    data = from_line(line)
+                    event = reader.read(from_line(line))
                 except ValueError as error:
                     if number > 1 and not line.endswith(b"\n") and next(lines, None) is None:
                         return
                     raise RobotError(f"{path}, line {number}: {error}") from None
-                try:
-                    event = reader.read(data)
                 except RobotError as error:
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 yield event

@@ -286,7 +286,9 @@ class Leader:
         self._at = self._now + LEAD
         for name, robot in self._robots.items():
             robot.difference = found = robot.clock.difference
-            self._out.append((name, self._offer(found)))
+            at, offset = self._at - found.offset, found.offset + day_of(self._now) - self._now
+            line = to_line("start", at=at, host=self._host, offset=offset, uncertainty=found.uncertainty)
+            self._out.append((name, line))
         yield self._has_said("accepted"), self._now + _ANSWER_LIMIT, "it did not accept the start in time"
         self._send_all("go")
         yield self._has_said("going"), self._now + _ANSWER_LIMIT, "it did not confirm the start in time"
@@ -305,12 +307,6 @@ class Leader:
             "it did not confirm that it runs; it may run on",
         )
         self.is_over = True
-
-    def _offer(self, found: Difference) -> str:
-        offset = found.offset + day_of(self._now) - self._now
-        return to_line(
-            "start", at=self._at - found.offset, host=self._host, offset=offset, uncertainty=found.uncertainty
-        )
 
     def _send_all(self, say: str) -> None:
         self._out += [(name, to_line(say)) for name in self._robots]

@@ -216,7 +216,10 @@ class Orders:
         for lights, colour in zip(_LIGHTS_OF, message.led_colors, strict=True):
             found = colour.r, colour.g, colour.b
             if not all(0.0 <= level <= 255.0 for level in found):
-                self._ignore(f"{LEDS}: expected levels from 0 to 255, found {found}; ignored")
+                ignored = f"{LEDS}: expected levels from 0 to 255, found {found}; ignored"
+                if ignored != self._ignored:
+                    self._ignored = ignored
+                    self._report(ignored)
                 return
             red, green, blue = map(int, found)
             colours |= dict.fromkeys(lights, (red, green, blue))
@@ -226,11 +229,6 @@ class Orders:
         """The ordered speeds at a time [s]; zero if the last message is too old."""
         came, left, right = self._speeds
         return (left, right) if now - came <= self._silence else (0.0, 0.0)
-
-    def _ignore(self, why: str) -> None:
-        if why != self._ignored:
-            self._ignored = why
-            self._report(why)
 
 
 class Reports:

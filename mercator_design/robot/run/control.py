@@ -71,11 +71,7 @@ class Control:
         self._heard, self._late = time.monotonic(), 0.0
 
     def arm(self) -> None:
-        """Require regular commands to the wheels from now on, and heartbeats if the settings want them.
-
-        Raises:
-            RobotError: as `await_heartbeat` and `refresh`.
-        """
+        """As `await_heartbeat` and `refresh`; from now on commands to the wheels, and heartbeats, must be regular."""
         self.await_heartbeat()
         self.refresh()
         self._watchdog.arm()

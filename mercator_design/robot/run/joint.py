@@ -102,11 +102,7 @@ class Joint(AtOnce):
         return self._follower.at
 
     def begin(self, now: float, cycle: float) -> None:
-        """As `AtOnce.begin`.
-
-        Raises:
-            Stopped: if it must not begin.
-        """
+        """As `AtOnce.begin`; raises `Stopped` if the run must not begin."""
         with self._lock:
             self._say(self._follower.begin(now, cycle))
             why = self._follower.why

@@ -140,11 +140,7 @@ class Mercator:
         return self.senses.readings(time.monotonic())
 
     def check_ages(self) -> None:
-        """Check that no sense that is needed is stale.
-
-        Raises:
-            Stopped: if a sense that is needed is stale.
-        """
+        """Raise `Stopped` if a sense that is needed is stale."""
         for why in self.stale(time.monotonic()).values():
             raise RobotStopped(why)
 
@@ -167,11 +163,7 @@ class Mercator:
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 
     def query(self) -> None:
-        """Query battery and motors every `QUERY_EVERY`; this keeps the RVR awake and shows that it receives commands.
-
-        Raises:
-            Stopped: if the port is lost.
-        """
+        """Query battery and motors every `QUERY_EVERY`: this keeps the RVR awake, and its answers show damage."""
         if time.monotonic() - self._queried > QUERY_EVERY:
             self._queried = time.monotonic()
             for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -21,7 +22,7 @@ from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
 from mercator_design.robot.run.joint import AtOnce
 from mercator_design.robot.run.senses import why_device_is_needed
-from mercator_design.robot.run.service import notify, until_stopping
+from mercator_design.robot.run.service import notify
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,12 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
         report(
             "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
         )
-    with begins.listening(), in_control(settings, pfsm.reads, labels, log, what.without) as control, until_stopping():
+    with (
+        begins.listening(),
+        in_control(settings, pfsm.reads, labels, log, what.without) as control,
+        ExitStack() as ending,
+    ):
+        ending.callback(notify, STOPPING=1, STATUS="stopped, shuts down")
         control.robot.facts["floor"] = " or ".join(labels)
         with begins.taking_part(control, path):
             log.begin(_start(settings, what, control.robot.facts, begins.clock()))

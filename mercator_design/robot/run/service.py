@@ -3,7 +3,6 @@
 import contextlib
 import os
 import socket
-from collections.abc import Iterator
 
 
 def notify(**states: str | int) -> None:
@@ -15,12 +14,3 @@ def notify(**states: str | int) -> None:
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as speaking:
         speaking.setblocking(False)
         speaking.sendto(message.encode(), address.replace("@", "\0", 1) if address[0] == "@" else address)
-
-
-@contextlib.contextmanager
-def until_stopping() -> Iterator[None]:
-    """A context at whose end systemd is notified that the service stops."""
-    try:
-        yield
-    finally:
-        notify(STOPPING=1, STATUS="stopped, shuts down")

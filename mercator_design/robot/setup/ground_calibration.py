@@ -131,11 +131,7 @@ def spread(found: Sequence[RGB]) -> float:
 
 
 def check_light(name: ColourName, found: Sequence[RGB]) -> None:
-    """Check that the sensor sees the floor.
-
-    Raises:
-        RobotError: if a colour that is not black reads as nothing.
-    """
+    """Raise a RobotError if a colour that is not black reads as nothing."""
     if fmean(COLOURS[name]) > _DARK > fmean(mean(found)):
         raise RobotError(f"ground: {name} reads as nothing; is the sensor's lamp on, and the robot on the floor?")
 

@@ -255,15 +255,11 @@ def _refuse_foreign(places: Iterable[Path], root: Path) -> None:
         if not Path(os.path.realpath(path)).is_relative_to(root):
             raise RobotError(f"{path}: a link leads out of {root}")
         with _permitted(path):
-            if path.exists() and not _is_ours(path):
+            is_ours = not path.exists()
+            with contextlib.suppress(Unreadable):
+                is_ours = is_ours or read_small(path, 2**20).startswith(_OURS.encode())
+            if not is_ours:
                 raise RobotError(f"{path}: not written by mercator-robot; move it away")
-
-
-def _is_ours(path: Path) -> bool:
-    try:
-        return read_small(path, 2**20).startswith(_OURS.encode())
-    except Unreadable:
-        return False
 
 
 @contextlib.contextmanager

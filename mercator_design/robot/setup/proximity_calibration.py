@@ -35,35 +35,25 @@ class _Unclear(Exception):  # noqa: N818 - it leads to another attempt
     """A measurement is not clear and has to be repeated."""
 
 
-class CalibrationHub:
-    """The hub with all sensors on."""
+def measured(hub: Link, seconds: float) -> list[list[float]]:
+    """The distances [m] of each sensor in the next seconds, as `Distances.metres`.
 
-    def __init__(self, link: Link) -> None:
-        self._link = link
-
-    def attend(self) -> None:
-        """Read the hub's events."""
-        self._link.discard()
-
-    def measure(self, seconds: float) -> list[list[float]]:
-        """The distances [m] of each sensor in the next seconds, as `Distances.metres`.
-
-        Raises:
-            RobotError: if there are too few, a sensor is off, or the port is lost.
-        """
-        self.attend()
-        found = [event for event, _ in self._link.poll(time.monotonic() + seconds) if isinstance(event, Distances)]
-        if len(found) < _MIN_SAMPLES:
-            raise RobotError(f"proximity: {len(found)} measurements in {seconds:g} s; {self._link.remedy('proximity')}")
-        by_sensor = [list(metres) for metres in zip(*(each.metres() for each in found), strict=True)]
-        if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
-            raise RobotError(f"proximity: the hub reports as not plugged in: {_sensors(off)}")
-        return by_sensor
+    Raises:
+        RobotError: if there are too few, a sensor is off, or the port is lost.
+    """
+    hub.discard()
+    found = [event for event, _ in hub.poll(time.monotonic() + seconds) if isinstance(event, Distances)]
+    if len(found) < _MIN_SAMPLES:
+        raise RobotError(f"proximity: {len(found)} measurements in {seconds:g} s; {hub.remedy('proximity')}")
+    by_sensor = [list(metres) for metres in zip(*(each.metres() for each in found), strict=True)]
+    if off := [k for k, metres in enumerate(by_sensor) if any(map(math.isnan, metres))]:
+        raise RobotError(f"proximity: the hub reports as not plugged in: {_sensors(off)}")
+    return by_sensor
 
 
 @contextlib.contextmanager
-def hub(ports: PortNames) -> Iterator[CalibrationHub]:
-    """The hub of a robot.
+def hub(ports: PortNames) -> Iterator[Link]:
+    """The link to the hub of a robot, with all sensors on.
 
     Raises:
         RobotError: if it cannot be used.
@@ -71,11 +61,11 @@ def hub(ports: PortNames) -> Iterator[CalibrationHub]:
     with open_port("proximity", ports.proximity) as port:
         link = Link([Line("proximity", port)])
         start_hub(link)
-        yield CalibrationHub(link)
+        yield link
 
 
 def calibrate(
-    hub: CalibrationHub,
+    hub: Link,
     angles: Sequence[float],
     distance: float | None,
     seconds: float,
@@ -85,7 +75,7 @@ def calibrate(
     """Find each sensor by an object that the user holds before it.
 
     Args:
-        hub: The hub.
+        hub: The link to the hub.
         angles: Angles of the sensors [rad], in any order.
         distance: Distance of the object from the sensor [m]; None: about 0.3 m, and offsets are not measured.
         seconds: Duration of each measurement.
@@ -102,7 +92,7 @@ def calibrate(
             ask(what)
             tries += 1
             try:
-                return judge(hub.measure(seconds))
+                return judge(measured(hub, seconds))
             except _Unclear as unclear:
                 if tries == _TRIES:
                     raise RobotError(f"proximity: after {_TRIES} attempts: {unclear}") from None

@@ -91,7 +91,7 @@ def starts(scene: Scene, waiting: np.ndarray, generator: np.random.MT19937) -> n
             radius, angle = RADIUS * max(a, b), 2.0 * math.pi * min(a, b) / max(a, b)
             candidate = places(np.array([[radius * math.cos(angle), radius * math.sin(angle), 2.0 * math.pi * turn]]))
             if not compiled(first_free)(
-                candidate, others, len(others), scene.walls, scene.boxes, scene.half_length, scene.half_width, False
+                candidate, others, scene.walls, scene.boxes, scene.half_length, scene.half_width, False
             ):
                 placed[i] = candidate
                 break

@@ -1,4 +1,4 @@
-"""Values at the end of a way of fields, as `drive.maximum_speed`, in frozen records (dataclasses and NamedTuples)."""
+"""Values in frozen records (dataclasses and NamedTuples) by the path of their fields, as `drive.maximum_speed`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from mercator_design.config.schema import Kind, fields_of, is_record
 
 
 def as_spelt(record: object, way: str) -> str:
-    """A way in the spelling of its fields."""
+    """A path in the spelling of the fields."""
     names: list[str] = []
     for word in way.split("."):
         kind: Kind = type(record)
@@ -20,7 +20,7 @@ def as_spelt(record: object, way: str) -> str:
 
 
 def mistakes_in(bounds: Mapping[str, tuple[float, float]], record: object) -> Iterator[str]:
-    """What is wrong with bounds of values, by the way to each of them."""
+    """The mistakes in bounds of values; keys are paths."""
     ways: set[str] = set()
     for key, (low, high) in bounds.items():
         way = as_spelt(record, key)
@@ -34,14 +34,14 @@ def mistakes_in(bounds: Mapping[str, tuple[float, float]], record: object) -> It
 
 
 def _value_at(record: object, way: str) -> object:
-    """What a record has at the end of a way, or None."""
+    """The value at a path in a record, or None."""
     for name in way.split("."):
         record = getattr(record, name, None)
     return record
 
 
 def replaced(record: Any, way: Sequence[str], value: float) -> Any:  # noqa: ANN401 - any record
-    """A record with another value at the end of a way, which must be there."""
+    """A record with another value at a path, which must exist."""
     name, *rest = way
     new = replaced(getattr(record, name), rest, value) if rest else value
     return record._replace(**{name: new}) if hasattr(record, "_replace") else replace(record, **{name: new})

@@ -1,4 +1,4 @@
-"""The labels of ground sensors: which colours the robots of a mission distinguish on its floor."""
+"""The labels of ground sensors: the colours that the robots of a mission distinguish on its floor."""
 
 import itertools
 from collections.abc import Collection
@@ -15,16 +15,16 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Gaussian, Ground
 
 _READINGS = 2_000
-"""Drawn of each colour, to see what noise makes of it."""
+"""Number of readings drawn for each colour, to estimate the effect of noise."""
 
 
 def simulated_labels(floor: Floor, model: RobotModel) -> tuple[ColourName, ...]:
-    """The labels in the order of COLOURS; none if readings of the ground count as measured."""
+    """The labels in the order of COLOURS; none if robots use ground readings as measured."""
     return robot_labels(floor, model) if model.ground is not None and model.ground.labels is not None else ()
 
 
 def robot_labels(floor: Floor, model: RobotModel) -> tuple[ColourName, ...]:
-    """The labels that a robot on the floor has, in the order of COLOURS: those of its model, or of the floor."""
+    """The labels of a robot on the floor, in the order of COLOURS: those of its model, or of the floor."""
     chosen = model.ground.labels if model.ground is not None else None
     return _in_order(chosen) if isinstance(chosen, tuple) else floor_labels(floor)
 
@@ -53,15 +53,15 @@ def label_of(labels: tuple[ColourName, ...], levels: RGB) -> ColourName:
 
 
 def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.generic]) -> dict[ColourName, float]:
-    """The share of readings that count as another label because of noise.
+    """The share of readings that count as a wrong label because of noise.
 
     Args:
-        labels: Of the device.
-        device: A robot's ground sensors, which all see the same colour at a time.
-        colours: (n, 3) red, green and blue of what they see, each as often as the others; n is at most 2000.
+        labels: The labels of the device.
+        device: The ground sensors of a robot; all see the same colour at a time.
+        colours: (n, 3) red, green and blue of the colours, which are equally frequent; n is at most 2000.
 
     Returns:
-        The labels that readings count as by mistake, each with the share of all readings, the most frequent first.
+        Each wrong label with its share of all readings, in descending order.
     """
     if device.noise is None:
         return {}
@@ -80,12 +80,12 @@ def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.
 
 
 def level_row(names: tuple[ColourName, ...]) -> Floats:
-    """Red, green and blue of each name (3 * names,), as `nearest_label` wants them."""
+    """Red, green and blue of each name (3 * names,), for `nearest_label`."""
     return np.array(list(itertools.chain.from_iterable(COLOURS[name] for name in names)))
 
 
 def _nearest(levels: NDArray[np.generic]) -> set[ColourName]:
-    """Those of LABELS that are the nearest to at least one of the colours (n, 3)."""
+    """Those of LABELS that are nearest to at least one of the colours (n, 3)."""
     found = np.zeros(len(LABELS), dtype=np.bool_)
     if len(levels):
         compiled(_mark_nearest)(level_row(LABELS), levels, found)

@@ -91,7 +91,7 @@ class RobotModel(FromFile):
         return self.drive.maximum_speed + spin * self.body.corner
 
     def drawn(self, random: np.random.Generator) -> "RobotModel":
-        """The robot model of one instance: what varies has values drawn uniformly between its bounds."""
+        """The robot model of one instance; the values of `vary` are drawn uniformly between their bounds."""
         model: RobotModel = self
         for key, (low, high) in (self.vary or {}).items():
             model = replaced(model, key.split("."), float(random.uniform(low, high)))
@@ -99,17 +99,17 @@ class RobotModel(FromFile):
 
     @property
     def sees_colours(self) -> bool:
-        """Whether it perceives the ground in colours, not only how bright it is."""
+        """Whether the robot perceives the colour of the ground, not only the brightness."""
         return self.ground is not None and not self.ground.gray and self.reference_model.ground_vote_cycles == 0.0
 
     @property
     def senses(self) -> frozenset[str]:
-        """Which of the senses that modules read it has."""
+        """The senses of modules that the robot has."""
         return frozenset(sense for sense in SENSES if getattr(self, sense) is not None)
 
 
 def load_robot_model(name_or_path: str) -> RobotModel:
-    """A robot model by the name of a shipped one, or by path.
+    """A robot model by path, or a shipped one by its name.
 
     Raises:
         MissionError: if there is none, or it is not valid.
@@ -117,7 +117,7 @@ def load_robot_model(name_or_path: str) -> RobotModel:
     path = shipped.find(name_or_path, shipped.robot_models(), "robot model")
     model = _read(path)
     for key, bounds in (model.vary or {}).items():
-        for value in bounds:  # whether each may be
+        for value in bounds:  # check that each is valid
             override = f"{key}={value!r}"
             try:
                 _read(path, overrides=(override,))

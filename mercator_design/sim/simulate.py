@@ -9,7 +9,7 @@ import numpy as np
 import pymunk
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import FsmError, MissionError, SimulationError
+from mercator_design.errors import FsmError, MissionError, SimulationError, described
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
@@ -39,7 +39,7 @@ class Outcome:
 
     @property
     def history(self) -> History:
-        """The trace of the experiment."""
+        """The record of the experiment."""
         return self.recording.history
 
 
@@ -144,7 +144,7 @@ class Simulator:
             place = line_of(error)
             if not place:  # of no plugin's kernel
                 raise
-            raise MissionError(f"{place}what changes the floor: {type(error).__name__}: {error!s:.300}") from error
+            raise MissionError(f"{place}floor dynamic: {described(error)}") from error
         start = instance.scene._replace(floor=floor)
         recording = Recording(
             instance.robot_model, start, history, instance.swarm.noise_keys, self.mission.control_period

@@ -1,4 +1,4 @@
-"""Makes the `Scene`: all that is equal in all instances of a mission, as numbers for the kernels."""
+"""Makes the `Scene`: the part that is equal in all instances of a mission, as numbers for the kernels."""
 
 import math
 from collections.abc import Sequence
@@ -66,7 +66,7 @@ def _box_row(box: Box) -> list[float]:
 
 
 def noise_row(noise: Noise) -> Floats:
-    """Noise as the kernels want it (3,): see noise.py."""
+    """Noise as numbers for the kernels (3,): see noise.py."""
     if isinstance(noise, Gaussian):
         return np.array([GAUSSIAN, noise.mean, noise.sd])
     if isinstance(noise, Uniform):
@@ -132,7 +132,7 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
     everyone = range(mission.robots)
 
     def sensed(kind: Literal["lamp", "beacon"]) -> Flags:
-        """Who senses which light (lights, robots), with a device for this kind."""
+        """Which light (lights, robots) each robot senses with a device for this kind."""
         rows = [
             [light.kind in {None, kind} and robot in (light.seen_by or everyone) for robot in everyone]
             for light in lights

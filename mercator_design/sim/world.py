@@ -1,6 +1,6 @@
 """Makes instances: the floor, starting poses, random streams and pymunk space of a seed.
 
-staging.py makes what is equal in all instances of a mission.
+staging.py makes the part that is equal in all instances of a mission.
 """
 
 import math
@@ -16,21 +16,22 @@ from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement
 from mercator_design.seeds import generator, stream_keys
-from mercator_design.sim.kernels.chipmunk import ChipmunkRobot, new_robot
+from mercator_design.sim.kernels.chipmunk import ChipmunkRobot
 from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import DiscBody
 from mercator_design.sim.staging import new_scene
 
-_TRIALS_A_ROBOT = 1000  # poses tried for one robot before all are placed anew, as in the original
-_TRIALS = 300_000  # poses tried in all: half a second
+_MAX_TRIALS_OF_ROBOT = 1000  # poses tried for one robot before all are placed again, as in the original
+_MAX_TRIALS = 300_000  # poses tried in all: half a second
 _BATCH = 20  # poses tried at a time
 
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """An instance for one run, which changes it: robots move, and the floor may change."""
+    """An instance for one run. The run changes it: robots move, and the floor may change."""
 
     robot_model: RobotModel
     space: pymunk.Space  # the arena; robots enter it when they come close to something
@@ -50,7 +51,7 @@ class World:
     def __init__(self, mission: Mission, robot_model: RobotModel) -> None:
         self.mission = mission
         self.robot_model = robot_model
-        # A cycle is divided evenly.
+        # Cycles are divided evenly.
         self._sub_steps = math.ceil(mission.control_period / robot_model.physics.time_step - 1e-9)
         self._scene = new_scene(mission, robot_model, self._sub_steps)
         boxes = [box.corners() for box in mission.arena.obstacles]
@@ -71,7 +72,7 @@ class World:
             )
 
     def _check_steps(self) -> None:
-        """Check the time step: bodies are pushed apart correctly only if they overlap by less than half."""
+        """Check the time step: Chipmunk separates bodies correctly only if they overlap by less than half."""
         model = self.robot_model
         travel = model.fastest * self.mission.control_period / self._sub_steps
         if travel > 0.5 * min(model.body.half_size):
@@ -81,7 +82,7 @@ class World:
             )
 
     def _check_walls(self) -> None:
-        """Check that the outer walls do not reach into the arena at another place."""
+        """Check that no outer wall, with its thickness, extends into another part of the arena."""
         slabs = self._wall_corners()
         just_within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
         outer = just_within[:, 2:].reshape(-1, 2)
@@ -93,22 +94,19 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The instance of a seed."""
-        floor = self.mission.realise_floor(generator(seed, "floor"))  # its own, which may change
+        floor = self.mission.realise_floor(generator(seed, "floor"))  # a copy of its own, which may change
         poses = self._places(generator(seed, "placement"), seed)
         n = self.mission.robots
+        scene = self._scene._replace(floor=floor)
         swarm = new_swarm(
-            poses=poses,
+            scene,
+            self.robot_model.reference_model,
+            poses,
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
-            model=self.robot_model.reference_model,
-            sensors=len(self._scene.proximity.directions_x),
-            light_sensors=len(self._scene.light.directions_x),
-            beams=len(self._scene.lidar.beams_x) if self._scene.neighbours.by_lidar else 0,
         )
         robots = [self._robot() for _ in poses]
-        return Instance(
-            self.robot_model, self._empty_space(), robots, self._scene._replace(floor=floor), swarm, self._zone_rows
-        )
+        return Instance(self.robot_model, self._empty_space(), robots, scene, swarm, self._zone_rows)
 
     def _empty_space(self) -> pymunk.Space:
         """The arena without robots."""
@@ -123,7 +121,7 @@ class World:
         return space
 
     def _wall_corners(self) -> Floats:
-        """The outer walls (walls, 4, 2): the two corners of the inner face, then those outside."""
+        """The outer walls (walls, 4, 2): the two corners of the inner face, then the outer ones."""
         walls = self._scene.walls
         starts, ends = walls[:, :2], np.roll(walls[:, :2], -1, axis=0)
         outwards = -WALL_THICKNESS * walls[:, 4:6]
@@ -132,58 +130,65 @@ class World:
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""
         mission, body = self.mission, self.robot_model.body
-        trials = most = 0
-        while trials < _TRIALS:
+        trials = best = 0
+        while trials < _MAX_TRIALS:
             placed = np.empty((mission.robots, 5))
             for i in range(mission.robots):
                 found, tried = self._place(random, placed, i)
                 trials += tried
-                if found is None or trials > _TRIALS:
+                if found is None or trials > _MAX_TRIALS:
                     break
                 placed[i] = found
             else:
                 return placed[:, [0, 1, 4]]
-            most = max(most, i)
+            best = max(best, i)
             if isinstance(mission.placement, FixedPlacement):
                 raise MissionError(
                     f"{mission.where(f'placement.poses[{i}]')}: a robot there touches a wall, a box or another robot"
                 )
         raise MissionError(
-            f"{mission.where('placement')}: the robots do not fit: at seed {seed}, {most} of {mission.robots} found "
+            f"{mission.where('placement')}: the robots do not fit: at seed {seed}, {best} of {mission.robots} found "
             f"a free place of {body.measures} within the placement; use fewer robots, or a larger arena or placement"
         )
 
     def _place(self, random: np.random.Generator, placed: Floats, i: int) -> tuple[Floats | None, int]:
-        """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and how many were tried."""
+        """A free place (5,) for robot i (x, y, cosine and sine of the heading, heading), and the number of trials."""
         scene, placement = self._scene, self.mission.placement
-        batches = 1 if isinstance(placement, FixedPlacement) else _TRIALS_A_ROBOT // _BATCH
+        batches = 1 if isinstance(placement, FixedPlacement) else _MAX_TRIALS_OF_ROBOT // _BATCH
         others = np.vstack([placed[:i], self._waiting[i + 1 :]])
         for batch in range(1, batches + 1):
             places = _places_of(placement.candidates(random, i, _BATCH))
             k = compiled(first_free)(
-                places, others, len(others), scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
+                places, others, scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
             )
             if k >= 0:
                 return places[k], batch * _BATCH
         return None, batches * _BATCH
 
     def _robot(self) -> ChipmunkRobot:
-        body, drive = self.robot_model.body, self.robot_model.drive
-        robot = new_robot(
-            half_size=body.half_size,
-            round_=self._scene.round,
-            corner_radius=self.robot_model.physics.corner_radius,
-            mass=body.mass,
-            inertia=body.moment_of_inertia,
-            force=drive.force,
-            torque=drive.torque,
-        )
-        robot.shape.friction = body.friction
-        robot.shape.elasticity = body.elasticity
-        return robot
+        """A robot with its drive, in no space yet."""
+        model, corner_radius = self.robot_model.body, self.robot_model.physics.corner_radius
+        body = pymunk.Body(model.mass, model.moment_of_inertia)
+        length, width = model.half_size
+        if isinstance(model, DiscBody):
+            shape: pymunk.Shape = pymunk.Circle(body, length)
+        else:
+            within = 2.0 * (length - corner_radius), 2.0 * (width - corner_radius)
+            shape = pymunk.Poly.create_box(body, within, corner_radius)
+        shape.friction = model.friction
+        shape.elasticity = model.elasticity
+        goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        pivot = pymunk.PivotJoint(goal, body, (0.0, 0.0), (0.0, 0.0))
+        gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
+        drive = self.robot_model.drive
+        for joint, limit in ((pivot, drive.force), (gear, drive.torque)):
+            joint.max_bias = 0.0  # velocities are to agree, not positions
+            joint.error_bias = 0.0
+            joint.max_force = limit
+        return ChipmunkRobot(body, shape, pivot, gear, goal)
 
 
 def _places_of(poses: Floats) -> Floats:
-    """Poses (n, 3) as the kernels want them (n, 5): x, y, cosine and sine of the heading, heading."""
+    """Poses (n, 3) for the kernels (n, 5): x, y, cosine and sine of the heading, heading."""
     headings = poses[:, 2:]
     return np.hstack([poses[:, :2], np.cos(headings), np.sin(headings), headings])

@@ -62,9 +62,9 @@ class TwinArena:
         Raises:
             MissionError: if they do not fit, or have not the devices of a Mercator.
         """
-        missing = [part for part in ("lidar", *MEASURED) if getattr(robot_model, PARTS.get(part, part)) is None]
+        missing = [part for part in ("lidar", *MEASURED) if getattr(robot_model, PARTS[part]) is None]
         if robot_model.lidar is None or missing:
-            lacking = ", ".join(PARTS.get(part, part) for part in missing)
+            lacking = ", ".join(PARTS[part] for part in missing)
             raise MissionError(f"robot model {robot_model.name}: a twin needs all devices; missing: {lacking}")
         if robot_model.proximity is not None and len(robot_model.proximity.angles) != SENSORS:
             found = len(robot_model.proximity.angles)

@@ -143,7 +143,7 @@ class TestLoading:
         mission = load_mission(
             "aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]", "duration=1"]
         )
-        with pytest.raises(MissionError, match=r"^/\S+/my.py:\d+: what changes the floor: ZeroDivisionError: div"):
+        with pytest.raises(MissionError, match=r"^/\S+/my.py:\d+: floor dynamic: ZeroDivisionError: div"):
             Simulator(mission).run(parse("--nstates 1 --s0 1"), 1)
 
     def test_a_mistake_in_what_an_objective_calls_is_named(self, write):

@@ -364,7 +364,7 @@ class TestEveryDevice:
     def test_a_robot_without_it(self, noisy, name):
         if name == "wheels":
             return
-        without = dataclasses.replace(noisy, robot_model=dataclasses.replace(NOISY, **{PARTS.get(name, name): None}))
+        without = dataclasses.replace(noisy, robot_model=dataclasses.replace(NOISY, **{PARTS[name]: None}))
         with pytest.raises(SimulationError, match=f"robot mercator has no {name.replace('_', ' ')}"):
             without.measure(name)
 
@@ -566,7 +566,7 @@ def test_what_would_be_too_large_is_refused_before_it_is_computed(monkeypatch):
     beams = len(recording.scene.lidar.beams_x)
     cycles, robots = recording.history.states.shape
     assert recording.values("lidar") == robots * beams
-    monkeypatch.setattr(devices, "LARGEST", 0)
+    monkeypatch.setattr(devices, "MAX_SIZE", 0)
     monkeypatch.setattr(devices, "fill_lidar", lambda scene, poses, *_: None if len(poses) == 1 else 1 / 0)
     size = math.ceil(cycles * robots * beams * 8 / 2**20)
     with pytest.raises(SimulationError, match=f"lidar: a recording of {size} MiB, expected at most 0 MiB; record"):

@@ -13,7 +13,7 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.arena import Arena, Box, Polygon, RegularPolygon
 from mercator_design.sim import simulate
-from mercator_design.sim.kernels.overlaps import box_overlap
+from mercator_design.sim.kernels.overlaps import PlacedBody, box_overlap
 from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Drive, Gaussian
@@ -151,9 +151,8 @@ def test_a_robot_that_has_no_room_to_turn_stays_in_its_corridor():
 @given(*[st.floats(-0.1, 0.1)] * 2, st.floats(-4, 4), *[st.floats(0.02, 0.3)] * 2, st.floats(-4, 4))
 def test_the_way_out_of_a_box_is_the_shortest(x, y, heading, half_length, half_width, direction):
     def depth(x, y):
-        return box_overlap(
-            x, y, math.cos(heading), math.sin(heading), half_length, half_width, 0.01, 0.02, 0.8, 0.6, 0.1, 0.05
-        )
+        box = PlacedBody(x, y, math.cos(heading), math.sin(heading), half_length, half_width)
+        return box_overlap(box, PlacedBody(0.01, 0.02, 0.8, 0.6, 0.1, 0.05))
 
     overlap, out_x, out_y = depth(x, y)
     if overlap > 0:
@@ -263,7 +262,7 @@ def test_a_place_is_free_where_pymunk_finds_nothing(poses, half_length, half_wid
     scene = scene.instance(0).scene
     rows = np.array([[x, y, math.cos(heading), math.sin(heading)] for x, y, heading in poses])
     n = len(rows) - 1
-    free = first_free(rows[n:], rows, n, scene.walls, scene.boxes, half_length, half_width, round_)
+    free = first_free(rows[n:], rows[:n], scene.walls, scene.boxes, half_length, half_width, round_)
 
     def shape_of(body, slack):
         if round_:

@@ -25,7 +25,7 @@ def test_shipped_models_are_valid_and_survive_a_round_trip(name):
 def test_mercators_have_all_of_its_devices(name):
     """Of the paper; lights that robots see the direction of are Chocolate's."""
     model = load_robot_model(name)
-    lacking = {device for device in DEVICES if getattr(model, PARTS.get(device, device)) is None}
+    lacking = {device for device in DEVICES if getattr(model, PARTS[device]) is None}
     assert lacking == (set() if name == "mercator-chocolate" else {"light", "light_sensors"})
 
 

@@ -28,7 +28,7 @@ def late(scene, swarm):
         for k in range(3):
             swarm.former[i, k] = swarm.poses[i, k]
         if not close:
-            glide(scene, swarm.poses, swarm.velocities, swarm.targets, i)
+            glide(scene, swarm, i)
 
 
 def test_robots_that_meet_too_late_are_found(capsys):

@@ -1,12 +1,12 @@
 """The bridge to Chipmunk: how compiled code steps a space that pymunk built and owns.
 
 pymunk's cffi library exports Chipmunk's functions, whose addresses compiled code can call. All arguments are pointers
-and doubles: vectors passed by value differ between systems, so positions and velocities are read and written in place,
-where a body keeps them. Where that is, is found out (not assumed) once a process, by `body_layout`.
+and doubles: passing vectors by value differs between systems, so positions and velocities are read and written in the
+memory of a body. Their offsets there are determined (not assumed) once in each process, by `body_layout`.
 
-A robot is a body with a shape, and a drive: a kinematic body that has the velocity the robot aims at, and two joints
-that pull the robot's velocity towards it with limited force and torque. That is how ARGoS drives its robots
-(dynamics2d_velocity_control.cpp); the joints are solved together with the contacts, so a robot that pushes against a
+A robot is a body with a shape, and a drive: a kinematic body that has the target velocity, and two joints that pull the
+robot's velocity towards it with limited force and torque. ARGoS drives its robots in the same way
+(dynamics2d_velocity_control.cpp). The joints are solved together with the contacts, so a robot that pushes against a
 wall keeps its heading.
 """
 
@@ -34,7 +34,7 @@ _SEARCHED = 144  # [bytes]
 
 
 class BodyLayout(NamedTuple):
-    """Where in its memory [bytes] a Chipmunk body keeps its state, as doubles."""
+    """Offsets [bytes] of a Chipmunk body's state in its memory, as doubles."""
 
     position: int  # x, then y
     velocity: int  # x, then y
@@ -54,7 +54,7 @@ class Bridge(NamedTuple):
     remove_shape: int
     remove_constraint: int
     space: int
-    robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the aimed-at velocity
+    robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the target velocity
     layout: BodyLayout
 
 
@@ -66,35 +66,7 @@ class ChipmunkRobot:
     shape: pymunk.Shape
     pivot: pymunk.PivotJoint
     gear: pymunk.GearJoint
-    goal: pymunk.Body  # kinematic: has the velocity that the drive aims at; in no space
-
-
-def new_robot(
-    *,
-    half_size: tuple[float, float],
-    round_: bool,
-    corner_radius: float,
-    mass: float,
-    inertia: float,
-    force: float,
-    torque: float,
-) -> ChipmunkRobot:
-    """A robot, box or disc, with its drive, in no space yet; a box may have round corners."""
-    body = pymunk.Body(mass, inertia)
-    goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-    pivot = pymunk.PivotJoint(goal, body, (0.0, 0.0), (0.0, 0.0))
-    gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
-    for joint, limit in ((pivot, force), (gear, torque)):
-        joint.max_bias = 0.0  # velocities are to agree, not positions
-        joint.error_bias = 0.0
-        joint.max_force = limit
-    length, width = half_size
-    if round_:
-        shape: pymunk.Shape = pymunk.Circle(body, length)
-    else:
-        within = 2.0 * (length - corner_radius), 2.0 * (width - corner_radius)
-        shape = pymunk.Poly.create_box(body, within, corner_radius)
-    return ChipmunkRobot(body, shape, pivot, gear, goal)
+    goal: pymunk.Body  # kinematic: has the target velocity of the drive; in no space
 
 
 def new_bridge(space: pymunk.Space, robots: list[ChipmunkRobot]) -> Bridge:
@@ -129,10 +101,10 @@ def _address(pointer: Any) -> int:  # noqa: ANN401 - cffi's pointers have no typ
 
 @cache
 def body_layout() -> BodyLayout:
-    """Find out where bodies keep their state, by giving one a state that nothing else looks like.
+    """Determine the offsets of a body's state, by searching for a unique state in the memory of a body.
 
     Raises:
-        SimulationError: if this version of pymunk keeps it elsewhere than in plain doubles near its beginning.
+        SimulationError: if this version of pymunk does not keep it as doubles near the beginning of a body.
     """
     body = pymunk.Body(mass=2.0, moment=3.0)
     body.position = (1.25, -2.5)
@@ -146,7 +118,7 @@ def body_layout() -> BodyLayout:
         places = [k for k in range(len(values)) if values[k : k + len(pattern)] == list(pattern)]
         if len(places) != 1:
             raise SimulationError(
-                f"pymunk {pymunk.version} keeps the state of bodies in another way than this program knows; install "
+                f"pymunk {pymunk.version} keeps the state of bodies in an unknown way; install "
                 "the version that it was tested with: pip install 'pymunk==7.3.1'"
             )
         return places[0] * memory.itemsize
@@ -172,7 +144,7 @@ def write_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> No
     body = bridge.robots[i, BODY]
     _store(body + bridge.layout.position, poses[i, 0])
     _store(body + bridge.layout.position + 8, poses[i, 1])
-    _call_pointer_double(bridge.set_angle, (body, poses[i, 2]))  # also brings what Chipmunk derives up to date
+    _call_pointer_double(bridge.set_angle, (body, poses[i, 2]))  # also updates what Chipmunk derives
     _store(body + bridge.layout.velocity, velocities[i, 0])
     _store(body + bridge.layout.velocity + 8, velocities[i, 1])
     _store(body + bridge.layout.turn, velocities[i, 2])
@@ -199,7 +171,7 @@ def leave(bridge: Bridge, i: int) -> None:
 
 @jittable
 def aim_at(bridge: Bridge, i: int, targets: Floats) -> None:
-    """Set the velocity that the drive of robot i aims at to its row of targets (x, y, turn)."""
+    """Set the target velocity of the drive of robot i to its row of targets (x, y, turn)."""
     goal = bridge.robots[i, GOAL]
     _store(goal + bridge.layout.velocity, targets[i, 0])
     _store(goal + bridge.layout.velocity + 8, targets[i, 1])

@@ -1,14 +1,13 @@
 """One whole experiment: in every control cycle move, sense, control, record.
 
-`experiment` is the compiled loop. It is made of kernels that the referee (simulate.py) also calls, one by one from
-Python, stepping the space through pymunk's public functions; both give the same scores, bit for bit.
+`experiment` is the compiled loop. The referee (simulate.py) calls the same kernels one by one from Python, and steps
+the space through pymunk's public functions; both produce the same scores, bit for bit.
 
 A robot that can touch nothing in a cycle moves by a formula (motion.py). Chipmunk's space holds the walls and the
-robots that could touch something, and is stepped only where there are any.
+robots that could touch something, and is stepped only if there are such robots.
 
-The order in a cycle is that of ARGoS: the wheels carry out what was commanded in the cycle before, then each robot
-senses and decides; a floor that changes does so in between. So a command moves the robot one cycle later, and nothing
-moves in the first.
+The order in a cycle is that of ARGoS: the wheels execute the command of the previous cycle, then the floor may change,
+then each robot senses and decides. So a command moves the robot one cycle later, and nothing moves in the first cycle.
 """
 
 import math
@@ -28,12 +27,12 @@ from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.swarm import History, Swarm
 
 EVERYTHING = PROXIMITY | NEIGHBOURS | GROUND | LIGHT
-"""All senses; those that a robot lacks give nothing."""
+"""All senses; a sense that the robot lacks has neutral readings."""
 
 
 @jittable
 def note_poses(swarm: Swarm, history: History, row: int) -> None:
-    """Record the poses that the robots arrived at, and bring what is derived from them up to date."""
+    """Record the poses of the robots, and update the cosines and sines of their headings."""
     for i in range(len(swarm.poses)):
         for k in range(3):
             history.poses[row, i, k] = swarm.poses[i, k]
@@ -43,7 +42,7 @@ def note_poses(swarm: Swarm, history: History, row: int) -> None:
 
 @jittable
 def aim(scene: Scene, swarm: Swarm) -> None:
-    """Turn wheel commands to target velocities, which stay fixed in the world's frame for one control cycle."""
+    """Convert wheel commands to target velocities, which are constant in the world's frame for one control cycle."""
     for i in range(len(swarm.poses)):
         left, right = swarm.commands[i, 0], swarm.commands[i, 1]
         speed = 0.5 * (left + right)
@@ -54,28 +53,28 @@ def aim(scene: Scene, swarm: Swarm) -> None:
 
 @jittable
 def begin_motion(scene: Scene, swarm: Swarm) -> None:
-    """What comes before Chipmunk's part of a cycle's motion: targets, who is close to something, who moves freely."""
+    """The part of a cycle's motion before Chipmunk's: set targets, mark close robots, move the free ones."""
     aim(scene, swarm)
-    mark_close(scene, swarm.poses, swarm.velocities, swarm.targets, swarm.reach, swarm.close)
+    mark_close(scene, swarm)
     for i in range(len(swarm.poses)):
         if swarm.close[i]:
             for k in range(3):
                 swarm.former[i, k] = swarm.poses[i, k]
         else:
-            glide(scene, swarm.poses, swarm.velocities, swarm.targets, i)
+            glide(scene, swarm, i)
 
 
 @jittable
 def end_motion(scene: Scene, swarm: Swarm) -> None:
-    """What comes after Chipmunk's part: robots in its space that reach into walls too far are moved, and marked."""
+    """The part after Chipmunk's: move robots in its space that overlap walls too far, and mark them."""
     for i in range(len(swarm.poses)):
-        swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm.poses, swarm.velocities, swarm.former, i)
+        swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm, i)
 
 
 @jittable
 def move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
     """One control cycle of motion."""
-    # Robots leave with the state that they had at the end of the cycle before, and glide on from there.
+    # Robots leave with their state at the end of the previous cycle, and glide from there.
     begin_motion(scene, swarm)
     n = len(swarm.poses)
     held = 0
@@ -106,7 +105,7 @@ def move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
 def sense_and_control(
     scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
 ) -> None:
-    """The floor changes; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
+    """Change the floor; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
     change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
     records = len(history.readings) > 0
     read = 0
@@ -137,7 +136,7 @@ def sense_and_control(
 
 @jittable
 def _needed(model: ReferenceModel, read: int) -> int:
-    """The senses that what is read is made of: neighbours may weigh on the proximity vector."""
+    """The senses that a set of senses depends on: neighbours may count in the proximity vector."""
     if model.neighbour_obstacle_range > 0.0 and read & PROXIMITY:
         return read | NEIGHBOURS
     return read
@@ -145,7 +144,7 @@ def _needed(model: ReferenceModel, read: int) -> int:
 
 @jittable
 def _remembered(model: ReferenceModel) -> int:
-    """The senses that remember, which must sense in every cycle if they are read at all."""
+    """The senses with a memory; they must sense in every cycle if any state reads them."""
     senses = 0
     if max(model.neighbour_memory, model.neighbour_count_memory) > 0.0:
         senses |= NEIGHBOURS
@@ -166,5 +165,5 @@ def experiment(
         sense_and_control(scene, model, program, swarm, history, cycle)
     for i in range(len(swarm.poses)):
         if swarm.held[i]:
-            leave(bridge, i)  # pymunk finds its space as it left it
+            leave(bridge, i)  # so the space is as pymunk knows it
             swarm.held[i] = False

@@ -1,7 +1,7 @@
 """What a lidar sees: walls, boxes and bodies that are higher than it, and the heads of other lidars. Kernels.
 
-A beam goes out from the robot's centre. Whatever it may meet covers a range of beams, and only these are looked at: so
-a turn of 719 beams costs little more than one look at each.
+Beams start at the robot's centre. Each object covers a range of beams, and only these are computed. So a turn of 719
+beams costs little more than one computation for each beam.
 """
 
 import math
@@ -14,7 +14,7 @@ from mercator_design.sim.kernels.noise import LIDAR_DRAWS, NO_NOISE, noise
 from mercator_design.sim.kernels.scene import Lidar, Scene
 
 _END = 1e-9
-"""A beam so far beyond the end of a wall, as a fraction of its length, still meets it: none slips through a corner."""
+"""Fraction of a wall's length beyond its end where a beam still meets it, so that none passes through a corner."""
 
 
 @jittable
@@ -25,9 +25,9 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
         scene: The arena and the robots.
         poses: (robots, 5) x, y [m], heading [rad], its cosine and sine.
         i: Which robot.
-        key: Of its stream of noise.
+        key: Key of its stream of noise.
         cycle: Number of the control cycle.
-        found: (beams,) filled with distances [m]; 0 where nothing is in range.
+        found: (beams,) receives distances [m]; 0 where nothing is in range.
     """
     for k in range(len(found)):
         found[k] = 0.0
@@ -36,9 +36,9 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
 
 @jittable
 def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, reach: float, found: Floats) -> bool:
-    """One turn of robot i's lidar, without what is farther away than `reach` [m]: the readings nearer are the same.
+    """One turn of robot i's lidar that is exact up to `reach` [m].
 
-    Other arguments are those of `scan`. A reading beyond the reach may be 0 or what it is.
+    Other arguments are those of `scan`. A reading beyond the reach is either exact or 0.
 
     Returns:
         Whether anything may be within reach; if not, nothing was written to `found`.
@@ -73,7 +73,7 @@ def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, r
         return False
     noisy = lidar.noise[0] != NO_NOISE
     for k in range(beams):
-        if found[k] == math.inf:  # as most are
+        if found[k] == math.inf:  # the usual case
             found[k] = 0.0
             continue
         distance = found[k] - lidar.ring
@@ -109,11 +109,11 @@ def _meet_wall(
     wall_x, wall_y = bx - ax, by - ay
     area = ax * wall_y - ay * wall_x
     if area == 0.0:
-        return  # seen edge on
+        return  # parallel to the line of sight
     if area < 0.0:  # so that beams go counter-clockwise from the start to the end
         ax, ay, bx, by = bx, by, ax, ay
         wall_x, wall_y, area = -wall_x, -wall_y, -area
-    covered = math.atan2(area, ax * bx + ay * by)  # exact for a wall seen edge on, which differences of angles are not
+    covered = math.atan2(area, ax * bx + ay * by)  # more exact than a difference of angles for a wall seen end-on
     first = _first_beam(lidar, math.atan2(ay, ax))
     count = int(covered / lidar.angle_step) + 2
     beams = len(found)

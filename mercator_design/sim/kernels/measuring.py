@@ -1,7 +1,7 @@
-"""Kernels that compute what devices measured, for all robots in many cycles, from where the robots were.
+"""Kernels that compute the measurements of devices from the poses of all robots in many cycles.
 
 Poses have the shape (cycles, robots, 5): x, y [m], heading [rad], its cosine and its sine. Each function fills
-the array that is its last argument, one row for each cycle that is asked for.
+the array that is its last argument, with one row for each requested cycle.
 """
 
 import math
@@ -20,7 +20,7 @@ from mercator_design.sim.kernels.swarm import Swarm
 
 
 def add_noise(row: Floats, keys: Keys, number: int, cycles: Numbers, values: Floats) -> None:
-    """Noise of one device, added to values (cycles, robots, n)."""
+    """Add the noise of one device to values (cycles, robots, n)."""
     per_cycle = values.shape[2]
     for n in range(len(cycles)):
         for i in range(values.shape[1]):
@@ -38,7 +38,7 @@ def fill_directions(poses: Floats) -> None:
 
 @jittable
 def _put(swarm: Swarm, poses: Floats, n: int) -> None:
-    """Put the swarm where the robots were at the end of cycle n of the poses."""
+    """Move the swarm to row n of the poses."""
     for i in range(poses.shape[1]):
         for k in range(poses.shape[2]):
             swarm.poses[i, k] = poses[n, i, k]
@@ -77,7 +77,7 @@ def fill_places(
 
 
 def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floats, found: Floats) -> None:
-    """Distance [m] and bearing [rad] of what a lidar takes for neighbours (cycles, robots, clusters, 2)."""
+    """Distance [m] and bearing [rad] of the clusters that a lidar takes as neighbours (cycles, robots, clusters, 2)."""
     first, step = scene.lidar.first_angle, scene.lidar.angle_step
     for n in range(len(scans)):
         for i in range(scans.shape[1]):
@@ -94,7 +94,7 @@ def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floa
 def fill_weights(
     scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
 ) -> None:
-    """What modules read of each proximity sensor (cycles, robots, sensors)."""
+    """The weight of each proximity sensor's reading (cycles, robots, sensors)."""
     for n in range(len(cycles)):
         _put(swarm, poses, n)
         for i in range(poses.shape[1]):
@@ -106,7 +106,7 @@ def fill_weights(
 def fill_light_sensors(
     scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
 ) -> None:
-    """What modules read of each light sensor (cycles, robots, sensors)."""
+    """The reading of each light sensor (cycles, robots, sensors)."""
     for n in range(len(cycles)):
         _put(swarm, poses, n)
         for i in range(poses.shape[1]):
@@ -132,31 +132,20 @@ def fill_lux(
                 if (
                     away <= reach
                     and scene.light.lit[k, i]
-                    and is_lit(scene, poses[n], i, k, x, y, height, math.inf, True)
+                    and is_lit(scene, poses[n], i, k, (x, y, height), math.inf, True)
                 ):
                     found[n, i, 0] += base + math.exp(-decay * away)
 
 
-def fill_proximity(scene: Scene, poses: Floats, furthest: float, scratch: Floats, found: Floats) -> None:
+def fill_proximity(scene: Scene, poses: Floats, furthest: float, found: Floats) -> None:
     """Distances [m] of the proximity sensors (cycles, robots, sensors)."""
     for n in range(len(poses)):
         for i in range(poses.shape[1]):
-            cast(scene, poses[n], i, furthest, scratch)
-            for k in range(len(scratch)):
-                found[n, i, k] = scratch[k]
+            cast(scene, poses[n], i, furthest, found[n, i])
 
 
-def fill_lidar(
-    scene: Scene,
-    poses: Floats,
-    keys: Keys,
-    cycles: Numbers,
-    scratch: Floats,
-    found: Floats,
-) -> None:
+def fill_lidar(scene: Scene, poses: Floats, keys: Keys, cycles: Numbers, found: Floats) -> None:
     """Distances [m] of the lidar's beams (cycles, robots, beams)."""
     for n in range(len(poses)):
         for i in range(poses.shape[1]):
-            scan(scene, poses[n], i, keys[i], cycles[n], scratch)
-            for k in range(len(scratch)):
-                found[n, i, k] = scratch[k]
+            scan(scene, poses[n], i, keys[i], cycles[n], found[n, i])

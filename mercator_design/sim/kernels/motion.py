@@ -1,36 +1,37 @@
-"""How robots move where nothing is in their way, and where that is. Kernels."""
+"""How robots move without contact, and which robots could have contact. Kernels."""
 
 import math
 
-from mercator_design.arrays import Flags, Floats
 from mercator_design.jit import jittable
-from mercator_design.sim.kernels.overlaps import is_inside, obstacle_overlap
+from mercator_design.sim.kernels.overlaps import PlacedBody, is_inside, obstacle_overlap
 from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.swarm import Swarm
 
 _REST = 1e-9
-"""[m/s, rad/s] A robot that is and stays slower rests; a drive that has stopped leaves such remainders."""
+"""[m/s, rad/s] A robot that is slower, and will be, is at rest; rounding errors remain when a drive has stopped."""
 
 _MARGIN = 0.005
-"""[m] Allowed for beside velocities: Chipmunk also moves bodies apart that overlap."""
+"""[m] Added to what velocities allow: Chipmunk also moves overlapping bodies apart."""
 
 _PASSES = 8
-"""Over walls and boxes: a way out of one may lead into another."""
+"""Number of passes over walls and boxes: the way out of one may lead into another."""
 
 _ROUNDING = 1e-9
 """[m]"""
 
 
 @jittable
-def glide(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, i: int) -> None:
+def glide(scene: Scene, swarm: Swarm, i: int) -> None:
     """Move robot i for one control cycle, without contact.
 
     In each sub-step the position follows the velocity, then the velocity approaches the target as fast as the drive's
-    force and torque allow: so a robot that begins to turn goes on sliding in its old direction. This is what
-    Chipmunk's joints do to a body that touches nothing, and with them ARGoS (measured: 0.75 m/s2, 55 rad/s2).
+    force and torque allow. So a robot that begins to turn keeps sliding in its old direction. Chipmunk's joints, and
+    so ARGoS, move a body that touches nothing in the same way (measured: 0.75 m/s2, 55 rad/s2).
     """
+    poses, velocities, targets = swarm.poses, swarm.velocities, swarm.targets
     dt = scene.time_step
-    most = scene.force / scene.mass * dt
-    most_turn = scene.torque / scene.inertia * dt
+    max_change = scene.force / scene.mass * dt
+    max_turn_change = scene.torque / scene.inertia * dt
     x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
     velocity_x, velocity_y, turn = velocities[i, 0], velocities[i, 1], velocities[i, 2]
     for _ in range(scene.sub_steps):
@@ -40,33 +41,29 @@ def glide(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, i: i
         change_x = targets[i, 0] - velocity_x
         change_y = targets[i, 1] - velocity_y
         size = math.sqrt(change_x * change_x + change_y * change_y)
-        if size > most:
-            change_x *= most / size
-            change_y *= most / size
+        if size > max_change:
+            change_x *= max_change / size
+            change_y *= max_change / size
         velocity_x += change_x
         velocity_y += change_y
-        turn += max(-most_turn, min(most_turn, targets[i, 2] - turn))
+        turn += max(-max_turn_change, min(max_turn_change, targets[i, 2] - turn))
     poses[i, 0], poses[i, 1], poses[i, 2] = x, y, heading
     velocities[i, 0], velocities[i, 1], velocities[i, 2] = velocity_x, velocity_y, turn
 
 
 @jittable
-def mark_close(scene: Scene, poses: Floats, velocities: Floats, targets: Floats, reach: Floats, close: Flags) -> None:
-    """Mark the robots that could touch something in this cycle.
+def mark_close(scene: Scene, swarm: Swarm) -> None:
+    """Mark in `swarm.close` the robots that could touch something in this cycle.
 
-    A robot by itself gets no farther than its present or its target speed takes it, whichever is higher. One that
-    could touch something could also be pushed, as a rule no faster than the fastest corner of any robot moves; so those
-    near it are marked in turn. (One that is pushed faster may overlap an unmarked robot for the rest of the cycle; in
-    the next both are marked.) Robots at rest do nothing to each other, nor to walls.
+    A robot moves at its present or its target speed at most, whichever is higher. A robot that could touch something
+    could also be pushed, usually no faster than the fastest corner of any robot moves; so the robots near it are marked
+    in turn. (A robot that is pushed faster may overlap an unmarked robot for the rest of the cycle; in the next both
+    are marked.) Robots at rest do not affect each other or walls.
 
-    Args:
-        scene: The arena and the robots' body.
-        poses: (robots, 3 or more) x [m], y [m], ...
-        velocities: (robots, 3) x, y [m/s], turn [rad/s]
-        targets: (robots, 3) the same, aimed at.
-        reach: (robots,) scratch: how far [m] from its centre each robot's body can get; 0 for one at rest.
-        close: (robots,) the marks.
+    `swarm.reach` is scratch: how far [m] from its centre each robot's body can get; 0 for a robot at rest.
     """
+    poses, velocities, targets = swarm.poses, swarm.velocities, swarm.targets
+    reach, close = swarm.reach, swarm.close
     n = len(poses)
     cycle = scene.time_step * scene.sub_steps
     fastest = 0.0
@@ -99,32 +96,26 @@ def mark_close(scene: Scene, poses: Floats, velocities: Floats, targets: Floats,
 
 
 @jittable
-def withdraw(scene: Scene, poses: Floats, velocities: Floats, former: Floats, i: int) -> bool:
-    """Move robot i back if it reaches into walls or boxes too far; whether it did.
+def withdraw(scene: Scene, swarm: Swarm, i: int) -> bool:
+    """Move robot i back if it overlaps walls or boxes too far; whether it was moved.
 
-    Contacts act once bodies overlap, so in one sub-step a corner reaches as deep as it travels. Here the robot leaves
-    by the shortest way until no overlap is larger than the scene allows. If that leads nowhere, as for one that turns
-    where there is no room, it stands still where it began the cycle: there the overlaps were allowed.
-
-    Args:
-        scene: The arena and the robots' body.
-        poses: (robots, 3 or more) x [m], y [m], heading [rad], ...
-        velocities: (robots, 3)
-        former: (robots, 3) poses at the beginning of the cycle.
-        i: Which robot.
+    Contacts act once bodies overlap, so in one sub-step a corner reaches as deep as it travels. Here the robot moves
+    out by the shortest way until no overlap is larger than the scene allows. If this does not succeed, for example
+    because the robot turns where there is no room, it stops at its pose at the beginning of the cycle: there the
+    overlaps were allowed.
     """
+    poses = swarm.poses
     x, y = poses[i, 0], poses[i, 1]
     untouched = scene.wall_overlap == math.inf or not _near_walls(scene, x, y, scene.corner)
     if untouched and is_inside(scene.walls, x, y):
-        return False  # one that is outside jumped over a wall
+        return False  # a robot outside jumped over a wall
     c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
     moved = False
     for _ in range(_PASSES):
         free = True
         for k in range(len(scene.walls) + len(scene.boxes)):
-            overlap, out_x, out_y = obstacle_overlap(
-                scene.walls, scene.boxes, k, scene.half_length, scene.half_width, scene.round, x, y, c, s
-            )
+            body = PlacedBody(x, y, c, s, scene.half_length, scene.half_width)
+            overlap, out_x, out_y = obstacle_overlap(scene.walls, scene.boxes, k, body, scene.round)
             excess = overlap - scene.wall_overlap
             if excess > _ROUNDING:
                 x += excess * out_x
@@ -135,8 +126,8 @@ def withdraw(scene: Scene, poses: Floats, velocities: Floats, former: Floats, i:
             return moved
         moved = True
     for k in range(3):
-        poses[i, k] = former[i, k]
-        velocities[i, k] = 0.0
+        poses[i, k] = swarm.former[i, k]
+        swarm.velocities[i, k] = 0.0
     return True
 
 

@@ -1,6 +1,6 @@
-"""Noise on what sensors measure and treads do: drawn from a robot's stream by device, cycle and value. Kernels.
+"""Noise of sensors and treads, drawn from a robot's stream by device, cycle and value. Kernels.
 
-A draw is a pure function of these, so that a device may be computed at any time, or never, and disturbs no other.
+A draw is a pure function of these. So a device may be computed at any time, or never, without effect on others.
 """
 
 import numpy as np
@@ -31,15 +31,15 @@ NO_NOISE, GAUSSIAN, UNIFORM = 0.0, 1.0, 2.0
     LOCATOR_DRAWS,
     QUATERNION_DRAWS,
 ) = range(17)
-"""What draws are for: the streams of a robot."""
+"""The streams of a robot: one for each purpose of draws."""
 
-_DRAWS = 2  # that one value may use
-_LANE = 1 << 44  # draws of one purpose in a robot's stream; more than an experiment has
+_DRAWS = 2  # draws for one value at most
+_LANE = 1 << 44  # draws of one purpose in a robot's stream; more than an experiment uses
 
 
 @jittable
 def noise(row: Floats, key: np.uint64, stream: int, number: int) -> float:
-    """Value number so and so of a stream's noise, from 0 on through all cycles of an experiment."""
+    """A value of a stream's noise; its number counts through all cycles of an experiment, from 0."""
     if row[0] == GAUSSIAN:
         return float(row[1] + row[2] * gaussian(key, stream * _LANE + _DRAWS * number))
     if row[0] == UNIFORM:

@@ -1,4 +1,4 @@
-"""The part of an experiment that never changes, but for a dynamic floor, as numbers for the kernels."""
+"""The constant part of an experiment, and its floor, which may change; as numbers for the kernels."""
 
 from typing import NamedTuple
 
@@ -75,7 +75,7 @@ class Lidar(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is there besides the swarm: the arena, the robot, and the floor of this instance, as it is now."""
+    """Everything except the swarm: the arena, the robot model, and the present floor of this instance."""
 
     walls: Floats  # (walls, 6) start x, y; vector to the end x, y; unit normal x, y [m]
     wall_height: float  # [m]
@@ -90,7 +90,7 @@ class Scene(NamedTuple):
     maximum_speed: float  # of a tread [m/s]
     mass: float  # [kg]
     inertia: float  # [kg m2]
-    force: float  # most that the drive exerts [N]
+    force: float  # maximum of the drive [N]
     torque: float  # [N m]
     wheel_noise: Floats
     proximity: Proximity

@@ -1,8 +1,7 @@
-"""What a robot perceives in a control cycle: its senses, as far as they are read. Kernels."""
+"""What a robot perceives in a control cycle, with the senses that are read. Kernels."""
 
 import math
 
-from mercator_design.arrays import Floats
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.perception import (
@@ -35,12 +34,12 @@ from mercator_design.sim.kernels.sight import cast, is_hidden, is_lit
 from mercator_design.sim.kernels.swarm import Swarm
 
 _TURN = 2.0 * math.pi
-_MOST_DEVIATIONS = 8.0  # that noise ever brings a reading nearer: more come once in 10^15 readings
+_MAX_DEVIATIONS = 8.0  # by which noise shortens a reading; larger ones occur once in 10^15 readings
 
 
 @jittable
 def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
-    """What robot i perceives with some of its senses (bits of modules.SENSES); what it does not sense is neutral."""
+    """The readings of robot i with some of its senses (bits of modules.SENSES); the other readings are neutral."""
     n = 0
     count = 0.0
     light_x, light_y = 0.0, 0.0
@@ -79,13 +78,13 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
 
 @jittable
 def sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
-    """Fill in how much what the proximity sensors of robot i see counts. A distance has noise where there is one."""
+    """Fill in the weights of the readings of robot i's proximity sensors; finite distances have noise."""
     seen = swarm.proximity
     sensors, key = len(seen), swarm.noise_keys[i]
     row, weight_row = scene.proximity.noise, scene.proximity.weight_noise
     nearest, reach = scene.proximity.nearest, scene.proximity.furthest
     if row[0] == NO_NOISE:
-        reach = min(reach, model.proximity_range)  # noise may bring nearer what lies beyond
+        reach = min(reach, model.proximity_range)  # with noise, farther objects may matter
     cast(scene, swarm.poses, i, reach, seen)
     for k in range(sensors):
         if seen[k] > reach:
@@ -102,10 +101,10 @@ def sense_obstacles(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: in
 
 @jittable
 def sense_heads(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> int:
-    """Fill in where the robots are that robot i perceives as clusters of its lidar's readings: how many there are."""
+    """Fill in the neighbours that robot i perceives as clusters of lidar readings; return their number."""
     lidar = scene.lidar
-    # Readings beyond neighbour_range are in no cluster, but noise may bring nearer what is a little beyond.
-    reach = model.neighbour_range + abs(lidar.noise[1]) + _MOST_DEVIATIONS * lidar.noise[2]
+    # Readings beyond neighbour_range are in no cluster, but noise may shorten a reading slightly beyond.
+    reach = model.neighbour_range + abs(lidar.noise[1]) + _MAX_DEVIATIONS * lidar.noise[2]
     if not scan_near(scene, swarm.poses, i, swarm.noise_keys[i], cycle, reach, swarm.scan):
         return 0
     return lidar_neighbours(
@@ -115,7 +114,7 @@ def sense_heads(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i
 
 @jittable
 def sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[int, float]:
-    """Fill in where the robots are that robot i perceives with its camera: how many rows that is, how many count."""
+    """Fill in the neighbours that robot i perceives with its camera; return the number of rows, and of neighbours."""
     poses, camera = swarm.poses, scene.neighbours
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
     robots = len(poses)
@@ -135,12 +134,15 @@ def sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
         squared = to_x * to_x + to_y * to_y
         perceived = 0.0 < squared < near
         if not perceived and not remembers:
-            continue  # as most are, in a large swarm
+            continue  # the usual case in a large swarm
         number = cycle * robots + j
         perceived = (
             perceived
             and (camera.loss == 0.0 or draw(swarm.noise_keys[i], NEIGHBOURS_LOSS_DRAWS, number) >= camera.loss)
-            and not (camera.occlusion and _is_robot_hidden(scene, poses, i, j))
+            and not (
+                camera.occlusion
+                and is_hidden(scene, poses, i, j, (x, y, camera.height), (poses[j, 0], poses[j, 1], camera.height))
+            )
         )
         ahead = c * to_x + s * to_y
         aside = c * to_y - s * to_x
@@ -166,14 +168,8 @@ def sense_robots(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, 
 
 
 @jittable
-def _is_robot_hidden(scene: Scene, poses: Floats, i: int, j: int) -> bool:
-    height = scene.neighbours.height
-    return is_hidden(scene, poses, i, j, poses[i, 0], poses[i, 1], height, poses[j, 0], poses[j, 1], height)
-
-
-@jittable
 def _recall(model: ReferenceModel, swarm: Swarm, i: int, j: int, cycle: int, n: int) -> tuple[int, float]:
-    """Note where robot i has perceived robot j of late, as row n and on; the number of rows then, and 1 if j counts."""
+    """Add rows from n on for the recent perceptions of robot j by robot i; return the rows, and 1 if j counts."""
     slots = swarm.heard.shape[2]
     counts = 0.0
     pulls = True
@@ -200,7 +196,7 @@ def _note_neighbour(swarm: Swarm, n: int, ahead: float, aside: float) -> None:
 
 @jittable
 def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> None:
-    """Fill in the colour of the ground under robot i: the mean of its sensors, its label, or what they vote for."""
+    """Fill in the colour of the ground under robot i: the mean of its sensors, its label, or the result of a vote."""
     sensors, ground, labels = len(scene.ground.places), swarm.ground, scene.ground.labels
     if sensors == 0:
         for channel in range(3):
@@ -235,7 +231,7 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
 
 @jittable
 def ground_under(scene: Scene, swarm: Swarm, cycle: int, i: int, k: int) -> tuple[float, float, float]:
-    """Red, green, blue that ground sensor k of robot i measures; three times the brightness if it sees only that."""
+    """Red, green, blue of ground sensor k of robot i; all are the brightness if the sensor is gray."""
     row, key = scene.ground.noise, swarm.noise_keys[i]
     x, y, c, s = swarm.poses[i, 0], swarm.poses[i, 1], swarm.poses[i, 3], swarm.poses[i, 4]
     ahead, aside = scene.ground.places[k, 0], scene.ground.places[k, 1]
@@ -255,7 +251,7 @@ def ground_under(scene: Scene, swarm: Swarm, cycle: int, i: int, k: int) -> tupl
 
 @jittable
 def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
-    """Unit vector towards the lights that robot i perceives, forwards and to the left, or no vector."""
+    """Unit vector towards the lights that robot i perceives, forwards and to the left; zero if there is none."""
     poses, light, readings = swarm.poses, scene.light, swarm.light
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
     sensors, lights = len(readings), len(light.lights)
@@ -265,7 +261,7 @@ def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i
     sum_x = 0.0
     sum_y = 0.0
     for n in range(lights):
-        if not light.seen[n, i] or not is_lit(scene, poses, i, n, x, y, light.height, light.range, light.occlusion):
+        if not light.seen[n, i] or not is_lit(scene, poses, i, n, (x, y, light.height), light.range, light.occlusion):
             continue
         to_x, to_y = light.lights[n, 0] - x, light.lights[n, 1] - y
         ahead = c * to_x + s * to_y
@@ -299,5 +295,5 @@ def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i
 
 @jittable
 def _channel(value: float) -> float:
-    """What a colour sensor delivers: a whole number from 0 to 255."""
+    """The reading of a colour sensor: a whole number from 0 to 255."""
     return max(0.0, min(255.0, float(math.floor(value + 0.5))))

@@ -1,16 +1,21 @@
-"""What stands in the way of rays and of sight: walls, boxes and robots. Kernels.
+"""What rays and lines of sight meet: walls, boxes and robots. Kernels.
 
 A ray of a proximity sensor starts on the sensor ring and is cast as far as the sensors reach. Walls are the inner faces
 of the arena; boxes are obstacles and the bodies of robots, which may also be discs.
 """
 
 import math
+from typing import TypeAlias
 
 from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
+from mercator_design.sim.kernels.overlaps import PlacedBody, box_at
 from mercator_design.sim.kernels.scene import Proximity, Scene
 
-# A robot pressed against a wall may have its ring this far [m] beyond the wall's face; it still touches the wall.
+Place: TypeAlias = tuple[float, float, float]
+"""x, y and height [m]."""
+
+# The sensor ring of a robot pressed against a wall may be this far [m] beyond the wall's face.
 _CONTACT = 0.02
 _PARALLEL = 1e-12
 
@@ -25,10 +30,10 @@ def distance_to_wall(x: float, y: float, ray_x: float, ray_y: float, walls: Floa
         ray_x: Unit vector.
         ray_y: The same.
         walls: (walls, 6) start x, y; vector to the end x, y; unit normal x, y.
-        i: Which of them.
+        i: Number of the wall.
     """
     across = ray_x * walls[i, 3] - ray_y * walls[i, 2]
-    if across < _PARALLEL:  # the arena lies to the left of its walls; the ray does not go to their right
+    if across < _PARALLEL:  # the arena is to the left of its walls; a ray to their right meets nothing
         return math.inf
     to_x = walls[i, 0] - x
     to_y = walls[i, 1] - y
@@ -52,7 +57,7 @@ def distance_to_box(x: float, y: float, ray_x: float, ray_y: float, half_length:
 
 @jittable
 def _slab(x: float, ray_x: float, half: float) -> tuple[float, float]:
-    """Where along a ray |x| <= half begins and ends [m]; if nowhere, infinity and minus infinity."""
+    """Where |x| <= half begins and ends along a ray [m]; infinity and minus infinity if it is nowhere."""
     if abs(ray_x) < _PARALLEL:
         return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
     first = (-half - x) / ray_x
@@ -76,20 +81,20 @@ def distance_to_disc(x: float, y: float, ray_x: float, ray_y: float, radius: flo
 def _cast_at_walls(
     sensors: Proximity, walls: Floats, x: float, y: float, c: float, s: float, reach: float, found: Floats
 ) -> None:
-    """Shorten distances to those of the walls.
+    """Shorten the distances of a ring of proximity sensors to those of the walls.
 
     Args:
-        sensors: The ring of proximity sensors.
+        sensors: The ring.
         walls: As in `distance_to_wall`.
         x: Where the robot is [m].
         y: The same.
         c: Cosine of its heading.
         s: Sine of its heading.
-        reach: How far from its centre [m] a ray ends at most.
+        reach: Largest distance from the robot's centre [m] at which a ray ends.
         found: (sensors,) the distances [m].
     """
     for i in range(len(walls)):
-        # Few walls are in reach, and the distance to their line tells.
+        # Few walls are in reach: the distance to a wall's line is a lower bound of that to the wall.
         if abs((x - walls[i, 0]) * walls[i, 4] + (y - walls[i, 1]) * walls[i, 5]) > reach:
             continue
         for k in range(len(found)):
@@ -100,26 +105,13 @@ def _cast_at_walls(
 
 
 @jittable
-def _cast_at_box(
-    sensors: Proximity,
-    box_x: float,
-    box_y: float,
-    box_c: float,
-    box_s: float,
-    half_length: float,
-    half_width: float,
-    x: float,
-    y: float,
-    c: float,
-    s: float,
-    found: Floats,
-) -> None:
-    """Shorten distances to those of a box at (box_x, box_y) with heading (box_c, box_s); else as `_cast_at_walls`."""
-    to_x = box_c * (x - box_x) + box_s * (y - box_y)
-    to_y = -box_s * (x - box_x) + box_c * (y - box_y)
-    turn_c = box_c * c + box_s * s
-    turn_s = box_c * s - box_s * c
-    corner = half_length + half_width  # a bound of the true one
+def _cast_at_box(sensors: Proximity, box: PlacedBody, x: float, y: float, c: float, s: float, found: Floats) -> None:
+    """Shorten distances to those of a box; other arguments as in `_cast_at_walls`."""
+    to_x = box.c * (x - box.x) + box.s * (y - box.y)
+    to_y = -box.s * (x - box.x) + box.c * (y - box.y)
+    turn_c = box.c * c + box.s * s
+    turn_s = box.c * s - box.s * c
+    corner = box.half_length + box.half_width  # an upper bound of the distance from the centre to a corner
     for k in range(len(found)):
         ray_x = turn_c * sensors.directions_x[k] - turn_s * sensors.directions_y[k]
         ray_y = turn_s * sensors.directions_x[k] + turn_c * sensors.directions_y[k]
@@ -127,31 +119,27 @@ def _cast_at_box(
         if abs(to_x * ray_y - to_y * ray_x) > corner or to_x * ray_x + to_y * ray_y > corner:
             continue
         distance = distance_to_box(
-            to_x + sensors.ring * ray_x, to_y + sensors.ring * ray_y, ray_x, ray_y, half_length, half_width
+            to_x + sensors.ring * ray_x, to_y + sensors.ring * ray_y, ray_x, ray_y, box.half_length, box.half_width
         )
         found[k] = min(found[k], distance)
 
 
 @jittable
-def _cast_at_disc(
-    sensors: Proximity,
-    disc_x: float,
-    disc_y: float,
-    radius: float,
-    x: float,
-    y: float,
-    c: float,
-    s: float,
-    found: Floats,
-) -> None:
-    """Shorten distances to those of a disc at (disc_x, disc_y); else as `_cast_at_walls`."""
+def _cast_at_disc(sensors: Proximity, disc: PlacedBody, x: float, y: float, c: float, s: float, found: Floats) -> None:
+    """Shorten distances to those of a disc; other arguments as in `_cast_at_walls`."""
     for k in range(len(found)):
         ray_x = c * sensors.directions_x[k] - s * sensors.directions_y[k]
         ray_y = s * sensors.directions_x[k] + c * sensors.directions_y[k]
         distance = distance_to_disc(
-            x - disc_x + sensors.ring * ray_x, y - disc_y + sensors.ring * ray_y, ray_x, ray_y, radius
+            x - disc.x + sensors.ring * ray_x, y - disc.y + sensors.ring * ray_y, ray_x, ray_y, disc.half_length
         )
         found[k] = min(found[k], distance)
+
+
+@jittable
+def _robot_at(scene: Scene, poses: Floats, i: int) -> PlacedBody:
+    """The body of robot i."""
+    return PlacedBody(poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], scene.half_length, scene.half_width)
 
 
 @jittable
@@ -162,19 +150,17 @@ def cast(scene: Scene, poses: Floats, i: int, range_: float, found: Floats) -> N
         scene: The arena and the robots.
         poses: (robots, 5) x, y [m], heading [rad], its cosine and sine.
         i: Which robot.
-        range_: Of the sensors [m]; what is found beyond may be incomplete.
-        found: (sensors,) filled.
+        range_: Of the sensors [m]; beyond it, obstacles may be missing.
+        found: (sensors,) receives the distances.
     """
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
-    sensors, boxes = scene.proximity, scene.boxes
+    sensors = scene.proximity
     for k in range(len(found)):
         found[k] = math.inf
     reach = sensors.ring + range_
     _cast_at_walls(sensors, scene.walls, x, y, c, s, reach, found)
-    for b in range(len(boxes)):
-        _cast_at_box(
-            sensors, boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5], x, y, c, s, found
-        )
+    for b in range(len(scene.boxes)):
+        _cast_at_box(sensors, box_at(scene.boxes, b), x, y, c, s, found)
     meets = (reach + scene.corner) * (reach + scene.corner)
     for j in range(len(poses)):
         to_x = poses[j, 0] - x
@@ -182,57 +168,30 @@ def cast(scene: Scene, poses: Floats, i: int, range_: float, found: Floats) -> N
         if j == i or to_x * to_x + to_y * to_y >= meets:
             continue
         if scene.round:
-            _cast_at_disc(sensors, poses[j, 0], poses[j, 1], scene.corner, x, y, c, s, found)
+            _cast_at_disc(sensors, _robot_at(scene, poses, j), x, y, c, s, found)
         else:
-            _cast_at_box(
-                sensors,
-                poses[j, 0],
-                poses[j, 1],
-                poses[j, 3],
-                poses[j, 4],
-                scene.half_length,
-                scene.half_width,
-                x,
-                y,
-                c,
-                s,
-                found,
-            )
+            _cast_at_box(sensors, _robot_at(scene, poses, j), x, y, c, s, found)
 
 
 @jittable
-def is_hidden(
-    scene: Scene,
-    poses: Floats,
-    i: int,
-    j: int,
-    x: float,
-    y: float,
-    height: float,
-    to_x: float,
-    to_y: float,
-    to_height: float,
-) -> bool:
+def is_hidden(scene: Scene, poses: Floats, i: int, j: int, low: Place, high: Place) -> bool:
     """Whether something stands between two points and is high enough to hide one from the other.
 
     Args:
         scene: The arena, the boxes and the robots.
         poses: (robots, 5) as in `cast`.
-        i: A robot that hides nothing: it looks.
-        j: Another one: it is looked at.
-        x: The lower point [m].
-        y: The same.
-        height: Of the lower point [m].
-        to_x: The other point [m].
-        to_y: The same.
-        to_height: Of the other point [m], not less than `height`.
+        i: A robot that hides nothing, because it looks.
+        j: Another one, because it is looked at.
+        low: The lower point.
+        high: The other point.
     """
-    away_x, away_y = to_x - x, to_y - y
+    x, y, height = low
+    away_x, away_y = high[0] - x, high[1] - y
     away = math.sqrt(away_x * away_x + away_y * away_y)
     if away == 0.0:
         return False
     ray_x, ray_y = away_x / away, away_y / away
-    climb = (to_height - height) / away
+    climb = (high[2] - height) / away
     walls, boxes = scene.walls, scene.boxes
     for k in range(len(walls)):
         across = ray_x * walls[k, 3] - ray_y * walls[k, 2]
@@ -245,9 +204,7 @@ def is_hidden(
         if crosses and height + climb * distance < scene.wall_height:
             return True
     for b in range(len(boxes)):
-        distance = _distance_to_turned_box(
-            x, y, ray_x, ray_y, boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3], boxes[b, 4], boxes[b, 5]
-        )
+        distance = _distance_to_placed_box(x, y, ray_x, ray_y, box_at(boxes, b))
         if distance < away and height + climb * distance < boxes[b, 6]:
             return True
     for k in range(len(poses)):
@@ -256,67 +213,35 @@ def is_hidden(
         if scene.round:
             distance = distance_to_disc(x - poses[k, 0], y - poses[k, 1], ray_x, ray_y, scene.corner)
         else:
-            distance = _distance_to_turned_box(
-                x,
-                y,
-                ray_x,
-                ray_y,
-                poses[k, 0],
-                poses[k, 1],
-                poses[k, 3],
-                poses[k, 4],
-                scene.half_length,
-                scene.half_width,
-            )
+            distance = _distance_to_placed_box(x, y, ray_x, ray_y, _robot_at(scene, poses, k))
         if distance < away and height + climb * distance < scene.body_height:
             return True
     return False
 
 
 @jittable
-def is_lit(
-    scene: Scene,
-    poses: Floats,
-    i: int,
-    n: int,
-    x: float,
-    y: float,
-    height: float,
-    range_: float,
-    occlusion: bool,
-) -> bool:
+def is_lit(scene: Scene, poses: Floats, i: int, n: int, sensor: Place, range_: float, occlusion: bool) -> bool:
     """Whether light n is in the range [m] of a sensor of robot i at a point and, with occlusion, not hidden from it."""
-    light_x, light_y, light_height = scene.light.lights[n, 0], scene.light.lights[n, 1], scene.light.lights[n, 2]
-    to_x, to_y = light_x - x, light_y - y
+    light = scene.light.lights[n, 0], scene.light.lights[n, 1], scene.light.lights[n, 2]
+    to_x, to_y = light[0] - sensor[0], light[1] - sensor[1]
     if to_x * to_x + to_y * to_y > range_ * range_:
         return False
     if not occlusion:
         return True
-    if light_height < height:
-        return not is_hidden(scene, poses, i, i, light_x, light_y, light_height, x, y, height)
-    return not is_hidden(scene, poses, i, i, x, y, height, light_x, light_y, light_height)
+    if light[2] < sensor[2]:
+        return not is_hidden(scene, poses, i, i, light, sensor)
+    return not is_hidden(scene, poses, i, i, sensor, light)
 
 
 @jittable
-def _distance_to_turned_box(
-    x: float,
-    y: float,
-    ray_x: float,
-    ray_y: float,
-    box_x: float,
-    box_y: float,
-    box_c: float,
-    box_s: float,
-    half_length: float,
-    half_width: float,
-) -> float:
-    """As `distance_to_box`, all in the world's frame; the box has its centre at (box_x, box_y)."""
-    from_x, from_y = x - box_x, y - box_y
+def _distance_to_placed_box(x: float, y: float, ray_x: float, ray_y: float, box: PlacedBody) -> float:
+    """As `distance_to_box`, in the world's frame."""
+    from_x, from_y = x - box.x, y - box.y
     return distance_to_box(
-        box_c * from_x + box_s * from_y,
-        box_c * from_y - box_s * from_x,
-        box_c * ray_x + box_s * ray_y,
-        box_c * ray_y - box_s * ray_x,
-        half_length,
-        half_width,
+        box.c * from_x + box.s * from_y,
+        box.c * from_y - box.s * from_x,
+        box.c * ray_x + box.s * ray_y,
+        box.c * ray_y - box.s * ray_x,
+        box.half_length,
+        box.half_width,
     )

@@ -1,4 +1,4 @@
-"""The part of an experiment that changes, and what is recorded of it."""
+"""The changing part of an experiment, and its record."""
 
 import math
 from typing import NamedTuple
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from mercator_design.arrays import Flags, Floats, Keys
 from mercator_design.fsm.control import DRAWS, MEMORY
 from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.sim.kernels.scene import Scene
 
 
 class Swarm(NamedTuple):
-    """What changes: one row a robot."""
+    """The changing state: one row for each robot."""
 
     poses: Floats  # (robots, 5) x [m], y [m], heading [rad], its cosine and sine
     velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
@@ -23,7 +24,7 @@ class Swarm(NamedTuple):
     memory: Floats  # (robots, MEMORY) of the controllers
     control_keys: Keys  # (robots,) streams of draws
     noise_keys: Keys
-    # What robots remember of what they perceived; without rows where the reference model remembers nothing.
+    # What robots remember of what they perceived; no rows if the reference model remembers nothing.
     heard: Floats  # (robots, robots, latest cycles, 3) of each other: 1 if perceived; where, ahead and to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
     moved: Flags  # (robots,) whether it was moved out of a wall at the end of this cycle
@@ -32,8 +33,8 @@ class Swarm(NamedTuple):
     # Scratch of one robot: what it senses.
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
-    scan: Floats  # (beams,) of the lidar, if neighbours are found with it
-    distances: Floats  # (robots or more,) of neighbours, one as often as it pulls
+    scan: Floats  # (beams,) of the lidar
+    distances: Floats  # (robots or more,) of neighbours; one that attracts several times is there several times
     bearings_x: Floats  # (the same,)
     bearings_y: Floats  # (the same,)
     ground: Floats  # (3,)
@@ -41,7 +42,7 @@ class Swarm(NamedTuple):
 
 
 class History(NamedTuple):
-    """What is recorded; the last four have no rows unless all is recorded."""
+    """The record of an experiment; the last four have no rows unless everything is recorded."""
 
     poses: Floats  # (cycles + 1, robots, 3)
     states: NDArray[np.int8]  # (cycles, robots)
@@ -51,20 +52,11 @@ class History(NamedTuple):
     commands: Floats  # (cycles, robots, 2) what the treads then do [m/s], noise included
 
 
-def new_swarm(
-    poses: Floats,
-    control_keys: Keys,
-    noise_keys: Keys,
-    *,
-    model: ReferenceModel,
-    sensors: int,
-    light_sensors: int,
-    beams: int,
-) -> Swarm:
+def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_keys: Keys, noise_keys: Keys) -> Swarm:
     """A swarm at rest at its poses (robots, 3), before its first cycle."""
-    n = len(poses)
+    n, beams = len(poses), len(scene.lidar.beams_x)
     recalled = math.ceil(max(model.neighbour_memory, model.neighbour_count_memory))
-    most = max(n * (1 + recalled), beams)  # clusters of beams may be anything
+    max_neighbours = max(n * (1 + recalled), beams)  # a cluster of beams need not be a robot
     return Swarm(
         poses=np.hstack([poses, np.zeros((n, 2))]),
         velocities=np.zeros((n, 3)),
@@ -80,19 +72,19 @@ def new_swarm(
         moved=np.zeros(n, dtype=np.bool_),
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
-        proximity=np.zeros(sensors),
-        light=np.zeros(light_sensors),
+        proximity=np.zeros(len(scene.proximity.directions_x)),
+        light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),
-        distances=np.zeros(most),
-        bearings_x=np.zeros(most),
-        bearings_y=np.zeros(most),
+        distances=np.zeros(max_neighbours),
+        bearings_x=np.zeros(max_neighbours),
+        bearings_y=np.zeros(max_neighbours),
         ground=np.zeros(3),
         draws=np.zeros(DRAWS),
     )
 
 
 def new_history(cycles: int, robots: int, *, everything: bool) -> History:
-    """Room for what an experiment records."""
+    """Arrays for the record of an experiment."""
     rows = cycles if everything else 0
     return History(
         poses=np.empty((cycles + 1, robots, 3)),

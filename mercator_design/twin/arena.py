@@ -1,7 +1,7 @@
-"""The twin's arena: a mission's, in which robots move as their treads do, and are measured by the simulator's devices.
+"""The twin's arena: that of a mission. The treads move the robots, and the simulator's devices measure.
 
-A tick is a step of the physics. Devices that look back, such as the gyroscope, look back over a control cycle of the
-mission, as in the simulator.
+A tick is a step of the physics. Devices that compare two times, such as the gyroscope, compare the ends of a control
+cycle of the mission, as in the simulator.
 """
 
 import dataclasses
@@ -41,26 +41,26 @@ MEASURED = (
     "quaternion",
     "proximity",
 )
-"""Devices of the simulator that the twin's measure, beside the lidar."""
+"""Devices of the simulator that the twin uses, beside the lidar."""
 TREADS = "treads"
-"""What a measurement is called of how far each tread has gone [m]."""
+"""Name of a measurement: the distance that each tread has gone [m]."""
 _LOOKS_BACK = 2  # cycles
 
 
 class TwinArena:
-    """An arena with robots at rest, as an instance of a mission has them.
+    """The arena of an instance of a mission, with robots at rest.
 
-    period: Of a tick [s].
-    ticks: How many there were.
-    cycle: How many are a control cycle.
-    samples: Of a turn of a lidar.
+    period: Duration of a tick [s].
+    ticks: Ticks since the start.
+    cycle: Ticks in a control cycle.
+    samples: Samples in a turn of a lidar.
     """
 
     def __init__(self, mission: Mission, robot_model: RobotModel, seed: int) -> None:
         """Place the robots.
 
         Raises:
-            MissionError: if they do not fit, or have not the devices of a Mercator.
+            MissionError: if they do not fit, or lack a device of a Mercator.
         """
         missing = [part for part in ("lidar", *MEASURED) if getattr(robot_model, PARTS[part]) is None]
         if robot_model.lidar is None or missing:
@@ -85,7 +85,7 @@ class TwinArena:
             else functools.partial(referee_motion, self._instance)
         )
         self._start = self._swarm.poses[:, :3].copy()
-        self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # round and round
+        self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # a ring buffer
         self._latest.poses[:] = self._start
         self._driven = np.zeros((len(self._latest.poses), n, 2))
         self._ways = np.zeros((n, 2))
@@ -96,12 +96,12 @@ class TwinArena:
 
     @property
     def poses(self) -> Floats:
-        """Where the robots are (robots, 3): x, y [m], heading [rad]."""
+        """The poses of the robots (robots, 3): x, y [m], heading [rad]."""
         poses: Floats = self._swarm.poses[:, :3]
         return poses
 
     def rehearse(self) -> None:
-        """Do a control cycle with all devices: this compiles what is not compiled yet, and no later cycle is late."""
+        """Run a control cycle with all devices: it compiles what is not compiled yet, so no later cycle is late."""
         for _ in range(self.cycle):
             self.step([(0.0, 0.0)] * self.robots)
         for device in MEASURED:
@@ -112,7 +112,7 @@ class TwinArena:
         lidar.advance(1.0 / self.samples)
 
     def step(self, treads: Sequence[Treads]) -> None:
-        """One tick, in which the treads of the robots have these speeds."""
+        """Run one tick with these speeds of the robots' treads."""
         swarm, row = self._swarm, (self.ticks + 1) % len(self._latest.poses)
         swarm.commands[:] = treads
         if self._scene.wheel_noise[0] != NO_NOISE:
@@ -132,14 +132,14 @@ class TwinArena:
         self._is_scanned = False
 
     def measure(self, robot: int, device: str) -> Sequence[float]:
-        """What a robot's device measures now: TREADS, or one of MEASURED, in its units, with y forwards."""
+        """The measurement of a robot's device, TREADS or one of MEASURED, in its units, with y forwards."""
         if device not in self._measured:
             self._measured[device] = self._measure(device)
         values: list[float] = self._measured[device][robot].tolist()
         return values
 
     def scan(self, robot: int) -> Floats:
-        """What is around a robot now: FINE ranges [m] for each sample of its lidar; 0 if none."""
+        """FINE ranges [m] around a robot for each sample of its lidar; 0 if nothing is in range."""
         if not self._is_scanned:
             compiled(_scan)(self._scene, self._swarm, self.ticks, self._scans)
             self._is_scanned = True
@@ -162,7 +162,7 @@ class TwinArena:
 
 
 def without_noise(part: Any) -> Any:  # noqa: ANN401 - a robot model, or whatever is in one
-    """A robot model that measures and does what it should."""
+    """A robot model without noise and losses."""
     if not dataclasses.is_dataclass(part) or isinstance(part, type):
         return part
     quiet = {"noise": None, "weight_noise": None, "loss": 0.0}
@@ -171,7 +171,7 @@ def without_noise(part: Any) -> Any:  # noqa: ANN401 - a robot model, or whateve
 
 
 def _disturb(scene: Scene, swarm: Swarm, cycle: int) -> None:
-    """Put the drive's noise on the commands of a cycle."""
+    """Add the drive's noise to the commands of a cycle."""
     for i in range(len(swarm.commands)):
         for side in range(2):
             part = noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS_DRAWS, 2 * cycle + side)

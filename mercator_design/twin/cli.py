@@ -19,7 +19,7 @@ from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
 
 _PRIORITY = 3
-"""Above that of runs and of their watchdogs: the devices of a real robot do not wait for its computer."""
+"""Higher than that of runs and their watchdogs: the devices of a real robot do not wait for its computer."""
 
 
 @click.command(short_help="Run simulated robots in real time.")
@@ -27,12 +27,12 @@ _PRIORITY = 3
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
-    help="For ports, robot.yaml of each robot, and the log.  [default: mercator-twin in the user's runtime directory]",
+    help="Folder of ports, robot.yaml files and the log.  [default: mercator-twin in the user's runtime directory]",
 )
-@click.option("--faults", type=FILE, metavar="FILE.yaml", help="What goes wrong, and when.")
+@click.option("--faults", type=FILE, metavar="FILE.yaml", help="Script of faults.")
 @click.option("--duration", type=NumberRange(min=0.0, min_open=True), help="Seconds to run.  [default: until Ctrl-C]")
-@click.option("--no-noise", is_flag=True, help="What is measured, and what the treads do, is exact.")
-@seed_of("Of where the robots stand, and of noise.")
+@click.option("--no-noise", is_flag=True, help="Simulate sensors and treads without noise.")
+@seed_of("Seed of starting poses and noise.")
 @ROBOT_MODEL
 @SET
 @PLUGIN
@@ -46,11 +46,11 @@ def twin(
     robot_model: str | None,
     overrides: tuple[str, ...],
 ) -> None:
-    """Run robots that are not there: their serial ports, in MISSION's arena, in real time.
+    """Simulate the devices of robots in MISSION's arena, in real time, behind serial ports.
 
-    Robot N's ports are FOLDER/N/rvr, lidar and proximity; FOLDER/N/robot.yaml names them. What happens is in
-    FOLDER/twin.jsonl, one event a line. Ctrl-C or SIGTERM ends it. Where that is permitted, it runs before all that is
-    less urgent; it says so if it is late nevertheless.
+    The ports of robot N are FOLDER/N/rvr, lidar and proximity; FOLDER/N/robot.yaml names them. FOLDER/twin.jsonl is the
+    log, with one event a line. Ctrl-C or SIGTERM ends the twin. It runs with real-time priority if that is permitted,
+    and warns if it is late.
     """
     script = read_script(faults) if faults is not None else Script()
     loaded = load_mission(mission, overrides)
@@ -63,7 +63,7 @@ def twin(
         with open_log(place) as log:
             terminals = Terminals(Twin(arena, script, log), place)
             terminals.check()
-            TwinArena(loaded, model, seed).rehearse()  # compiles, which signals may end at once
+            TwinArena(loaded, model, seed).rehearse()  # compiles; signals end this at once
             with Interrupt() as interrupt, terminals:
                 raise_priority(_PRIORITY)
                 for number, file in enumerate(terminals.robots):

@@ -1,7 +1,7 @@
-"""What goes wrong with a twin, and when: a script in YAML, and what it does to bytes on a line.
+"""The faults of a twin: a script in YAML, and its effect on the bytes of a line.
 
 schema: 1
-seed: 7       # of which bytes are hit
+seed: 7       # of the choice of bytes
 faults:
   - {kind: flip, at: 5, duration: 10, robot: 0, device: rvr, rate: 0.01}
   - {kind: port_loss, at: 20, duration: 2, robot: 1, device: lidar}
@@ -31,7 +31,7 @@ class _Fault:
     robot: Annotated[int, Range(0, 999)]  # its number, from 0
 
     def is_on(self, now: float) -> bool:
-        """Whether it is there at a time [s]."""
+        """Whether the fault is present at a time [s]."""
         return self.at <= now < self.at + self.duration
 
 
@@ -163,10 +163,10 @@ def read_script(path: str | Path) -> Script:
 
 
 class Damage:
-    """What faults do to the bytes of one direction of a line."""
+    """The effect of faults on the bytes of one direction of a line."""
 
     def __init__(self, faults: Iterable[LineFault], direction: Direction, seed: str) -> None:
-        """The damage by some faults, drawn from a seed."""
+        """The effect of some faults, with draws from a seed."""
         self._faults = [
             (fault, random.Random(f"{seed} {number}"))
             for number, fault in enumerate(faults)
@@ -174,7 +174,7 @@ class Damage:
         ]
 
     def __call__(self, data: bytes, now: float) -> bytes:
-        """What comes through of these bytes."""
+        """The bytes that arrive."""
         for fault, chance in self._faults:
             if fault.is_on(now):
                 data = b"".join(fault.damaged(byte, chance) for byte in data)

@@ -1,4 +1,4 @@
-"""The folder of a twin, and its log there; where the user names no folder, one that is the user's own."""
+"""The folder of a twin, with its log. The default is a folder that only the user can enter."""
 
 import contextlib
 import fcntl
@@ -18,19 +18,19 @@ from mercator_design.twin.twin import Log
 ROBOT = "robot.yaml"
 LOG = "twin.jsonl"
 BEGINS = {ROBOT: b"# A twin's, which takes this file away when it ends.\n", LOG: b'{"time": 0.0, "event": "'}
-"""By which the files of a twin that was killed are known."""
+"""The first bytes of a twin's files, by which those of a killed twin are recognised."""
 FRESH = ".new"
-"""What the name of a link ends in until it takes the place of the one before."""
+"""Suffix of a new link until it replaces the old one."""
 _NAME = "mercator-twin"
 
 
 def usual_folder() -> Path:
-    """The folder `mercator-twin` in the user's runtime directory, which is made.
+    """Make the folder `mercator-twin` in the user's runtime directory.
 
-    Without a runtime directory, as in a container or after `su`, it is in the user's cache directory.
+    Without a runtime directory, as in a container or after `su`, it is made in the user's cache directory.
 
     Raises:
-        RobotError: if the folder cannot be made, belongs to somebody else, or is open to others.
+        RobotError: if the folder cannot be made, belongs to another user, or others may enter it.
     """
     folder = (_runtime_directory() or platformdirs.user_cache_path("mercator_design")) / _NAME
     try:
@@ -48,7 +48,7 @@ def usual_folder() -> Path:
 
 
 def _runtime_directory() -> Path | None:
-    """As the XDG Base Directory Specification has it: of this user, and of nobody else; None if there is none."""
+    """The directory by the XDG Base Directory Specification, which only this user can enter; None if there is none."""
     for name in (os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{os.getuid()}"):
         path = Path(name)
         try:
@@ -60,17 +60,17 @@ def _runtime_directory() -> Path | None:
 
 
 def _is_own(found: os.stat_result) -> bool:
-    """Whether it is a folder of this user's that is closed to others."""
+    """Whether it is a folder that only this user can enter."""
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) & 0o077 == 0
 
 
 @contextlib.contextmanager
 def open_log(folder: Path) -> Iterator[Log]:
-    """The log in a folder: one JSON object a line, each written at once. As long as it is open, no other twin has it.
+    """The log in a folder: one JSON object a line, each written at once. No other twin can open it meanwhile.
 
     Raises:
-        RobotError: if another twin has the folder, somebody else's file is in the place of the log, or nothing can be
-            written there.
+        RobotError: if another twin has the folder, a file that is not a twin's is in the place of the log, or
+            the folder cannot be written to.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -87,7 +87,7 @@ def open_log(folder: Path) -> Iterator[Log]:
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """What cannot be written to a folder is told with its name."""
+    """Name the folder in errors on writing."""
     try:
         yield
     except OSError as error:
@@ -95,7 +95,7 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def check_free(path: Path) -> None:
-    """Make sure that a twin may write or replace a file, because there is none, or a twin has left it.
+    """Check that a twin may write a file: there is none, or a twin has left it.
 
     Raises:
         RobotError: if it may not.
@@ -105,7 +105,7 @@ def check_free(path: Path) -> None:
 
 
 def _is_left(path: Path) -> bool:
-    """Whether a file is a twin's."""
+    """Whether a twin has made a file."""
     if path.is_symlink():
         return path.name.removesuffix(FRESH) in DEVICES and str(path.readlink()).startswith("/dev/pts/")
     if not path.is_file() or path.name not in BEGINS:

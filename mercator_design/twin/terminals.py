@@ -25,19 +25,19 @@ from mercator_design.twin.twin import Twin
 
 _CHUNK = 4096
 RATES: dict[DeviceName, float] = {"rvr": 11_520.0}
-"""[bytes/s] of lines that are slower than their devices, at 115200 baud."""
+"""[bytes/s] Rates of lines that are slower than their devices, at 115200 baud."""
 _LATE = 0.1
-"""[s] after which a program may notice that its devices are late."""
-_PIECE = 0.001  # [s] for which a line that is busy carries bytes until somebody can read them
+"""[s] A program may notice that its devices are later than this."""
+_PIECE = 0.001  # [s] between deliveries of bytes on a busy line
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How time was kept.
+    """Duration and punctuality of a run of the twin.
 
-    duration: Of all [s].
-    cpu: Seconds of a processor for each of them.
-    latest: Most that anything was done too late [s].
+    duration: Duration of the run [s].
+    cpu: Seconds of a processor for each second.
+    latest: Maximum delay of a step [s].
     dropped: Bytes that no client read in time.
     """
 
@@ -48,14 +48,14 @@ class Timing:
 
 
 class Wire:
-    """Bytes on their way along a line of some rate [bytes/s], since some time [s]."""
+    """Bytes on their way along a line of a rate [bytes/s], since a time [s]."""
 
     def __init__(self, rate: float, since: float) -> None:
         self.data = bytearray()
         self._rate, self._since = rate, since
 
     def carried(self, now: float) -> bytes:
-        """What has come through by now."""
+        """The bytes that have arrived by now."""
         count = int(self._rate * (now - self._since))
         self._since += count / self._rate
         data = bytes(self.data[:count])
@@ -64,24 +64,24 @@ class Wire:
 
 
 class Terminals:
-    """The ports of all robots: in `folder`/N, for robot N, links to them, and robot.yaml, which names them."""
+    """The ports of all robots: `folder`/N has links to those of robot N, and robot.yaml, which names them."""
 
     def __init__(self, twin: Twin, folder: Path) -> None:
-        """No ports yet: entering makes them, and leaving takes them away.
+        """No ports yet: entering the context makes them, and leaving removes them.
 
         Raises:
-            RobotError: on entering, if somebody else's file is in the place of one of them.
+            RobotError: on entering, if a file that is not a twin's is in the place of one of them.
         """
         self._twin, self._folder = twin, folder.resolve()
         self._head = BEGINS[ROBOT] + f"# It is process {os.getpid()}.\n".encode()
-        self._links: dict[Path, str] = {}  # where those lead that it has made
+        self._links: dict[Path, str] = {}  # link -> its target, of the links made here
         self._fds: dict[tuple[int, DeviceName], int] = {}
         self._ports: dict[int, tuple[int, DeviceName]] = {}
-        self._open, self._closed = select.poll(), select.poll()  # of ports that somebody has open, and of the others
+        self._open, self._closed = select.poll(), select.poll()  # of ports that a client has open, and of the others
         self._is_open: set[int] = set()
         self._under_way: dict[int, Wire] = {}
         self._latest, self._dropped = 0.0, 0
-        self._lateness_told = _LATE  # what is not later than that is not told
+        self._reported_delay = _LATE  # longer delays are reported
         self._report: Callable[[str], None] = lambda _: None
 
     @property
@@ -90,10 +90,10 @@ class Terminals:
         return [self._folder / str(number) / ROBOT for number in range(len(self._twin.robots))]
 
     def check(self) -> None:
-        """Make sure that nothing of somebody else's is in the places of the ports and their files.
+        """Check that no file that is not a twin's is in the place of a port or file.
 
         Raises:
-            RobotError: if something is.
+            RobotError: if one is.
         """
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
@@ -127,7 +127,7 @@ class Terminals:
         for number, device in list(self._fds):
             self._unplug(number, device)
         for file in self.robots:
-            with contextlib.suppress(OSError):  # somebody else's files may be there
+            with contextlib.suppress(OSError):  # there may be other files
                 if self._is_mine(file):
                     file.unlink()
                 file.parent.rmdir()
@@ -141,9 +141,9 @@ class Terminals:
         """Keep the twin in step with the clock until it is over.
 
         Args:
-            is_over: Whether it is, by the time [s].
-            report: Is told when the twin is late, and again when it is more than twice as late.
-            clock: The time [s].
+            is_over: Whether it is over, at a time [s].
+            report: Called when the twin is late, and again when it is more than twice as late.
+            clock: Returns the time [s].
         """
         self._report = report
         start, at, began = clock(), time_of_day(), time.process_time()
@@ -164,8 +164,8 @@ class Terminals:
 
     def _keep_up(self, now: float) -> None:
         self._latest = max(self._latest, now - self._twin.next_tick)
-        if self._latest > self._lateness_told:
-            self._lateness_told = 2.0 * self._latest
+        if self._latest > self._reported_delay:
+            self._reported_delay = 2.0 * self._latest
             self._report(
                 f"Warning: the twin was {1000 * self._latest:.0f} ms late, as this computer is too busy; programs may "
                 "find its devices silent"
@@ -174,7 +174,7 @@ class Terminals:
             self._send(self._fds.get((number, device)), said, now)
 
     def _settings(self, number: int, port: int) -> Settings:
-        """What a program is to know of a robot, whose UDP port is a free one."""
+        """The settings of a robot for programs, with a free UDP port."""
         model = self._twin.arena.robot_model
         angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
         return Settings(
@@ -187,7 +187,7 @@ class Terminals:
         )
 
     def _look(self, now: float) -> None:
-        """See which ports are plugged in, and which have been opened."""
+        """Find which ports are plugged in, and which have been opened."""
         for number, robot in enumerate(self._twin.robots):
             for device in DEVICES:
                 is_there = (number, device) in self._fds
@@ -204,7 +204,7 @@ class Terminals:
         number, device = self._ports[fd]
         try:
             data = os.read(fd, _CHUNK)
-        except BlockingIOError:  # closed when it was looked at, and opened again since
+        except BlockingIOError:  # closed when polled, and opened again since
             return
         except OSError as error:
             if error.errno != errno.EIO:
@@ -260,7 +260,7 @@ class Terminals:
         line.data += fits
 
     def _carry(self, now: float) -> None:
-        """Bring bytes that are under way to where they can be read."""
+        """Deliver the bytes that have arrived."""
         for fd, line in list(self._under_way.items()):
             if data := line.carried(now):
                 self._write(fd, data)
@@ -268,7 +268,7 @@ class Terminals:
                 del self._under_way[fd]
 
     def _write(self, fd: int, data: bytes) -> None:
-        """Write to a port; what does not fit is lost, as on a wire."""
+        """Write to a port; bytes that do not fit are lost, as on a wire."""
         try:
             sent = os.write(fd, data)
         except OSError as error:
@@ -278,7 +278,7 @@ class Terminals:
         self._dropped += len(data) - sent
 
     def _note(self, fd: int, now: float, *, is_open: bool) -> None:
-        """A client has opened a port, or the last one has closed it."""
+        """Note that a client has opened a port, or that the last one has closed it."""
         if is_open == (fd in self._is_open):
             return
         before, after = (self._closed, self._open) if is_open else (self._open, self._closed)
@@ -290,7 +290,7 @@ class Terminals:
         self._twin.robots[number].note_port(device, is_open=is_open, now=now)
 
     def _plug_in(self, number: int, device: DeviceName) -> None:
-        """Make a port, to which the link leads from one moment to the next.
+        """Make a port, and let the link lead to it, atomically.
 
         Raises:
             RobotError: if the link was replaced, or the folder removed.
@@ -322,7 +322,7 @@ class Terminals:
         self._close(self._fds.pop((number, device)))
 
     def _is_mine(self, path: Path) -> bool:
-        """Whether a file is still what this twin has made, though others may have written into its robot.yaml."""
+        """Whether this twin has made a file; others may have appended to its robot.yaml."""
         try:
             if path.name == ROBOT:
                 return path.read_bytes().startswith(self._head)

@@ -1,4 +1,4 @@
-"""Robots of an arena, with their devices and what goes wrong; without input or output, at times that are given."""
+"""The robots of an arena, with their devices and faults. No input or output; the time is an argument."""
 
 import functools
 from collections.abc import Callable, Iterator, Mapping
@@ -18,7 +18,7 @@ Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 class _DeviceLine(NamedTuple):
-    """A device, and what goes wrong on the line to it and from it."""
+    """A device, and the faults on the line to it and from it."""
 
     device: TwinRvr | TwinLidar | TwinHub
     to_robot: Damage
@@ -29,13 +29,13 @@ class TwinRobot:
     """A robot of an arena, switched on at the time 0."""
 
     def __init__(self, arena: TwinArena, number: int, script: Script, log: Log) -> None:
-        """The robot of a number.
+        """Switch a robot on.
 
         Args:
-            arena: Where it is.
-            number: Which.
-            script: What goes wrong with it, and with others.
-            log: Is given what happens to it.
+            arena: The arena.
+            number: The robot's number.
+            script: The faults of all robots.
+            log: Called with each event of the robot.
         """
         measure = functools.partial(arena.measure, number)
         self.rvr = TwinRvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
@@ -70,7 +70,7 @@ class TwinRobot:
         return said
 
     def advance(self, now: float) -> Iterator[tuple[DeviceName, bytes]]:
-        """The bytes that the devices send by themselves up to now."""
+        """The bytes that the devices send unasked up to now."""
         self._begin_and_end_faults(now)
         for name, line in self._lines.items():
             if said := line.from_robot(line.device.advance(now), now):
@@ -78,7 +78,7 @@ class TwinRobot:
         self._note(now)
 
     def is_plugged_in(self, device: DeviceName) -> bool:
-        """Whether a device has a port, as most have."""
+        """Whether no fault has removed the port of a device."""
         return not any(isinstance(fault, PortLoss) and fault.device == device for fault in self._on)
 
     def note_port(self, device: DeviceName, *, is_open: bool, now: float) -> None:
@@ -102,12 +102,12 @@ class TwinRobot:
         self.rvr.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
         if any(isinstance(fault, Heat) for fault in begun + ended):
             hot = [(SIDES.index(fault.motor), fault.temperature) for fault in on if isinstance(fault, Heat)]
-            self.rvr.heat(dict(sorted(hot)))  # of several the hottest counts
+            self.rvr.heat(dict(sorted(hot)))  # if there are several, the hottest counts
 
     def _note(self, now: float) -> None:
         """Log new events."""
-        left, right = (round(speed, 4) + 0.0 for speed in self.rvr.told)
-        self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.told_by)
+        left, right = (round(speed, 4) + 0.0 for speed in self.rvr.drive.target)
+        self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.drive.cause)
         self._note_one(now, "power", self.rvr.is_awake, awake=self.rvr.is_awake)
         self._note_one(now, "leds", bytes(self.rvr.leds), leds=list(self.rvr.leds))
 
@@ -121,17 +121,17 @@ class TwinRobot:
 
 
 class Twin:
-    """All robots of an arena, and the time there, which begins with 0.
+    """All robots of an arena; the time there begins with 0.
 
-    arena: Where they are.
-    robots: By number.
+    arena: The arena.
+    robots: The robots by number.
     """
 
     def __init__(self, arena: TwinArena, script: Script | None = None, log: Log = lambda _: None) -> None:
         """Switch the robots on.
 
         Raises:
-            SettingsError: if something is to go wrong with a robot that is not there.
+            SettingsError: if a fault is of a robot that does not exist.
         """
         script = script or Script()
         for number, fault in enumerate(script.faults):
@@ -145,13 +145,13 @@ class Twin:
 
     @property
     def next_tick(self) -> float:
-        """When there is something to do [s]."""
+        """The time of the next step [s]."""
         return round((self.arena.ticks + 1) * self.arena.period, 9)
 
     def advance(self, now: float) -> Iterator[tuple[int, DeviceName, bytes]]:
-        """The bytes that the devices send by themselves up to now: robot, device, bytes."""
+        """The bytes that the devices send unasked up to now: robot, device, bytes."""
         while (time := self.next_tick) <= now:
-            self.arena.step([robot.rvr.treads for robot in self.robots])
+            self.arena.step([robot.rvr.drive.treads for robot in self.robots])
             for number, robot in enumerate(self.robots):
                 for device, said in robot.advance(time):
                     yield number, device, said
@@ -159,9 +159,9 @@ class Twin:
                 self._note_poses()
 
     def note(self, event: str, **details: Any) -> None:  # noqa: ANN401 - of events
-        """Log something that concerns all robots."""
+        """Log an event of all robots."""
         self._log({"time": round(self.arena.ticks * self.arena.period, 6), "event": event, **details})
 
     def _note_poses(self) -> None:
-        treads = [robot.rvr.treads for robot in self.robots]
+        treads = [robot.rvr.drive.treads for robot in self.robots]
         self.note("poses", poses=self.arena.poses.round(6).tolist(), treads=treads)

@@ -151,7 +151,7 @@ class TestInATwin:
         ]
         assert wheels[-1][0] == pytest.approx(1.2, abs=0.021)  # 300 ms after the last command that came through
         said = talk.drive(0.2, 0.2, 0.5)
-        assert talk.robot.rvr.told == pytest.approx((0.2, 0.2))
+        assert talk.robot.rvr.drive.target == pytest.approx((0.2, 0.2))
         assert said["lidar"] == []
         faults = [(event["time"], event["kind"], event["begins"]) for event in talk.events("fault")]
         assert faults == [(1.0, "silence", True), (2.0, "silence", False)]
@@ -220,9 +220,9 @@ class TestInATwin:
         talk = Talk(script=Script(faults=tuple(faults)))
         talk.send("enable_motor_thermal_protection_status_notify", is_enabled=True)
         said = talk.drive(0.2, 0.2, 1.0)["rvr"]
-        assert talk.robot.rvr.treads == (pytest.approx(0.2), 0.0)
+        assert talk.robot.rvr.drive.treads == (pytest.approx(0.2), 0.0)
         said += talk.drive(0.2, 0.2, 1.5)["rvr"]
-        assert talk.robot.rvr.treads == pytest.approx((0.2, 0.2))
+        assert talk.robot.rvr.drive.treads == pytest.approx((0.2, 0.2))
         found = [(event.values["right_motor_temperature"], event.values["right_motor_status"]) for event in said]
         assert found == [(75.0, 2), (65.0, 1), (30.0, 0)]
         assert {event.values["left_motor_status"] for event in said} == {0}
@@ -233,15 +233,15 @@ class TestInATwin:
         talk.robot.note_port("rvr", is_open=True, now=0.0)
         talk.send("drive_to_position_si", yaw_angle=0.0, x=0.0, y=1.0, linear_speed=0.2, flags=0)
         talk.wait(3.0)
-        assert talk.robot.rvr.told != (0.0, 0.0)
+        assert talk.robot.rvr.drive.target != (0.0, 0.0)
         talk.robot.note_port("lidar", is_open=False, now=talk.now)
-        assert talk.robot.rvr.told != (0.0, 0.0)
+        assert talk.robot.rvr.drive.target != (0.0, 0.0)
         talk.robot.note_port("rvr", is_open=False, now=talk.now)
-        assert (talk.robot.rvr.told, talk.robot.rvr.told_by) == ((0.0, 0.0), "port closed")
+        assert (talk.robot.rvr.drive.target, talk.robot.rvr.drive.cause) == ((0.0, 0.0), "port closed")
         assert talk.events("wheels")[-1]["by"] == "port closed"
         talk.send("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1)
         talk.robot.note_port("rvr", is_open=False, now=talk.now)
-        assert talk.robot.rvr.told_by == "drive_tank_si_units"  # that ends by itself
+        assert talk.robot.rvr.drive.cause == "drive_tank_si_units"  # that ends by itself
 
     def test_the_port_goes_away(self):
         talk = Talk(script=Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="lidar"),)))

@@ -137,7 +137,7 @@ class TestCommands:
         assert isinstance(unknown, Unknown)  # the host has not sent it
         answer = unknown.frame
         assert (answer.did, answer.cid, answer.seq, answer.source, answer.error) == (did, cid, 7, target, error)
-        assert talk.rvr.told == (0.0, 0.0)
+        assert talk.rvr.drive.target == (0.0, 0.0)
 
     @pytest.mark.parametrize("name", COMMANDS)
     def test_nothing_that_is_sent_breaks_it(self, talk, name):
@@ -153,7 +153,7 @@ class TestCommands:
                 (seq, True)
             ]
             talk.wait(0.1, step=0.05)
-            assert all(abs(speed) <= 2.0 for speed in (*talk.rvr.told, *talk.rvr.treads))
+            assert all(abs(speed) <= 2.0 for speed in (*talk.rvr.drive.target, *talk.rvr.drive.treads))
             if not talk.rvr.is_awake:
                 talk.send("wake")
                 talk.wait(WAKES + 0.1, step=0.05)
@@ -212,20 +212,20 @@ class TestDriving:
     )
     def test_what_the_treads_are_told(self, talk, name, values, treads):
         talk.send(name, **values)
-        assert talk.rvr.told == pytest.approx(treads, abs=1e-6)
-        assert talk.rvr.told_by == name
+        assert talk.rvr.drive.target == pytest.approx(treads, abs=1e-6)
+        assert talk.rvr.drive.cause == name
         talk.wait(0.01)
-        assert talk.rvr.treads == pytest.approx(treads, abs=1e-6)
+        assert talk.rvr.drive.treads == pytest.approx(treads, abs=1e-6)
 
     def test_a_command_ends_after_two_seconds_and_the_robot_brakes(self, talk):
         drive(talk, 0.5, 0.5)
         talk.wait(1.99)
-        assert talk.rvr.treads == (0.5, 0.5)
+        assert talk.rvr.drive.treads == (0.5, 0.5)
         talk.wait(0.02)
-        assert (talk.rvr.told, talk.rvr.told_by) == ((0.0, 0.0), "timeout")
-        assert 0.4 < talk.rvr.treads[0] < 0.5
+        assert (talk.rvr.drive.target, talk.rvr.drive.cause) == ((0.0, 0.0), "timeout")
+        assert 0.4 < talk.rvr.drive.treads[0] < 0.5
         said = talk.wait(0.3)
-        assert talk.rvr.treads == (0.0, 0.0)
+        assert talk.rvr.drive.treads == (0.0, 0.0)
         (stopped,) = [time for time, event in said if event.name == "robot_has_stopped"]
         assert stopped == pytest.approx(2.25, abs=0.011)  # 0.5 m/s at 2 m/s2
 
@@ -234,13 +234,13 @@ class TestDriving:
         for _ in range(5):
             drive(talk)
             talk.wait(0.29)
-            assert talk.rvr.told == (0.25, 0.125)
+            assert talk.rvr.drive.target == (0.25, 0.125)
         talk.wait(0.02)
-        assert talk.rvr.told == (0.0, 0.0)
+        assert talk.rvr.drive.target == (0.0, 0.0)
         talk.send("restore_default_control_system_timeout")
         drive(talk)
         talk.wait(1.9)
-        assert talk.rvr.told == (0.25, 0.125)
+        assert talk.rvr.drive.target == (0.25, 0.125)
 
     def test_the_active_controller(self, talk):
         def controller():
@@ -259,14 +259,14 @@ class TestDriving:
         talk.wait(0.1)
         assert talk.ask("get_stop_controller_state") == {"stopped": False}
         talk.send("drive_stop")
-        assert talk.rvr.told == (0.0, 0.0)
+        assert talk.rvr.drive.target == (0.0, 0.0)
         assert list(talk.notes(0.3)) == ["robot_has_stopped"]
         assert talk.ask("get_stop_controller_state") == {"stopped": True}
         drive(talk, 0.5, 0.5)
         talk.wait(0.1)
         talk.send("drive_stop_custom_decel", deceleration_rate=0.5)
         talk.wait(0.5)
-        assert talk.rvr.treads == pytest.approx((0.25, 0.25), abs=0.01)
+        assert talk.rvr.drive.treads == pytest.approx((0.25, 0.25), abs=0.01)
 
     @pytest.mark.parametrize(
         ("kind", "usual", "other", "drive"),
@@ -283,7 +283,7 @@ class TestDriving:
             name, values = drive
             talk.send(name, **values)
             talk.wait(0.2)
-            found = talk.ask("get_active_control_system_id")["controller_id"], talk.rvr.treads[0]
+            found = talk.ask("get_active_control_system_id")["controller_id"], talk.rvr.drive.treads[0]
             talk.send("drive_stop")
             talk.wait(1.0)
             return found
@@ -297,12 +297,12 @@ class TestDriving:
     def test_the_speed_of_rc_may_slew(self, talk):
         talk.send("drive_rc_si_units", yaw_angular_velocity=0.0, linear_velocity=1.0, flags=1)
         talk.wait(0.5)
-        assert talk.rvr.treads == pytest.approx((0.25, 0.25), abs=0.01)
+        assert talk.rvr.drive.treads == pytest.approx((0.25, 0.25), abs=0.01)
         slew = talk.ask("get_drive_target_slew_parameters")
         talk.send("set_drive_target_slew_parameters", **{**slew, "linear_acceleration": 10.0})
         talk.send("drive_rc_si_units", yaw_angular_velocity=0.0, linear_velocity=1.0, flags=1)
         talk.wait(0.1)
-        assert talk.rvr.treads == pytest.approx((1.0, 1.0))
+        assert talk.rvr.drive.treads == pytest.approx((1.0, 1.0))
         talk.send("restore_default_drive_target_slew_parameters")
         assert talk.ask("get_drive_target_slew_parameters") == slew
 
@@ -317,14 +317,14 @@ class TestDriving:
         ):
             talk.rvr.stall(stalled)
             assert [(*event.values.values(),) for _, event in talk.wait(0.02)] == told
-            assert talk.rvr.treads == treads
+            assert talk.rvr.drive.treads == treads
 
 
 def go(talk, seconds):
     """Let the robot go where its treads take it."""
     for _ in range(round(seconds / 0.01)):
         yield from talk.wait(0.01)
-        left, right = talk.rvr.treads
+        left, right = talk.rvr.drive.treads
         x, y = talk.world["locator"]
         yaw = talk.world["imu"][2] + 0.01 * (right - left) / TREAD_DISTANCE
         talk.world["imu"][2] = yaw
@@ -375,7 +375,7 @@ class TestPlaces:
             talk.send("drive_with_heading", speed=26, heading=heading, flags=0)
             list(go(talk, 0.1))
         assert math.cos(math.radians(self.stream(talk, "imu")["imu"]["yaw"] - yaw)) > 0.999
-        assert talk.rvr.told == pytest.approx((0.2, 0.2), abs=0.02)
+        assert talk.rvr.drive.target == pytest.approx((0.2, 0.2), abs=0.02)
 
     @pytest.mark.parametrize("flags", [0, 1, 2, 4])
     def test_to_a_place(self, talk, flags):
@@ -386,7 +386,7 @@ class TestPlaces:
         place = self.stream(talk, "locator")["locator"]
         assert (place["x"], place["y"]) == pytest.approx((0.5, -0.5), abs=0.03)
         assert self.stream(talk, "imu")["imu"]["yaw"] == pytest.approx(45.0, abs=5.0)
-        assert talk.rvr.treads == (0.0, 0.0)
+        assert talk.rvr.drive.treads == (0.0, 0.0)
 
 
 class TestPower:
@@ -394,19 +394,19 @@ class TestPower:
         drive(talk)
         (slept,) = talk.send("sleep")
         assert slept.name == "did_sleep"
-        assert (talk.rvr.treads, talk.rvr.is_awake) == ((0.0, 0.0), False)
+        assert (talk.rvr.drive.treads, talk.rvr.is_awake) == ((0.0, 0.0), False)
         assert talk.ask("get_battery_percentage") == {"percentage": 100}
         (refused,) = talk.send(
             "drive_tank_si_units", reply=Flags.ANSWER | Flags.ONLY_ERRORS, left_velocity=0.1, right_velocity=0.1
         )
         assert refused.error == Error.RESTRICTED
-        assert talk.rvr.told == (0.0, 0.0)
+        assert talk.rvr.drive.target == (0.0, 0.0)
         talk.send("wake")
         talk.wait(WAKES - 0.02)
         assert not talk.rvr.is_awake
         assert talk.notes(0.1) == {"did_wake": {}}
         drive(talk)
-        assert talk.rvr.told == (0.25, 0.125)
+        assert talk.rvr.drive.target == (0.25, 0.125)
 
     def test_what_it_refuses_asleep_it_has_not_done(self, talk):
         talk.send("sleep")
@@ -547,7 +547,7 @@ class TestTheMakersProgram:
         assert len(said) == 4 * 5
         for frame in sdk("original_driver_actuation_tick"):
             assert talk.hear(frame) == []
-        assert talk.rvr.told == pytest.approx((0.2, 0.18))
+        assert talk.rvr.drive.target == pytest.approx((0.2, 0.18))
         assert talk.rvr.light("headlight_left") == (237, 239, 144)
         assert talk.rvr.light("brakelight_right") == (89, 233, 207)
         for frame in sdk("stream_stop_original_driver"):

@@ -1,4 +1,4 @@
-"""The speeds of the treads of the twin's RVR: by commands, until they end, and by the place of the robot."""
+"""The drive of the twin's RVR: the speeds of its treads follow commands and the robot's position."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -9,14 +9,14 @@ from mercator_design.robot.protocols.rvr_messages import Error
 Treads: TypeAlias = tuple[float, float]
 """Speed of the left and the right tread [m/s]."""
 Place: TypeAlias = tuple[float, float, float]
-"""Yaw [degrees], x to the right and y forwards [m] of where the robot is, as the robot itself has it."""
+"""The robot's pose in its own frame: yaw [degrees], x to the right and y forwards [m]."""
 
 TOP = 2.0
-"""[m/s] to which speeds are clamped, and full speed of what is normalised; the latter is nowhere documented."""
+"""[m/s] Limit of speeds, and full speed of normalised commands; the latter is nowhere documented."""
 FASTEST_TURN = 624.0
 """[degrees/s]"""
 TIMEOUT = 2.0
-"""[s] after which a command ends, unless `set_custom_control_system_timeout` says something else."""
+"""[s] after which a command ends, unless `set_custom_control_system_timeout` sets another time."""
 BRAKING = 2.0
 """[m/s2]"""
 
@@ -32,11 +32,11 @@ _CONTROLLERS = {
     6: (8,),
     7: (9,),
 }
-"""Of each type; the first is the default at first."""
+"""The controllers of each type; the first one is the initial default."""
 _DEFAULTS = {kind: controllers[0] for kind, controllers in _CONTROLLERS.items()}
 _SLEW = {"a": -177.78, "b": 533.33, "c": 200.0, "linear_acceleration": 0.5, "linear_velocity_slew_method": 1}
 _GAIN = 5.0  # of the yaw controller [1/s]
-_AIMED = 5.0  # [degrees] from the aim, within which a robot that stood drives off
+_AIMED = 5.0  # [degrees] of error in yaw below which a robot at rest starts to drive
 _ARRIVED = 0.02  # [m] from the end of a position drive
 _HEADING_FLAGS = 0b111111  # all of them
 _AT_ONCE = 1e6  # [m/s2]
@@ -44,11 +44,13 @@ _REST: Treads = (0.0, 0.0)
 
 
 class TwinDrive:
-    """The drive. Its public methods with the names of commands obey these; `now` is to be set before.
+    """The drive. Public methods with the names of commands execute these; set `now` and `command` before.
 
-    told: What the treads aim at.
-    by: What told them so: a command, or "timeout", "sleep", "port closed".
-    treads: What they are at, on the way to what they aim at.
+    now: The time [s].
+    command: The name of the command that is executed.
+    target: The target speeds of the treads.
+    cause: What set these: a command, or "timeout", "sleep", "port closed".
+    treads: The present speeds of the treads.
     stalled: Motors that are stuck (0 left, 1 right).
     """
 
@@ -57,11 +59,11 @@ class TwinDrive:
 
         Args:
             tread_distance: [m] from tread to tread.
-            place: Where the robot is.
+            place: Returns the robot's pose.
         """
         self.now = 0.0
-        self.told = self.treads = _REST
-        self.by = "start"
+        self.target = self.treads = _REST
+        self.command = self.cause = "start"
         self._half = 0.5 * tread_distance
         self._place = place
         self._aim: Callable[[], Treads] = lambda: _REST
@@ -77,59 +79,60 @@ class TwinDrive:
         self._drove_to: bool | None = None
 
     def advance(self) -> list[tuple[str, dict[str, Any]]]:
-        """Bring the treads up to date; the notifications that follow."""
+        """Update the treads; the resulting notifications."""
         if self.now >= self._deadline:
             self._stop("timeout")
         self._report()
-        told: list[tuple[str, dict[str, Any]]] = []
+        notifications: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
             0.0 if motor in self.stalled | self._cut else now + min(max(aim - now, -change), change)
-            for motor, (aim, now) in enumerate(zip(self.told, self.treads, strict=True))
+            for motor, (aim, now) in enumerate(zip(self.target, self.treads, strict=True))
         )
         self._then, self.treads = self.now, (left, right)
         if self._drove_to is not None:
-            told.append(("xy_position_drive_result", {"success": self._drove_to}))
+            notifications.append(("xy_position_drive_result", {"success": self._drove_to}))
             self._drove_to = None
         if self._controller == _STOP and not self._stopped and self.treads == _REST:
             self._stopped = True
-            told.append(("robot_has_stopped", {}))
-        return told
+            notifications.append(("robot_has_stopped", {}))
+        return notifications
 
-    def halt(self, by: str) -> None:
+    def halt(self, cause: str) -> None:
         """Stop at once."""
-        self._stop(by)
+        self._stop(cause)
         self.treads = _REST
 
-    def end_position_drive(self, by: str) -> None:
-        """Stop, if it drives to a position, which no time ends."""
+    def end_position_drive(self, cause: str) -> None:
+        """Stop a drive to a position, which has no timeout."""
         if self._controller == _POSITION:
-            self._stop(by)
+            self._stop(cause)
 
     def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
-        """These motors (0 left, 1 right), and no others, are cut off from now on; the notifications that follow."""
+        """Set which motors (0 left, 1 right) are stuck; the resulting notifications."""
         stalled = frozenset(motors)
         changed, self.stalled = sorted(stalled ^ self.stalled), stalled
         return [("motor_stall", {"motor_index": motor, "is_triggered": motor in stalled}) for motor in changed]
 
     def cut(self, motors: Iterable[int]) -> None:
-        """These motors, and no others, are cut off from now on, whatever they are told."""
+        """Set which motors have no power, whatever the target speeds are."""
         self._cut = frozenset(motors)
 
     def _report(self) -> None:
         left, right = self._aim()
-        self.told = min(max(left, -TOP), TOP), min(max(right, -TOP), TOP)
+        self.target = min(max(left, -TOP), TOP), min(max(right, -TOP), TOP)
 
-    def _drive(self, by: str, controller: int, aim: Callable[[], Treads]) -> None:
-        self.by, self._controller, self._aim = by, controller, aim
+    def _drive(self, controller: int, aim: Callable[[], Treads]) -> None:
+        self.cause, self._controller, self._aim = self.command, controller, aim
         self._limit = self._slew["linear_acceleration"] if controller in {_YAW_SLEW, _RC_SLEW} else _AT_ONCE
         self._deadline = self.now + self._timeout
         self._stopped = False
         self._report()
 
-    def _stop(self, by: str, deceleration: float = BRAKING) -> None:
+    def _stop(self, cause: str, deceleration: float = BRAKING) -> None:
         was_stopped = self._stopped
-        self._drive(by, _STOP, lambda: _REST)
+        self._drive(_STOP, lambda: _REST)
+        self.cause = cause
         self._limit, self._stopped, self._deadline = deceleration, was_stopped, math.inf
 
     def _turning(self, speed: float, turn: float) -> Treads:
@@ -139,7 +142,7 @@ class TwinDrive:
         return speed - aside, speed + aside
 
     def _towards(self, yaw: float, speed: float) -> Callable[[], Treads]:
-        """An aim that turns to a yaw [degrees], and drives on, as soon as it has turned there."""
+        """Target speeds that turn the robot to a yaw [degrees], and drive once it has turned there."""
         is_off = self.treads != _REST
 
         def aim() -> Treads:
@@ -155,44 +158,40 @@ class TwinDrive:
         if left_mode not in signs or right_mode not in signs:
             return Error.BAD_DATA_VALUE
         left, right = signs[left_mode] * left_duty_cycle / 255, signs[right_mode] * right_duty_cycle / 255
-        self._drive("raw_motors", _RAW, lambda: (TOP * left, TOP * right))
+        self._drive(_RAW, lambda: (TOP * left, TOP * right))
         return None
 
     def drive_tank_si_units(self, left_velocity: float, right_velocity: float) -> None:
-        self._drive("drive_tank_si_units", _TANK, lambda: (left_velocity, right_velocity))
+        self._drive(_TANK, lambda: (left_velocity, right_velocity))
 
     def drive_tank_normalized(self, left_velocity: int, right_velocity: int) -> None:
-        self._drive("drive_tank_normalized", _TANK, lambda: (TOP * left_velocity / 127, TOP * right_velocity / 127))
+        self._drive(_TANK, lambda: (TOP * left_velocity / 127, TOP * right_velocity / 127))
 
     def drive_rc_si_units(self, yaw_angular_velocity: float, linear_velocity: float, flags: int) -> None:
         treads = self._turning(linear_velocity, yaw_angular_velocity)
         controller = _RC_SLEW if flags & 1 else self._defaults[_OF_RC]
-        self._drive("drive_rc_si_units", controller, lambda: treads)
+        self._drive(controller, lambda: treads)
 
     def drive_rc_normalized(self, yaw_angular_velocity: int, linear_velocity: int, flags: int) -> None:
         self.drive_rc_si_units(FASTEST_TURN * yaw_angular_velocity / 127, TOP * linear_velocity / 127, flags)
-        self.by = "drive_rc_normalized"
 
     def drive_with_heading(self, speed: int, heading: int, flags: int) -> Error | None:
         if heading > 359 or flags > _HEADING_FLAGS:
             return Error.BAD_DATA_VALUE
         forwards = -1.0 if flags & 1 else 1.0
-        self._drive(
-            "drive_with_heading", self._defaults[_OF_YAW], self._towards(-heading, forwards * TOP * speed / 255)
-        )
+        self._drive(self._defaults[_OF_YAW], self._towards(-heading, forwards * TOP * speed / 255))
         return None
 
     def drive_with_yaw_si(self, yaw_angle: float, linear_velocity: float) -> None:
-        self._drive("drive_with_yaw_si", self._defaults[_OF_YAW], self._towards(yaw_angle, linear_velocity))
+        self._drive(self._defaults[_OF_YAW], self._towards(yaw_angle, linear_velocity))
 
     def drive_with_yaw_normalized(self, yaw_angle: int, linear_velocity: int) -> None:
         self.drive_with_yaw_si(yaw_angle, TOP * linear_velocity / 127)
-        self.by = "drive_with_yaw_normalized"
 
     def drive_to_position_si(
         self, yaw_angle: float, x: float, y: float, linear_speed: float, flags: int
     ) -> Error | None:
-        """Drive to a place, then turn to a yaw; flags: 1 backwards, 2 whichever is nearer, 4 relative."""
+        """Drive to a position, then turn to a yaw; flags: 1 backwards, 2 the shorter turn, 4 relative."""
         if flags & 3 == 3 or linear_speed < 0.0:
             return Error.BAD_DATA_VALUE
         at_yaw, at_x, at_y = self._place()
@@ -211,7 +210,7 @@ class TwinDrive:
                 error = wrapped(yaw_angle - yaw)
                 if abs(error) < 0.5 * _AIMED:
                     self._drove_to = True
-                    self._stop(self.by)
+                    self._stop(self.cause)
                     return _REST
                 return self._turning(0.0, _GAIN * error)
             towards = _direction(x - now_x, y - now_y) + (180.0 if backwards else 0.0)
@@ -219,17 +218,14 @@ class TwinDrive:
             speed = min(linear_speed, _GAIN * distance) * max(0.0, math.cos(math.radians(error))) ** 8
             return self._turning(-speed if backwards else speed, _GAIN * error)
 
-        self._drive("drive_to_position_si", _POSITION, aim)
+        self._drive(_POSITION, aim)
         self._deadline = math.inf
         return None
 
     def drive_to_position_normalized(
         self, yaw_angle: int, x: float, y: float, linear_speed: int, flags: int
     ) -> Error | None:
-        error = self.drive_to_position_si(yaw_angle, x, y, TOP * linear_speed / 127, flags)
-        if error is None:
-            self.by = "drive_to_position_normalized"
-        return error
+        return self.drive_to_position_si(yaw_angle, x, y, TOP * linear_speed / 127, flags)
 
     def drive_stop(self) -> None:
         self._stop("drive_stop")
@@ -237,7 +233,7 @@ class TwinDrive:
     def drive_stop_custom_decel(self, deceleration_rate: float) -> Error | None:
         if not deceleration_rate > 0.0:
             return Error.BAD_DATA_VALUE
-        self._stop("drive_stop_custom_decel", deceleration_rate)
+        self._stop(self.command, deceleration_rate)
         return None
 
     def get_stop_controller_state(self) -> dict[str, Any]:
@@ -278,9 +274,6 @@ class TwinDrive:
     def restore_default_drive_target_slew_parameters(self) -> None:
         self._slew = dict(_SLEW)
 
-    def get_motor_fault_state(self) -> dict[str, Any]:
-        return {"is_fault": False}
-
 
 def wrapped(angle: float) -> float:
     """The same angle [degrees] from -180 to 180."""
@@ -288,5 +281,5 @@ def wrapped(angle: float) -> float:
 
 
 def _direction(x: float, y: float) -> float:
-    """The yaw [degrees] of what is x to the right and y forwards."""
+    """The yaw [degrees] of a point that is x to the right and y forwards."""
     return math.degrees(math.atan2(-x, y))

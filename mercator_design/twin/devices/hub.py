@@ -15,25 +15,25 @@ from mercator_design.robot.protocols.multiflex import (
     command_decoder,
     use_sensors,
 )
-from mercator_design.twin.pace import next_due
+from mercator_design.twin.devices import next_due
 
 RATE = 50.0
-"""Measurements/s of all sensors together; a frame has one of each that is in use (data sheet of 2017)."""
+"""[1/s] Measurements of all sensors together; a frame has one of each sensor in use (data sheet of 2017)."""
 _CHOOSE = use_sensors(0).code
 
 
 class TwinHub:
-    """The hub, which sends from when it has power.
+    """The hub. It sends as soon as it has power.
 
-    plugged_in: Bit i of sensor i: whether there is one.
+    plugged_in: Bit i is set if sensor i is connected.
     """
 
     def __init__(self, measure: Callable[[], Sequence[float]], *, now: float = 0.0) -> None:
         """A hub in binary mode with all sensors in use.
 
         Args:
-            measure: What each sensor measures now [m]; infinite if too near (negative) or nothing is in range.
-            now: The time.
+            measure: Returns the distance of each sensor [m]; minus infinity if too near, infinity if none is in range.
+            now: The time [s].
         """
         self._measure = measure
         self._line = command_decoder()
@@ -47,7 +47,7 @@ class TwinHub:
         return said + b"".join(self._obey(command) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
-        """The frame that is due by now."""
+        """The frame that is due, if any."""
         if now < self._due:
             return b""
         mask = self._mask & self.plugged_in

@@ -1,7 +1,7 @@
 """The twin's YDLIDAR X4: bytes of commands in, bytes of answers and packets out.
 
-The laser is beside the lens, so what a sample is of lies at another angle than the device gives it, by its range. A
-decoder corrects that; here the ranges of a fine scan are put where a device would have them.
+The laser is beside the lens, so the true angle of a sample differs from the reported one, depending on the range. A
+decoder corrects this; here the ranges of a fine scan are placed at the angles that a device would report.
 """
 
 import math
@@ -23,7 +23,7 @@ from mercator_design.robot.protocols.ydlidar import (
 )
 
 Scan: TypeAlias = Callable[[], Floats]
-"""What is around the robot now: FINE ranges [m] for each sample, counter-clockwise from its front; 0 if none."""
+"""Returns FINE ranges [m] for each sample, counter-clockwise from the robot's front; 0 if nothing is in range."""
 
 RATE = SAMPLE_RATE
 """Samples/s."""
@@ -36,37 +36,37 @@ _UNITS = 360 * 64  # of angles in packets, in a turn
 _MM = 4000.0  # units of ranges in a metre
 _REBOOTS = 0.5  # [s]
 _LONGEST = 0xFFFF
-_LEAST, _MOST = math.radians(-5.0), math.radians(8.0)  # corrections, of ranges from 0.1 m on
-_AT, _SPREAD = 0.5, 1.2  # beams from its place, within which one is there, and within which it counts if none is
+_MIN_CORRECTION, _MAX_CORRECTION = math.radians(-5.0), math.radians(8.0)  # for ranges from 0.1 m on
+_AT, _SPREAD = 0.5, 1.2  # [beams] up to which a range belongs to a place, and up to which it is used if none does
 _BEHIND = 1e6  # farther than any range [m]
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
 
 
 class TwinLidar:
-    """The lidar. Its motor has power while its port is open, as DTR is then on.
+    """The lidar. Its motor has power while its port is open, because DTR is on then.
 
-    health: What it says of it: 0 is good, 1 a warning, 2 an error.
+    health: The reported state: 0 good, 1 warning, 2 error.
     """
 
     def __init__(self, scan: Scan, *, samples: int, number: int = 0) -> None:
         """A lidar without power on its motor.
 
         Args:
-            scan: What is around the robot.
-            samples: Of a turn.
-            number: Of the robot, which is in its serial number.
+            scan: Returns the ranges around the robot.
+            samples: Samples in a turn.
+            number: Number of the robot, for the serial number.
         """
         self._scan, self._samples, self._number = scan, samples, number
         self.health = 0
         self._line = command_decoder()
-        self._ready = -math.inf  # from when on it listens
-        self._turns = math.inf  # from when on the motor has its speed
-        self._scans = math.inf  # from when on it scans
+        self._ready = -math.inf  # time from which it listens
+        self._turns = math.inf  # time from which the motor has its speed
+        self._scans = math.inf  # time from which it scans
         self._sent = 0  # samples of this scan
         self._found, self._scratch = np.zeros(_PACKET), np.zeros(_PACKET)
 
     def set_motor(self, *, on: bool, now: float) -> None:
-        """Power for the motor, or none."""
+        """Switch the motor on or off."""
         self._turns = math.inf if not on else min(self._turns, now + SPINS_UP)
         self._restart(now)
 
@@ -76,7 +76,7 @@ class TwinLidar:
         return said + b"".join(self._obey(command, now) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
-        """The packets that are complete by now."""
+        """The packets that are complete."""
         said = []
         start = max(self._scans, self._turns)
         while start <= now:
@@ -105,7 +105,7 @@ class TwinLidar:
         return b""
 
     def _restart(self, now: float) -> None:
-        """A scan goes on from now with a new turn."""
+        """Begin a new turn of the scan."""
         self._sent = 0
         self._scans = max(self._scans, now)
 
@@ -118,16 +118,16 @@ class TwinLidar:
 
 
 def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, ranks: Floats) -> None:
-    """Put ranges where a device would have them.
+    """Place ranges at the samples where a device would report them.
 
-    Where several things come to the same place, the nearest hides the others; where none does, nothing comes back.
+    If several objects come to the same sample, the nearest one hides the others; if none does, the range is 0.
 
     Args:
-        ranges: (beams,) [m], counter-clockwise from the front; 0 if none.
-        corrections: Of angles [rad], by range [mm].
-        samples: Of a turn.
+        ranges: (beams,) [m], counter-clockwise from the front; 0 if nothing is in range.
+        corrections: Corrections of angles [rad], by range [mm].
+        samples: Samples in a turn.
         first: Number of the first sample, clockwise from the front.
-        found: (count,) filled with the ranges of the samples from there on [m].
+        found: (count,) receives the ranges of the samples from there on [m].
         ranks: (count or more,) scratch.
     """
     beams, count = len(ranges), len(found)
@@ -135,8 +135,8 @@ def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Fl
     for j in range(count):
         found[j] = 0.0
         ranks[j] = math.inf
-    begin = math.floor((_LEAST - (first + count) * step) / fine)
-    end = math.ceil((_MOST - (first - 1) * step) / fine)
+    begin = math.floor((_MIN_CORRECTION - (first + count) * step) / fine)
+    end = math.ceil((_MAX_CORRECTION - (first - 1) * step) / fine)
     for k in range(begin, end + 1):
         r = ranges[k % beams]
         if r == 0.0:
@@ -146,7 +146,7 @@ def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Fl
         off = abs(place - j) * FINE  # in beams
         if not 0 <= j < count or off > _SPREAD:
             continue
-        rank = r if off <= _AT else _BEHIND + off  # of things at the place the nearest, else the one beside it
+        rank = r if off <= _AT else _BEHIND + off  # the nearest one at the place, else the nearest beside it
         if rank < ranks[j]:
             ranks[j] = rank
             found[j] = r

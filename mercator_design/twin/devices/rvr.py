@@ -1,8 +1,7 @@
 """The twin's Sphero RVR: bytes of commands in, bytes of responses, notifications and streams out.
 
-It falls asleep when nothing is said to it for five minutes, and refuses to do anything then; what it says of itself
-(versions, names) is made up. Sources: docs/reference/robot-protocols.md; where these are silent,
-docs/reference/twin.md says what is assumed.
+It falls asleep after five minutes without a command, and then refuses all but waking; its versions and names are made
+up. Sources: docs/reference/robot-protocols.md; where these are silent, docs/reference/twin.md has the assumptions.
 """
 
 import math
@@ -11,7 +10,7 @@ from typing import Any
 
 from mercator_design.robot.protocols.rvr import Flags, RvrCommand, RvrEnd, Unknown
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
-from mercator_design.twin.devices.drive import Treads, TwinDrive
+from mercator_design.twin.devices.drive import TwinDrive
 from mercator_design.twin.devices.senses import Measure, TwinSenses
 
 WAKES = 2.0
@@ -24,8 +23,8 @@ _UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
 _THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
 _EMPTY, _FULL = 6.4, 8.2  # [V]
 _ECHO = 16  # bytes at most
-_THERMOMETERS = 4, 5, 8  # of the left motor, the right one, the Nordic
-_TEMPERATURE = 30.0  # [degrees Celsius] of everything that is not hot
+_THERMOMETERS = 4, 5, 8  # numbers of those of the left motor, the right motor, the Nordic
+_TEMPERATURE = 30.0  # [degrees Celsius] usual
 _HOT, _TOO_HOT = 60.0, 70.0  # [degrees Celsius] of a motor; nowhere documented
 _CURRENT = 0.35  # [A] of a motor that turns
 _VERSIONS = {Processor.NORDIC: (9, 1, 462), Processor.ST: (9, 2, 482)}
@@ -33,9 +32,12 @@ _MADE_UP: Mapping[str, Mapping[str, Any]] = {
     "get_board_revision": {"revision": 3},
     "get_stats_id": {"stats_id": 513},
     "get_sku": {"sku": "RV01ROW"},
+    "get_bootloader_version": {"major": 1, "minor": 2, "revision": 3},
+    "get_battery_voltage_state_thresholds": _THRESHOLDS,
+    "get_motor_fault_state": {"is_fault": False},
 }
 _ACCEPTED = {
-    # What they would notify does not happen here.
+    # Their notifications never occur here.
     "enable_gyro_max_notify",
     "enable_motor_fault_notify",
     "enable_robot_infrared_message_notify",
@@ -51,23 +53,24 @@ class TwinRvr:
     """The robot. It is awake when it is switched on.
 
     leds: Brightness of each LED, by its bit.
-    level: Of the battery [%].
+    level: Charge of the battery [%].
+    drive: Its drive.
     """
 
     def __init__(self, measure: Measure, *, tread_distance: float, number: int = 0, now: float = 0.0) -> None:
         """Switch a robot on.
 
         Args:
-            measure: What its devices measure.
-            tread_distance: [m] from tread to tread.
-            number: Of the robot, which is in its names.
-            now: The time.
+            measure: Returns the measurement of a device.
+            tread_distance: Distance between the treads [m].
+            number: Number of the robot, for its names.
+            now: The time [s].
         """
         self.leds = bytearray(_LEDS)
         self.level = 100.0
         self._line = RvrEnd()
         self._senses = TwinSenses(measure, self._line)
-        self._drive = TwinDrive(tread_distance, self._senses.place)
+        self.drive = TwinDrive(tread_distance, self._senses.place)
         self._number = number
         self._began = self._active = self._now = now
         self._awake = now  # from when on
@@ -78,22 +81,7 @@ class TwinRvr:
         )
         self._temperatures = [_TEMPERATURE] * 2  # of the motors
         self._said: list[bytes] = []
-        self._obeyed_by = {name: part for part in (self, self._senses, self._drive) for name in _names(part)}
-
-    @property
-    def told(self) -> Treads:
-        """What the treads aim at [m/s]."""
-        return self._drive.told
-
-    @property
-    def told_by(self) -> str:
-        """What set their speed: a command, or "timeout", "sleep", "port closed"."""
-        return self._drive.by
-
-    @property
-    def treads(self) -> Treads:
-        """The speed of the treads [m/s]."""
-        return self._drive.treads
+        self._obeyed_by = {name: part for part in (self, self._senses, self.drive) for name in _names(part)}
 
     @property
     def is_awake(self) -> bool:
@@ -108,36 +96,36 @@ class TwinRvr:
     def advance(self, now: float) -> bytes:
         """The bytes that the robot sends by itself up to now."""
         was_awake = self.is_awake
-        self._now = self._senses.now = self._drive.now = now
+        self._now = self._senses.now = self.drive.now = now
         if self.is_awake and not was_awake:
             self._notify("did_wake")
             self._active = now
         if self.is_awake:
             self._doze()
-        for name, values in self._drive.advance():
+        for name, values in self.drive.advance():
             self._notify(name, **values)
         self._said.append(self._senses.advance())
         self._watch_battery()
         return self._take_said()
 
     def hang_up(self, now: float) -> None:
-        """The port was closed."""
-        self._now = self._drive.now = now
-        self._drive.end_position_drive("port closed")
+        """Note that the port was closed."""
+        self._now = self.drive.now = now
+        self.drive.end_position_drive("port closed")
 
     def stall(self, motors: Iterable[int]) -> None:
-        """These motors (0 left, 1 right), and no others, are stuck, and cut off, from now on."""
-        for name, values in self._drive.stall(motors):
+        """Set which motors (0 left, 1 right) are stuck; these have no power."""
+        for name, values in self.drive.stall(motors):
             self._notify(name, **values)
 
     def heat(self, temperatures: Mapping[int, float]) -> None:
-        """Motors (0 left, 1 right) are as hot as this [degrees Celsius] from now on, and others as usual."""
+        """Set the temperatures of motors (0 left, 1 right) [degrees Celsius]; others have the usual one."""
         before = self.get_motor_thermal_protection_status()
         self._temperatures = [temperatures.get(motor, _TEMPERATURE) for motor in (0, 1)]
         status = self.get_motor_thermal_protection_status()
         if status != before:
             self._notify("motor_thermal_protection_status", **status)
-        self._drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
+        self.drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
 
     def _obey(self, event: RvrCommand | Unknown) -> bytes:
         frame = event.frame
@@ -160,6 +148,7 @@ class TwinRvr:
             return _MADE_UP[command.name]
         if command.name in _ACCEPTED:
             return None
+        self.drive.command = command.name
         obey: Callable[..., Mapping[str, Any] | Error | None] = getattr(self._obeyed_by[command.name], command.name)
         if len(message.processors) > 1:
             return obey(command.processor, **command.values)
@@ -203,9 +192,6 @@ class TwinRvr:
     def get_main_application_version(self, processor: Processor) -> Mapping[str, Any]:
         return dict(zip(("major", "minor", "revision"), _VERSIONS[processor], strict=True))
 
-    def get_bootloader_version(self, _: Processor) -> Mapping[str, Any]:
-        return {"major": 1, "minor": 2, "revision": 3}
-
     def get_processor_name(self, processor: Processor) -> Mapping[str, Any]:
         return {"name": "Nordic" if processor == Processor.NORDIC else "ST"}
 
@@ -219,7 +205,7 @@ class TwinRvr:
         return {"up_time": round(1000 * (self._now - self._began))}
 
     def sleep(self) -> None:
-        self._drive.halt("sleep")
+        self.drive.halt("sleep")
         self._senses.end()
         self._awake = math.inf
         self._notify("did_sleep")
@@ -236,21 +222,18 @@ class TwinRvr:
     def get_battery_voltage_in_volts(self, reading_type: int) -> Mapping[str, Any] | Error:
         return {"voltage": self._volts()} if reading_type <= 2 else Error.BAD_DATA_VALUE
 
-    def get_battery_voltage_state_thresholds(self) -> Mapping[str, Any]:
-        return _THRESHOLDS
-
     def get_current_sense_amplifier_current(self, amplifier_id: int) -> Mapping[str, Any] | Error:
         if amplifier_id > 1:
             return Error.BAD_DATA_VALUE
-        return {"amplifier_current": _CURRENT if self.treads[amplifier_id] else 0.0}
+        return {"amplifier_current": _CURRENT if self.drive.treads[amplifier_id] else 0.0}
 
     def enable_battery_voltage_state_change_notify(self, is_enabled: bool) -> None:
         self._notifies["battery_voltage_state_change"] = is_enabled
 
     def enable_motor_stall_notify(self, is_enabled: bool) -> None:
-        """Notify from now on, and of what is stuck already."""
+        """Notify from now on; motors that are stuck already are reported at once."""
         self._notifies["motor_stall"] = is_enabled
-        for motor in sorted(self._drive.stalled):
+        for motor in sorted(self.drive.stalled):
             self._notify("motor_stall", motor_index=motor, is_triggered=True)
 
     def enable_motor_thermal_protection_status_notify(self, is_enabled: bool) -> None:
@@ -272,7 +255,7 @@ class TwinRvr:
     def disable_notifications_and_active_commands(self) -> None:
         self._notifies = dict.fromkeys(self._notifies, False)
         self._senses.end()
-        self._drive.drive_stop()
+        self.drive.drive_stop()
 
     def set_all_leds(self, led_group: int, led_brightness_values: bytes) -> Error | None:
         if led_group >> _LEDS:
@@ -291,5 +274,5 @@ class TwinRvr:
 
 
 def _names(part: object) -> list[str]:
-    """The commands that a part of the robot obeys."""
+    """The commands that a part of the robot executes."""
     return [name for name in COMMANDS if hasattr(part, name)]

@@ -1,7 +1,7 @@
-"""What the twin's RVR measures, streams and notifies.
+"""The senses of the twin's RVR: measurements, streams and notifications.
 
-The simulator's devices measure; here their values come into the robot's units, and into its axes: x to the right and y
-forwards from where it was when its yaw and its locator were reset.
+The simulator's devices measure. Their values are converted to the robot's units and axes: x to the right and y forwards
+of its pose when its yaw and its locator were reset.
 """
 
 import math
@@ -11,56 +11,56 @@ from typing import Any, TypeAlias
 from mercator_design.robot.protocols.rvr import RvrEnd
 from mercator_design.robot.protocols.rvr_messages import Error, Processor
 from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData
+from mercator_design.twin.devices import next_due
 from mercator_design.twin.devices.drive import Place, wrapped
-from mercator_design.twin.pace import next_due
 
 Measure: TypeAlias = Callable[[str], Sequence[float]]
-"""What a robot's device measures now, by its name in `sim.devices`, axes with y forwards; `treads`: how far each has
-gone [m]."""
+"""The present measurement of a robot's device, by its name in `sim.devices`, with y forwards; `treads`: the distance
+of each tread [m]."""
 
-_NO_CLASS = 255  # of a colour: none that the robot has learnt
+_NO_CLASS = 255  # of a colour that the robot has not learnt
 _TICKS = 3000.0  # of an encoder for a metre; nowhere documented
 _FIELD = 0.3, 0.4  # [gauss] of the earth, along the floor to the arena's +y, and downwards
 _CALIBRATING = 3.0  # [s] of the magnetometer
 
 
 class TwinSenses:
-    """The senses. Public methods with the names of commands obey these; `now` is to be set before."""
+    """The senses. Public methods with the names of commands execute these; set `now` before."""
 
     def __init__(self, measure: Measure, line: RvrEnd) -> None:
         """The senses of a robot that is switched on.
 
         Args:
-            measure: What its devices measure.
-            line: Its end of the serial line, which knows what is in the slots of streaming.
+            measure: Returns the measurement of a device.
+            line: Its end of the serial line, with the slots of streaming.
         """
         self.now = 0.0
         self._measure, self._line = measure, line
         self._start = self._zero = self._world_yaw()
         self._from, self._base = self._world_place(), (0.0, 0.0)
-        self._streams: dict[Processor, tuple[float, float]] = {}  # period, when next [s]
+        self._streams: dict[Processor, tuple[float, float]] = {}  # period, next time [s]
         self._lamp = False
-        self._colours: tuple[float, float, int] | None = None  # period, when next [s], least confidence
+        self._colours: tuple[float, float, int] | None = None  # period, next time [s], minimum confidence
         self._calibrated = math.inf
 
     def place(self) -> Place:
-        """Where the robot is, by its locator."""
+        """The robot's pose by its locator."""
         x, y = self._world_place()
         right, forwards = _turned(x - self._from[0], y - self._from[1], math.pi / 2 - self._zero)
         return wrapped(math.degrees(self._world_yaw() - self._zero)), self._base[0] + right, self._base[1] + forwards
 
     def advance(self) -> bytes:
-        """What is streamed and notified up to now."""
+        """The streams and notifications up to now."""
         said = []
         for processor, (period, due) in self._streams.items():
             if self.now >= due:
                 said += [self._stream(processor, slot) for slot in sorted(self._line.slots.of(processor))]
                 self._streams[processor] = period, next_due(due, period, self.now)
         if self._colours is not None and self.now >= self._colours[1]:
-            period, due, least = self._colours
-            if 255 * self._confidence() >= least:
+            period, due, min_confidence = self._colours
+            if 255 * self._confidence() >= min_confidence:
                 said.append(self._colour_notification())
-            self._colours = period, next_due(due, period, self.now), least
+            self._colours = period, next_due(due, period, self.now), min_confidence
         if self.now >= self._calibrated:
             north = round(wrapped(math.degrees(math.pi / 2 - self._zero)))
             said.append(
@@ -70,7 +70,7 @@ class TwinSenses:
         return b"".join(said)
 
     def end(self) -> None:
-        """Stream and notify nothing any more."""
+        """End all streams and notifications of colours."""
         self._streams.clear()
         self._colours = None
 
@@ -160,7 +160,7 @@ class TwinSenses:
         return self._line.stream(StreamData(processor, slot, is_valid=True, values=values))
 
     def _service(self, name: str) -> Sequence[float]:
-        """The attributes of a service that is streamed, in their order."""
+        """The attributes of a streaming service, in their order."""
         match name:
             case "imu":
                 pitch, roll, _ = map(math.degrees, self._measure("imu"))

@@ -210,15 +210,6 @@ def warn(messages: Iterable[str]) -> None:
 
 
 @contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name the path that the user gave in errors on writing."""
-    try:
-        yield
-    except OSError as error:
-        raise MercatorError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-@contextlib.contextmanager
 def naming_header(fsm: Path) -> Iterator[None]:
     """Name the file in errors on the header of an fsm.txt."""
     try:

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import click
 
 from mercator_design.cli.options import JOBS, PLUGIN, SET
-from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result, warn
+from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
 from mercator_design.exports.irace_log import write_irace_log
 from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
@@ -22,7 +22,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.executors import available_jobs
 from mercator_design.runs.files import read_journal, task_of
 from mercator_design.sim.simulate import Simulator
-from mercator_design.system.files import replacing
+from mercator_design.system.files import replacing, writing
 
 
 @click.group(short_help="Write a mission, a race or a robot's log for other programs.")
@@ -136,5 +136,5 @@ def _write(
 
 @contextlib.contextmanager
 def _new(path: Path) -> Iterator[BinaryIO]:
-    with naming(path), replacing(path) as file:
+    with writing(path), replacing(path) as file:
         yield file

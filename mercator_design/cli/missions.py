@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.inputs import new_simulator
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
 from mercator_design.cli.terminal import terminal_width, warn_of_mission
-from mercator_design.command import naming, print_result
+from mercator_design.command import print_result
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
 from mercator_design.config.writing import dump
@@ -16,7 +16,7 @@ from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.missions import missions_json, missions_table
 from mercator_design.report.pictures.preview import save_preview
-from mercator_design.system.files import write_text
+from mercator_design.system.files import write_text, writing
 
 
 @click.group(invoke_without_command=True)
@@ -75,7 +75,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")
     simulator = new_simulator(loaded, robot_model)
-    with naming(path):
+    with writing(path):
         save_preview(path, simulator, seed=seed)
     warn_of_mission(simulator, refuse=False)
     print_result(path)
@@ -104,13 +104,13 @@ def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
     The same class and seed give the same missions, whatever their number. Prints the names of the files,
     CLASS-SEED-1.yaml and so on. These files must not exist.
     """
-    with naming(output):
+    with writing(output):
         output.mkdir(parents=True, exist_ok=True)
     paths = [output / f"{class_}-{seed}-{k}.yaml" for k in range(1, number + 1)]
     for path in paths:
         if path.exists():
             raise MercatorError(f"{path}: expected a new file, found an existing one")
     for k, path in enumerate(paths, start=1):
-        with naming(path):
+        with writing(path):
             write_text(path, dump(sample_mission(class_, seed=seed, number=k)))
         print_result(path)

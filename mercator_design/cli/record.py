@@ -7,11 +7,11 @@ import click
 from mercator_design.cli.inputs import simulator_of
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import warn_of_mission, warn_of_no_effect
-from mercator_design.command import FILE, FLAVOUR, LENIENT, naming, print_message, print_result, read_controller
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
-from mercator_design.system.files import replacing
+from mercator_design.system.files import replacing, writing
 
 
 @click.command(short_help="Run one experiment and write its trace.")
@@ -66,7 +66,7 @@ def record(
     warn_of_mission(simulator, refuse=False)
     warn_of_no_effect(simulator, file.pfsm.flavour, file.pfsm)
     check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
-    with naming(output), replacing(output) as stream:
+    with writing(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
         write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix)
     print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

@@ -1,8 +1,8 @@
 """A race as irace's log: an .Rdata with `iraceResults`, which irace's `read_logfile` and iraceplot read.
 
-irace has changed the names of what is in its log: those of irace 3 and of irace 4 are both here. Configurations and
-instances are counted from 1, as R does; costs are minimised. What R alone can make is left out or given as text:
-conditions are text, and `parameters` is a list, not an object of irace 4.
+irace has changed the names in its log: the log has those of irace 3 and of irace 4. Configurations and instances are
+counted from 1, as in R; costs are minimised. Objects that only R can make are omitted or given as text: conditions are
+text, and `parameters` is a list, not an object of irace 4.
 """
 
 import gzip
@@ -25,13 +25,13 @@ from mercator_design.race.running.task import Task
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import Parameter
 from mercator_design.race.space.space import Space
-from mercator_design.system.files import write_bytes
+from mercator_design.system.files import write_bytes, writing
 
 if TYPE_CHECKING:
     from rdata.parser import RObject
 
 _VERSION = "4.4"
-"""Of irace, whose names are used."""
+"""The version of irace whose names are used."""
 _KINDS = {"categorical": "c", "ordered": "o", "integer": "i", "real": "r"}
 _TESTS = {
     "friedman": "friedman",
@@ -42,36 +42,38 @@ _TESTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class _Named:
+class _RValue:
+    """A value of R with attributes."""
+
+    value: object
+    attributes: Mapping[str, Any]
+
+
+def _vector(members: NDArray[Any], names: Sequence[str]) -> _RValue:
     """A vector of R whose members have names."""
-
-    members: NDArray[Any]
-    names: Sequence[str]
+    return _RValue(members, {"names": _texts(names)})
 
 
-@dataclass(frozen=True, slots=True)
-class _Matrix:
+def _matrix(cells: NDArray[Any], rows: Sequence[str] | None, columns: Sequence[str]) -> _RValue:
     """A matrix of R whose columns, and perhaps rows, have names."""
-
-    cells: NDArray[Any]
-    rows: Sequence[str] | None
-    columns: Sequence[str]
+    names = [None if rows is None else _texts(rows), _texts(columns)]
+    return _RValue(np.ravel(cells, order="F"), {"dim": _integers(cells.shape), "dimnames": names})
 
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """A data.table of R, which is a data.frame to who does not know data.table."""
-
-    columns: dict[str, NDArray[Any]]
+def _table(columns: dict[str, NDArray[Any]]) -> _RValue:
+    """A data.table of R, which is also a data.frame."""
+    rows = _integers(range(1, 1 + len(next(iter(columns.values())))))
+    attributes = {"names": _texts([*columns]), "row.names": rows, "class": _texts(["data.table", "data.frame"])}
+    return _RValue([*columns.values()], attributes)
 
 
 def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
-    """Write a race, which may be under way.
+    """Write the log of a race, which need not be complete.
 
     Args:
-        path: Of the file.
-        task: What is raced.
-        record: Of the race.
+        path: The file.
+        task: The task of the race.
+        record: The record of the race.
 
     Raises:
         RaceError: There is no package rdata, no experiment yet, or the file cannot be written.
@@ -84,17 +86,14 @@ def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
         raise RaceError("expected the package rdata, found none: in the clone, pip install '.[r]'") from None
     if not record.experiments:
         raise RaceError(f"{path}: expected a race with experiments, found none")
-    makers: dict[type, Any] = {**DEFAULT_CLASS_MAP, _Named: _named, _Matrix: _matrix, _Table: _table}
-    converter = ConverterFromPythonToR(constructor_dict=makers)
+    converter = ConverterFromPythonToR(constructor_dict={**DEFAULT_CLASS_MAP, _RValue: _r_object})
     data = converter.convert_to_r_data({"iraceResults": irace_results(task, record)}, file_type="rda")
-    try:
+    with writing(path, RaceError):
         write_bytes(path, gzip.compress(unparse_data(data, file_type="rda"), mtime=0))
-    except OSError as error:
-        raise RaceError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
-    """The object of irace's log, by the names that it has in R."""
+    """The contents of irace's log, with their names in R."""
     space = task.race.space
     iterations = [record.iterations[number] for number in sorted(record.iterations)]
     elites = [np.array([number + 1 for number in one.elites], dtype=np.int32) for one in iterations]
@@ -128,18 +127,18 @@ def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
         "allConfigurations": _configurations(space, record),
         "allElites": elites,
         "iterationElites": np.array([ids[0] for ids in elites], dtype=np.int32),
-        "experiments": _Matrix(table, [str(number + 1) for number in range(n_instances)], names),
-        "experimentLog": _Matrix(np.column_stack([log[name].astype(float) for name in old_log]), None, old_log),
+        "experiments": _matrix(table, [str(number + 1) for number in range(n_instances)], names),
+        "experimentLog": _matrix(np.column_stack([log[name].astype(float) for name in old_log]), None, old_log),
         "softRestart": _missing(len(elites)),  # not in a journal
         "state": {
-            "experiment_log": _Table(log),
-            "instances_log": _Table({"instanceID": instances, "seed": seeds}),
-            ".irace": {"instancesList": _Table({"instance": instances, "seed": seeds})},
+            "experiment_log": _table(log),
+            "instances_log": _table({"instanceID": instances, "seed": seeds}),
+            ".irace": {"instancesList": _table({"instance": instances, "seed": seeds})},
             "rejected_ids": np.array(rejected, dtype=np.int32),
             "rejectedIDs": np.array(rejected, dtype=np.int32),
             "experimentsUsedSoFar": len(experiments),
             "seed": task.race.seed,
-            "elapsed": _Named(_missing(3), ["user", "system", "wallclock"]),
+            "elapsed": _vector(_missing(3), ["user", "system", "wallclock"]),
             "completed": "Ended" if record.is_complete else "Incomplete",
         },
         **_testing(task, record),
@@ -147,7 +146,7 @@ def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
 
 
 _NA = np.uint64(0x7FF00000000007A2).view(np.float64)
-"""R's NA among numbers, which is a NaN of its own (rdata.missing.R_FLOAT_NA)."""
+"""R's NA for numbers, a special NaN (rdata.missing.R_FLOAT_NA)."""
 
 
 def _missing(n: int) -> NDArray[np.float64]:
@@ -160,7 +159,7 @@ def _integers(values: Sequence[int]) -> NDArray[Any]:
 
 
 def _instance(task: Task[Any], number: int) -> int:
-    """Which of the scenario's instances an instance of the race is; of a mission there is one."""
+    """The number of an instance among those of the scenario; a mission has one."""
     return task.place(number) if isinstance(task, Tuner) else 0
 
 
@@ -179,12 +178,12 @@ def _configurations(space: Space, record: Record) -> pd.DataFrame:
 
 
 def _parameters(space: Space) -> dict[str, Any]:
-    """What irace's readParameters makes of parameters.txt."""
+    """The result of irace's readParameters for parameters.txt."""
     parameters = space.parameters
     names = [one.name for one in parameters]
 
-    def named(values: Sequence[Any]) -> _Named:
-        return _Named(np.array(values), names)
+    def named(values: Sequence[Any]) -> _RValue:
+        return _vector(np.array(values), names)
 
     domains = {one.name: _domain(one) for one in parameters}
     in_order = sorted(parameters, key=lambda one: space.levels[one.name])
@@ -227,7 +226,7 @@ def _texts(values: Sequence[str]) -> NDArray[Any]:
 
 
 def _scenario(task: Task[Any], record: Record) -> dict[str, Any]:
-    """The options of irace, as far as the race has them; the others have their defaults."""
+    """The options of irace; those that the race does not have are at their defaults."""
     options: Mapping[str, Any] = record.start.get("options", {})
     found: dict[str, Any] = {}
     for name, option in OPTIONS.items():
@@ -253,13 +252,13 @@ def _scenario(task: Task[Any], record: Record) -> dict[str, Any]:
         }
         if scenario.test_instances:
             names = [f"{number + 1}t" for number in range(len(scenario.test_instances))]
-            found["testInstances"] = _Named(_texts(scenario.test_instances), names)
+            found["testInstances"] = _vector(_texts(scenario.test_instances), names)
     del found["parameters"]
     return found
 
 
 def _testing(task: Task[Any], record: Record) -> dict[str, Any]:
-    """Tests, if there were any."""
+    """The tests, if there are any."""
     if not record.tests:
         return {}
     configurations = list(dict.fromkeys(where.configuration for where in record.tests))
@@ -273,32 +272,16 @@ def _testing(task: Task[Any], record: Record) -> dict[str, Any]:
     names = [f"{number + 1}t" for number in range(n_instances)]
     seeds = _integers([task.test_seed(number) for number in range(n_instances)])
     columns = [str(number + 1) for number in configurations]
-    return {"testing": {"experiments": _Matrix(table, names, columns), "seeds": _Named(seeds, names)}}
+    return {"testing": {"experiments": _matrix(table, names, columns), "seeds": _vector(seeds, names)}}
 
 
-def _named(data: _Named, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
-    return _with(converter, data.members, {"names": _texts(data.names)})
-
-
-def _matrix(data: _Matrix, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
-    rows = None if data.rows is None else _texts(data.rows)
-    attributes = {"dim": _integers(data.cells.shape), "dimnames": [rows, _texts(data.columns)]}
-    return _with(converter, np.ravel(data.cells, order="F"), attributes)
-
-
-def _table(data: _Table, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
-    rows = _integers(range(1, 1 + len(next(iter(data.columns.values())))))
-    attributes = {"names": _texts([*data.columns]), "row.names": rows, "class": _texts(["data.table", "data.frame"])}
-    return _with(converter, [*data.columns.values()], attributes)
-
-
-def _with(converter: Any, value: object, attributes: dict[str, Any]) -> "RObject":  # noqa: ANN401
+def _r_object(data: _RValue, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter
     from rdata.conversion.to_r import build_r_object
 
-    plain = converter.convert_to_r_object(value)
+    plain = converter.convert_to_r_object(data.value)
     return build_r_object(
         plain.info.type,
         value=plain.value,
-        is_object="class" in attributes,
-        attributes=converter.convert_to_r_attributes(attributes),
+        is_object="class" in data.attributes,
+        attributes=converter.convert_to_r_attributes(data.attributes),
     )

@@ -1,10 +1,10 @@
-"""A mission as a scenario of irace's: R's irace and `mdesign tune` design control software for it with what is written.
+"""A mission as a scenario of irace: R's irace and `mdesign tune` can design control software with the written files.
 
-scenario.txt       how to race, to be edited
-parameters.txt     the grammar of PFSMs; its switches are AutoMoDe's own, so a command line is a PFSM's text
-instances.txt      a mission a line: irace gives it another seed each time
-target-runner      what irace runs for an experiment: `mdesign evaluate --cost`
-mission.yaml ...   what that needs, as in the folder of a race
+scenario.txt       the options of the race, to be edited
+parameters.txt     the grammar of PFSMs; its switches are those of AutoMoDe, so a command line is a PFSM's text
+instances.txt      a mission on each line; irace gives it another seed each time
+target-runner      the program of an experiment: `mdesign evaluate --cost`
+mission.yaml ...   its inputs, as in the folder of a race
 """
 
 import shlex
@@ -16,7 +16,7 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.race.irace import scenario_text
-from mercator_design.system.files import write_bytes
+from mercator_design.system.files import write_bytes, writing
 
 _RUNNER = """\
 #!/bin/sh
@@ -63,7 +63,7 @@ def write_irace_scenario(folder: Path, files: dict[str, bytes]) -> None:
     Raises:
         RaceError: There is something in it already, or it cannot be written.
     """
-    try:
+    with writing(folder, RaceError):
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RaceError(f"{folder}: expected a new or empty folder for the scenario, found files in it")
@@ -71,5 +71,3 @@ def write_irace_scenario(folder: Path, files: dict[str, bytes]) -> None:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_bytes(folder / name, data)
         (folder / "target-runner").chmod(0o755)
-    except OSError as error:
-        raise RaceError(f"{folder}: cannot be written: {error.strerror or error}") from None

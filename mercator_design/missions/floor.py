@@ -5,16 +5,16 @@ at random). floor_kernels.py computes the colour at a point, for sensors and obj
 """
 
 import hashlib
-import inspect
 import io
 import math
 import os.path
 import typing
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,12 @@ from mercator_design.config.schema import (
     Name,
     Range,
     checked,
-    parameters_of,
-    values_in,
 )
-from mercator_design.errors import described, excerpt
+from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
-from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
-from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line, line_of, zone_references
-from mercator_design.system.interruptions import signals_first
+from mercator_design.missions.calls import Call
+from mercator_design.missions.named_files import copied
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))
 
@@ -221,20 +219,34 @@ Zone: TypeAlias = Disc | Ring | Rectangle | HalfPlane | PolygonZone | Tiles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dynamics:
-    """A function of DYNAMICS with its parameters: what changes the floor during an experiment."""
+class Dynamics(Call):
+    """A function of DYNAMICS with its parameters, which changes the floor during an experiment."""
 
-    name: str
+    FUNCTIONS: ClassVar = DYNAMICS
+    KIND: ClassVar = "dynamic"
+
     parameters: Annotated[Mapping[str, Any], KeywordsOf(DYNAMICS, "name")]
-    files: Mapping[str, NamedFile] = field(init=False, repr=False, compare=False)  # that the parameters name
 
-    def __post_init__(self) -> None:
-        check_call(DYNAMICS, self.name, self.parameters)
-        object.__setattr__(self, "files", named_files(DYNAMICS[self.name], self.parameters))
+    def rows(self, site: Site) -> list[tuple[float, ...]]:
+        """The rows of numbers that the dynamic keeps in an instance.
 
-    def with_paths(self, path: Callable[[NamedFile], str]) -> Mapping[str, Any]:
-        """The parameters with other paths of the files that they name."""
-        return with_paths(DYNAMICS[self.name], self.parameters, self.files, path)
+        Raises:
+            FieldError: if the function fails, or does not return such rows.
+        """
+        with self.reporting(partial(FieldError, "name"), FieldError):
+            rows = self.function(site, **self.with_paths(copied))
+            try:
+                numbers = [tuple(map(float, row)) for row in rows]
+            except (TypeError, ValueError) as error:
+                raise self._wrong(f"must return rows of numbers: {error}") from None
+        if len({len(row) for row in numbers}) > 1:
+            raise self._wrong("must return rows of one length")
+        if len(numbers) > _MAX_ROWS:
+            raise self._wrong(f"returned {len(numbers)} rows of numbers; expected at most {_MAX_ROWS}")
+        return numbers
+
+    def _wrong(self, what: str) -> FieldError:
+        return FieldError("name", f"{first_line(self.function)}{self.KIND} {self.name} {what}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -256,21 +268,19 @@ class Floor:
                 yield FieldError(f"zones[{index}].name", f"two zones are called '{name}'")
         zones, _ = self._painted(np.random.default_rng(0))
         for index, dynamics in enumerate(self.dynamics):
-            unknown = [*self.unknown_zones(f"dynamics[{index}]", DYNAMICS[dynamics.name], dynamics.parameters)]
+            unknown = [*self.unknown_zones(f"dynamics[{index}]", dynamics)]
             yield from unknown
             try:
                 if not unknown:
-                    self._numbers(dynamics, zones, np.random.default_rng(0))
+                    dynamics.rows(Site(zones, self.zone_rows(), np.random.default_rng(0)))
             except FieldError as error:
                 for wrong in (error, *error.others):
                     yield FieldError(f"dynamics[{index}].{wrong.field}", wrong.message)
 
-    def unknown_zones(
-        self, field: str, function: Callable[..., Any], parameters: Mapping[str, Any]
-    ) -> Iterator[FieldError]:
-        """The zones that a function is given and that are not there, with their places, which begin with `field`."""
+    def unknown_zones(self, field: str, call: Call) -> Iterator[FieldError]:
+        """The zones in parameters that the floor does not have, with their paths, which begin with `field`."""
         known = list(self.zone_rows())
-        for place, zone in zone_references(function, parameters):
+        for place, zone in call.zones():
             if zone not in known:
                 near = get_close_matches(zone[:100], known, n=1)
                 hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
@@ -288,7 +298,7 @@ class Floor:
         kept = []
         for index, dynamics in enumerate(self.dynamics):
             try:
-                kept.append(self._numbers(dynamics, zones, rng))
+                kept.append(dynamics.rows(Site(zones, self.zone_rows(), rng)))
             except FieldError as wrong:
                 raise FieldError(f"dynamics[{index}].{wrong.field}", wrong.message) from None
         ends = np.cumsum([0, *map(len, kept)])
@@ -307,34 +317,6 @@ class Floor:
             numbers=numbers,
         )
 
-    def _numbers(self, dynamics: Dynamics, zones: Floats, rng: np.random.Generator) -> list[tuple[float, ...]]:
-        site = Site(zones=zones, rows=self.zone_rows(), rng=rng)
-        function = DYNAMICS[dynamics.name]
-        with signals_first():
-            try:
-                rows = function(site, **dynamics.with_paths(copied))
-                try:
-                    numbers = [tuple(map(float, row)) for row in rows]
-                except (TypeError, ValueError) as error:
-                    place = first_line(function)
-                    raise FieldError("name", f"{place}{dynamics.name} must give rows of numbers: {error}") from None
-            except FieldError:
-                raise
-            except BaseException as error:  # also sys.exit()
-                place = line_of(error) or first_line(function)
-                if not place:  # it is our fault: show the traceback
-                    raise
-                raise FieldError("name", f"{place}{dynamics.name}: {described(error)}") from error
-        if len({len(row) for row in numbers}) > 1:
-            raise FieldError("name", f"{first_line(function)}{dynamics.name} must give rows of one length")
-        if len(numbers) > _MAX_ROWS:
-            raise FieldError(
-                "name",
-                f"{first_line(function)}{dynamics.name} keeps {len(numbers)} rows of numbers; expected at most "
-                f"{_MAX_ROWS}",
-            )
-        return numbers
-
     def _painted(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """The zones, and the vertices of the polygons among them, as in FloorTable."""
         corners: list[Point] = []
@@ -347,10 +329,7 @@ class Floor:
         for zone in self.zones:
             written += zone.colors if isinstance(zone, Tiles) else [zone.color]
         for dynamics in self.dynamics:
-            kinds = parameters_of(DYNAMICS[dynamics.name])
-            for name, (kind, default) in kinds.items():
-                values = values_in(kind, dynamics.parameters.get(name, default))
-                written += [value for each, value, _ in values if each in _COLOURS]
+            written += [value for kind, value, _ in dynamics.values() if kind in _COLOURS]
         return {rgb(colour): colour for colour in written}
 
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
@@ -362,20 +341,6 @@ class Floor:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
         return rows
-
-
-def check_call(functions: Mapping[str, Callable[..., Any]], name: str, parameters: Mapping[str, Any]) -> None:
-    """Make sure that there is a function of a name, and that it takes such parameters beside its first argument.
-
-    Raises:
-        FieldError: naming the one or the others.
-    """
-    if name not in functions:
-        raise FieldError("name", f"expected one of {', '.join(functions)}, found '{name}'")
-    try:
-        inspect.signature(functions[name]).bind(None, **parameters)
-    except TypeError as error:
-        raise FieldError("parameters", f"of {name}: {error}") from None
 
 
 def _pixels(path: str) -> NDArray[np.uint8]:

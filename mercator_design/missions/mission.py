@@ -6,7 +6,7 @@ This module defines the keys of a mission file, checks their consistency, and fi
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -28,16 +28,16 @@ from mercator_design.config.schema import (
 )
 from mercator_design.config.writing import digest_of, plain
 from mercator_design.config.yaml_tree import FromFile
-from mercator_design.errors import MercatorError, MissionError, described
+from mercator_design.errors import MercatorError, MissionError
 from mercator_design.missions.arena import Arena, Light, walls_meet
-from mercator_design.missions.floor import Dynamics, Floor, FloorTable, check_call
-from mercator_design.missions.named_files import NamedFile, copied, named_files, with_paths
+from mercator_design.missions.calls import Call
+from mercator_design.missions.floor import Floor, FloorTable
+from mercator_design.missions.named_files import NamedFile, copied
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import first_line, line_of
+from mercator_design.missions.plugins import first_line
 from mercator_design.missions.trace import Trace
 from mercator_design.scores import EXPECTED, is_score
-from mercator_design.system.interruptions import signals_first
 
 _LONGEST = 10_000_000
 """Robots times cycles: their trace fills 250 MB."""
@@ -45,24 +45,19 @@ _GRAY = Floor()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Objective:
+class Objective(Call):
     """A function of OBJECTIVES with its parameters and direction."""
 
-    name: str
+    FUNCTIONS: ClassVar = OBJECTIVES
+    KIND: ClassVar = "objective"
+
     direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
     parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
-    files: Mapping[str, NamedFile] = field(init=False, repr=False, compare=False)  # that the parameters name
 
     def __post_init__(self) -> None:
-        check_call(OBJECTIVES, self.name, self.parameters)
-        function = OBJECTIVES[self.name]
-        defaults = {name: default for name, (_, default) in parameters_of(function).items()}
-        checked(problems(function, defaults | {**self.parameters}))
-        object.__setattr__(self, "files", named_files(function, self.parameters))
-
-    def with_paths(self, path: Callable[[NamedFile], str]) -> Mapping[str, Any]:
-        """The parameters with other paths of the files that they name."""
-        return with_paths(OBJECTIVES[self.name], self.parameters, self.files, path)
+        Call.__post_init__(self)
+        defaults = {name: default for name, (_, default) in parameters_of(self.function).items()}
+        checked(problems(self.function, defaults | {**self.parameters}))
 
     def __call__(self, trace: Trace) -> float:
         """The score of an experiment.
@@ -70,19 +65,10 @@ class Objective:
         Raises:
             MissionError: if the function fails, or its value is not a score.
         """
-        function = OBJECTIVES[self.name]
-        with signals_first():
-            try:
-                score = float(function(trace, **self.with_paths(copied)))
-            except MercatorError:
-                raise
-            except BaseException as error:  # also sys.exit()
-                place = line_of(error) or first_line(function)
-                if not place:  # it is our fault: show the traceback
-                    raise
-                raise MissionError(f"{place}objective {self.name}: {described(error)}") from error
+        with self.reporting(MissionError, MercatorError):
+            score = float(self.function(trace, **self.with_paths(copied)))
         if not is_score(score):
-            raise MissionError(f"{first_line(function)}objective {self.name}: {EXPECTED}, found {score}")
+            raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {score}")
         return score
 
 
@@ -122,7 +108,7 @@ def _lights_seen(robots: int, lights: tuple[Light, ...]) -> Iterator[FieldError]
 
 
 def _zones_known(floor: Floor, objective: Objective) -> Iterator[FieldError]:
-    yield from floor.unknown_zones("objective", OBJECTIVES[objective.name], objective.parameters)
+    yield from floor.unknown_zones("objective", objective)
 
 
 def _poses_for_all(robots: int, placement: Placement) -> Iterator[FieldError]:
@@ -219,8 +205,8 @@ class Mission(FromFile):
         return {file.copy: file.data for file in found}
 
     @property
-    def _calls(self) -> list[Objective | Dynamics]:
-        """What may name files."""
+    def _calls(self) -> list[Call]:
+        """The parts whose parameters may name files."""
         return [self.objective, *self.floor.dynamics]
 
     def cost(self, score: float) -> float:

@@ -10,15 +10,13 @@ import hashlib
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from mercator_design.config.building import is_name
-from mercator_design.config.schema import FieldError, FilePath, Kind, mapped, parameters_of, values_in
-from mercator_design.system.files import Unreadable, read_small, write_bytes
+from mercator_design.system.files import write_bytes
 
-_LARGEST = 16 << 20  # bytes of a file
+MAX_SIZE = 16 << 20
+"""[bytes] of a file."""
 
 
 class NamedFile(NamedTuple):
@@ -38,53 +36,12 @@ class NamedFile(NamedTuple):
         return f"files/{self.digest}/{Path(self.path).name}"
 
 
-def named_files(function: Callable[..., Any], parameters: Mapping[str, Any]) -> dict[str, NamedFile]:
-    """The files that the parameters of a function name, by path.
-
-    Raises:
-        FieldError: naming one that cannot be read.
-    """
-    found: dict[str, NamedFile] = {}
-    for name, (kind, default) in parameters_of(function).items():
-        for each, value, place in values_in(kind, parameters.get(name, default), name):
-            if _is_file(each, value) and value not in found:
-                try:
-                    found[value] = NamedFile(value, read_small(Path(value), _LARGEST))
-                except Unreadable as error:
-                    raise FieldError(place, f"{error}: {value}") from None
-    return found
-
-
-def with_paths(
-    function: Callable[..., Any],
-    parameters: Mapping[str, Any],
-    files: Mapping[str, NamedFile],
-    path: Callable[[NamedFile], str],
-) -> Mapping[str, Any]:
-    """The parameters of a function with other paths of the files that they name, also of those in its defaults."""
-    if not files:
-        return parameters
-    known = parameters_of(function)
-    given = {name: parameters.get(name, default) for name, (_, default) in known.items()}
-
-    def change(kind: Kind, value: object) -> object:
-        return path(files[str(value)]) if _is_file(kind, value) else value
-
-    return {name: mapped(known[name][0], value, change) for name, value in given.items()}
-
-
-def _is_file(kind: Kind, value: object) -> bool:
-    """Whether a value of a kind is the path of a file."""
-    rules = [rule for rule in getattr(kind, "__metadata__", ()) if isinstance(rule, FilePath)]
-    return isinstance(value, str) and any(not (rule.unless_name and is_name(value)) for rule in rules)
-
-
 _lock = threading.Lock()
-_folder: list[Path] = []  # of copies, once there is one
+_folder: list[Path] = []  # the folder of copies, once it is made
 
 
 def copied(file: NamedFile) -> str:
-    """The path of a copy, of this process, that nobody else may change; its name is the file's."""
+    """The path of a read-only copy that belongs to this process; it has the name of the file."""
     with _lock:
         if not _folder:
             _folder.append(Path(tempfile.mkdtemp(prefix="mercator_design-")))

@@ -68,10 +68,6 @@ class DiscPlacement:
         distances = np.linalg.norm(points - self.center, axis=1)
         return np.asarray((self.inner_radius <= distances) & (distances <= self.radius), dtype=np.bool_)
 
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
-        """At most n poses (poses, 3) for a robot; new ones at each call."""
-        return _poses(self, rng, n)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RectanglePlacement:
@@ -94,10 +90,6 @@ class RectanglePlacement:
     def contains(self, points: Floats) -> Flags:
         """As in `DiscPlacement`."""
         return np.asarray((np.abs(points - self.center) <= 0.5 * np.array(self.size)).all(axis=1), dtype=np.bool_)
-
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
-        """As in `DiscPlacement`."""
-        return _poses(self, rng, n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,10 +122,6 @@ class DrawnPlacement:
         """As in `DiscPlacement`."""
         return np.asarray(np.any([region.contains(points) for region in self.regions], axis=0), dtype=np.bool_)
 
-    def candidates(self, rng: np.random.Generator, _robot: int, n: int) -> Floats:
-        """As in `DiscPlacement`."""
-        return _poses(self, rng, n)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedPlacement:
@@ -143,10 +131,6 @@ class FixedPlacement:
 
     shape: Literal["poses"] = "poses"
     poses: Annotated[tuple[Pose, ...], Length(1, 1000)]  # x, y [m] and heading [rad] of each robot
-
-    def candidates(self, _rng: np.random.Generator, robot: int, _n: int) -> Floats:
-        """The pose (1, 3) of a robot; the same at each call."""
-        return np.array([self.poses[robot]], dtype=float)
 
 
 Region: TypeAlias = DiscPlacement | RectanglePlacement | DrawnPlacement
@@ -159,8 +143,11 @@ def covers(placement: Region, points: Floats) -> Flags:
     return inside if placement.half_plane is None else inside & placement.half_plane.contains(points)
 
 
-def _poses(placement: Region, rng: np.random.Generator, n: int) -> Floats:
-    # As many draws a pose whatever the heading and the half plane, so that neither moves a robot that it allows.
+def candidates(placement: Placement, rng: np.random.Generator, robot: int, n: int) -> Floats:
+    """At most n poses (poses, 3) for a robot: new ones at each call, or its one fixed pose."""
+    if isinstance(placement, FixedPlacement):
+        return np.array([placement.poses[robot]], dtype=float)
+    # The number of draws depends on neither heading nor half plane, so that these do not change other poses.
     u = rng.random((placement.draws, n))
     headings = 2.0 * math.pi * u[2] if placement.heading == "uniform" else np.full(n, placement.heading)
     poses = np.column_stack([placement.points(u), headings])

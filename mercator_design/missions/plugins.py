@@ -23,7 +23,7 @@ import numpy as np
 from mercator_design import jit
 from mercator_design.arrays import Floats
 from mercator_design.config.loading import check_parameter
-from mercator_design.config.schema import FieldError, Length, parameters_of, values_in
+from mercator_design.config.schema import FieldError, Length, parameters_of
 from mercator_design.errors import MissionError, described
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
 from mercator_design.system.interruptions import signals_first
@@ -43,11 +43,11 @@ _loaded: dict[str, Plugin] = {}  # by name
 _loading = threading.RLock()
 
 
-class _ZoneReference:
+class ZoneReference:
     """Marks a parameter that names a zone; a mission refuses names that its floor does not have."""
 
 
-Zone: TypeAlias = Annotated[str, _ZoneReference()]
+Zone: TypeAlias = Annotated[str, ZoneReference()]
 Zones: TypeAlias = Annotated[tuple[Zone, ...], Length(1)]
 When: TypeAlias = Literal["end", "always"]
 
@@ -183,14 +183,6 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
         where = registry[name].__code__.co_filename
         raise ValueError(f"{what} is called '{name}' already, in {where}")
     registry[name] = function
-
-
-def zone_references(function: Callable[..., Any], parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The zones that parameters name, each with its place among them, as ("zones[0]", "nest")."""
-    for name, (kind, default) in parameters_of(function).items():
-        for each, value, path in values_in(kind, parameters.get(name, default), name):
-            if any(isinstance(extra, _ZoneReference) for extra in getattr(each, "__metadata__", ())):
-                yield path, value
 
 
 def loaded_plugins() -> dict[str, str]:

@@ -14,7 +14,7 @@ from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.placement import FixedPlacement
+from mercator_design.missions.placement import FixedPlacement, candidates
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.kernels.chipmunk import ChipmunkRobot
 from mercator_design.sim.kernels.placing import first_free
@@ -157,7 +157,7 @@ class World:
         batches = 1 if isinstance(placement, FixedPlacement) else _MAX_TRIALS_OF_ROBOT // _BATCH
         others = np.vstack([placed[:i], self._waiting[i + 1 :]])
         for batch in range(1, batches + 1):
-            places = _places_of(placement.candidates(random, i, _BATCH))
+            places = _places_of(candidates(placement, random, i, _BATCH))
             k = compiled(first_free)(
                 places, others, scene.walls, scene.boxes, scene.half_length, scene.half_width, scene.round
             )

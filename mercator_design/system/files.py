@@ -9,13 +9,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from mercator_design.errors import MercatorError
+
 
 class Unreadable(Exception):  # noqa: N818 - callers raise their own error class
     """What is wrong with a file."""
 
 
-def read_small(path: Path, most: int) -> bytes:
-    """The contents of a regular file of at most so many bytes.
+def read_small(path: Path, max_size: int) -> bytes:
+    """The contents of a regular file of at most `max_size` bytes.
 
     Raises:
         Unreadable: saying what is wrong with it.
@@ -29,15 +31,24 @@ def read_small(path: Path, most: int) -> bytes:
             wrong = "expected a regular file, found a device or pipe"
         else:
             with path.open("rb") as file:
-                data = file.read(most + 1)
-            if len(data) <= most:
+                data = file.read(max_size + 1)
+            if len(data) <= max_size:
                 return data
-            wrong = f"expected at most {most // 1024} KiB, found a larger file"
+            wrong = f"expected at most {max_size // 1024} KiB, found a larger file"
     except OSError as error:
         wrong = f"cannot be read: {error.strerror}"
     except ValueError:  # a NUL in the path
         wrong = "no such file"
     raise Unreadable(wrong)
+
+
+@contextlib.contextmanager
+def writing(path: Path, error: type[MercatorError] = MercatorError) -> Iterator[None]:
+    """Name the path that the user gave in errors on writing."""
+    try:
+        yield
+    except OSError as wrong:
+        raise error(f"{path}: cannot be written: {wrong.strerror or wrong}") from None
 
 
 def sync_folder(path: Path) -> None:

@@ -13,6 +13,7 @@ import platformdirs
 
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES
+from mercator_design.system.files import writing
 from mercator_design.twin.twin import Log
 
 ROBOT = "robot.yaml"
@@ -72,7 +73,7 @@ def open_log(folder: Path) -> Iterator[Log]:
         RobotError: if another twin has the folder, a file that is not a twin's is in the place of the log, or
             the folder cannot be written to.
     """
-    with writing(folder):
+    with writing(folder, RobotError):
         folder.mkdir(parents=True, exist_ok=True)
         check_free(folder / LOG)
         stream = (folder / LOG).open("a", encoding="utf-8")
@@ -83,15 +84,6 @@ def open_log(folder: Path) -> Iterator[Log]:
             raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
         stream.truncate(0)
         yield lambda event: _write(stream, event)
-
-
-@contextlib.contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Name the folder in errors on writing."""
-    try:
-        yield
-    except OSError as error:
-        raise RobotError(f"{folder}: expected a folder that can be written to: {error.strerror}") from None
 
 
 def check_free(path: Path) -> None:

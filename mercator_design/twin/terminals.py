@@ -20,7 +20,8 @@ from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings
 from mercator_design.robot.logs.events import now as time_of_day
-from mercator_design.twin.folder import BEGINS, FRESH, ROBOT, check_free, writing
+from mercator_design.system.files import writing
+from mercator_design.twin.folder import BEGINS, FRESH, ROBOT, check_free
 from mercator_design.twin.twin import Twin
 
 _CHUNK = 4096
@@ -98,7 +99,7 @@ class Terminals:
         for file in self.robots:
             if os.path.lexists(file.parent) and not file.parent.is_dir():
                 raise RobotError(f"{file.parent} exists and is not a folder; move it, or choose another folder")
-            with writing(file.parent):
+            with writing(file.parent, RobotError):
                 for left in map(file.with_name, (*DEVICES, *(device + FRESH for device in DEVICES), ROBOT)):
                     check_free(left)
 
@@ -106,7 +107,7 @@ class Terminals:
         self.check()
         try:
             for number, (file, port) in enumerate(zip(self.robots, _free_ports(len(self.robots)), strict=True)):
-                with writing(file.parent):
+                with writing(file.parent, RobotError):
                     self._make(number, file, port)
         except BaseException:
             self.__exit__()

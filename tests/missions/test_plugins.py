@@ -17,8 +17,8 @@ from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions import plugins
-from mercator_design.missions.mission import load_mission, parse_mission
-from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin, zone_references
+from mercator_design.missions.mission import Objective, load_mission, parse_mission
+from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 
@@ -155,12 +155,12 @@ class TestLoading:
     @pytest.mark.parametrize(
         ("body", "message"),
         [
-            ("1 / 0", "my.py:21: shrinking: ZeroDivisionError: division by zero"),
-            ("return 3", "my.py:19: shrinking must give rows of numbers: 'int' object is not iterable"),
-            ("return [(1.0, 2.0), (1.0,)]", "my.py:19: shrinking must give rows of one length"),
+            ("1 / 0", "my.py:21: dynamic shrinking: ZeroDivisionError: division by zero"),
+            ("return 3", "my.py:19: dynamic shrinking must return rows of numbers: 'int' object is not iterable"),
+            ("return [(1.0, 2.0), (1.0,)]", "my.py:19: dynamic shrinking must return rows of one length"),
             ("raise ValueError('\\033')", r"ValueError: \x1b"),
-            ("raise SystemExit", "my.py:21: shrinking: SystemExit"),
-            ("return (1 / 0 for _ in range(2))", "my.py:21: shrinking: ZeroDivisionError"),
+            ("raise SystemExit", "my.py:21: dynamic shrinking: SystemExit"),
+            ("return (1 / 0 for _ in range(2))", "my.py:21: dynamic shrinking: ZeroDivisionError"),
         ],
     )
     def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
@@ -175,7 +175,7 @@ class TestLoading:
         monkeypatch.setattr(jit, "compiling_began", lambda: False)
         load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
         mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
-        with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:21: shrinking: ZeroDivisionError"):
+        with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:21: dynamic shrinking: Zero"):
             _ = [mission.realise_floor(generator(seed, "floor")) for seed in range(50)]
 
     def test_its_parameters_are_checked(self, write):
@@ -355,9 +355,10 @@ class TestLoading:
 
 def test_references_to_zones_are_found_wherever_they_are():
     told = {"signal": "a", "places": {"black": "b", "white": "c"}}
-    found = zone_references(OBJECTIVES["robots_where_told"], told)
-    assert list(found) == [("signal", "a"), ("places.black", "b"), ("places.white", "c")]
-    assert list(zone_references(OBJECTIVES["cell_age"], {"side": 1.0, "cells": 2})) == []
+    found = Objective(name="robots_where_told", direction="maximise", parameters=told)
+    assert list(found.zones()) == [("signal", "a"), ("places.black", "b"), ("places.white", "c")]
+    none = Objective(name="cell_age", direction="minimise", parameters={"side": 1.0, "cells": 2})
+    assert list(none.zones()) == []
 
 
 def mdesign(folder, *arguments, **environment):

@@ -331,7 +331,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path):
     file.touch()
     with pytest.raises(RobotError, match=f"{file} exists and is not a folder"), running(tmp_path):
         pass
-    expected = f"{file}/log: expected a folder that can be written to: Not a directory"
+    expected = f"{file}/log: cannot be written: Not a directory"
     with pytest.raises(RobotError, match=expected), open_log(file / "log"):
         pass
 

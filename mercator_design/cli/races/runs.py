@@ -9,7 +9,7 @@ import click
 from mercator_design.analysis import analysis
 from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import naming, print_message, print_result, warn
+from mercator_design.command import print_message, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.analysis import ablation_csv, ablation_page, importance_csv, importance_page, save_ablation
@@ -19,6 +19,7 @@ from mercator_design.report.runs import run_summary, runs_json, runs_table
 from mercator_design.runs.files import restored
 from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
 from mercator_design.runs.verification import verify as verify_run
+from mercator_design.system.files import writing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -171,5 +172,5 @@ def ablation(
         )
     print_result(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if plot is not None:
-        with naming(plot):
+        with writing(plot):
             save_ablation(plot, result)

@@ -21,7 +21,7 @@ from mercator_design.cli.races.common import (
     run,
 )
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, naming, print_message, print_result
+from mercator_design.command import FILE, print_message, print_result
 from mercator_design.errors import MercatorError, printable
 from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
@@ -35,7 +35,7 @@ from mercator_design.race.running.outcome import OnFailure
 from mercator_design.report.columns import aligned
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
-from mercator_design.system.files import write_text
+from mercator_design.system.files import write_text, writing
 
 _WHAT_IT_BEGAN_WITH = (
     "scenario",
@@ -217,7 +217,7 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
     if output is not None:
         table = io.StringIO()
         csv.writer(table, lineterminator="\n").writerows(rows)
-        with naming(output):
+        with writing(output):
             output.mkdir(parents=True, exist_ok=True)
             write_text(output / "tests.csv", table.getvalue())
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import OUTPUT_FILE, naming, print_message
+from mercator_design.command import OUTPUT_FILE, print_message
 from mercator_design.errors import RobotError
 from mercator_design.fleet.bundle import bundle as make
 from mercator_design.fleet.bundle import is_bundle
-from mercator_design.system.files import write_bytes
+from mercator_design.system.files import write_bytes, writing
 
 
 @click.command(short_help="Write mercator-robot as one file.")
@@ -26,11 +26,11 @@ def bundle(output: Path) -> None:
 
     The file contains click, PyYAML and pyserial in the versions installed here. An existing file is replaced.
     """
-    with naming(output):
+    with writing(output):
         if output.is_file() and not is_bundle(output):
             raise RobotError(f"{output} exists and is not a zip application; give another name, or remove it")
     data = make()
-    with naming(output):
+    with writing(output):
         write_bytes(output, data)
         if output.is_file():
             output.chmod(0o755)

@@ -7,12 +7,12 @@ import click
 
 from mercator_design.calibration.sensors import calibrate as fit
 from mercator_design.cli.options import picture, seed_of
-from mercator_design.command import FILE, OUTPUT_FILE, naming, print_message, print_result
+from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result
 from mercator_design.config.building import is_name
 from mercator_design.errors import MercatorError
 from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.system.files import write_text
+from mercator_design.system.files import write_text, writing
 
 
 @click.command(short_help="Fit the noise of a robot's sensors to recordings.")
@@ -61,9 +61,9 @@ def calibrate(
     for note in result.notes:
         print_message(f"Note: {note}")
     if plot is not None:
-        with naming(plot):
+        with writing(plot):
             save_noise(plot, result)
     beside = base if is_name(base) else os.path.relpath(base, output.parent)
-    with naming(output):
+    with writing(output):
         write_text(output, model_text(result, beside, name))
     print_result(calibration_json(result, seed) if as_json else calibration_page(result))

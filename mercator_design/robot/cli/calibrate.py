@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import NumberRange, Spelled, SpelledGroup, naming, print_message, print_result
+from mercator_design.command import NumberRange, Spelled, SpelledGroup, print_message, print_result
 from mercator_design.config.colours import COLOURS, ColourName
 from mercator_design.config.writing import dump
 from mercator_design.robot.cli.options import ROBOT_FILE, settings_of
@@ -15,6 +15,7 @@ from mercator_design.robot.setup import ground_calibration, proximity_calibratio
 from mercator_design.robot.setup.ground_calibration import ground_sensor
 from mercator_design.robot.setup.prompt import ask
 from mercator_design.robot.setup.proximity_calibration import hub
+from mercator_design.system.files import writing
 
 _USUAL: tuple[ColourName, ...] = ("black", "gray", "white")
 _SECONDS = click.option(
@@ -88,6 +89,6 @@ def _write(robot: Path | None, **values: object) -> None:
     """Print settings, and write them into a robot.yaml."""
     print_result(dump(values), nl=False)
     if robot is not None:
-        with naming(robot):
+        with writing(robot):
             change(robot, **values)
         print_message(f"Written to {robot}")

@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from mercator_design.command import FILE, NumberRange, naming
+from mercator_design.command import FILE, NumberRange
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES
 from mercator_design.robot.devices.settings import Settings, read_settings
+from mercator_design.system.files import writing
 
 _VARIABLE = "MERCATOR_ROBOT"
 _SETTINGS, _FILE = "settings", "robot"
@@ -52,7 +53,7 @@ def new_file(given: str | None, kind: str, robot: str) -> Path:
     """
     path = Path(given or "")
     if given is not None and given.endswith("/"):
-        with naming(path):
+        with writing(path):
             path.mkdir(parents=True, exist_ok=True)
     name = "-".join([kind, *robot.split(), time.strftime("%Y%m%d-%H%M%S.jsonl")])
     return path / name if path.is_dir() else path

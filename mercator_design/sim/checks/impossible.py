@@ -14,8 +14,7 @@ import numpy as np
 from mercator_design.config.schema import Radians, values_in
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.objectives import OBJECTIVES
-from mercator_design.missions.plugins import DYNAMICS, is_by_zones, is_ours, zone_references
+from mercator_design.missions.plugins import is_by_zones, is_ours
 from mercator_design.missions.zone_distance import border_points, distance_to
 from mercator_design.seeds import generator
 from mercator_design.sim.checks.reach import Reach, reach_of
@@ -43,7 +42,7 @@ class MissionWarning:
 def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning]:
     """All warnings on a mission with a robot model."""
     found = [*angle_warnings(mission), *angle_warnings(model)]
-    if not all(is_ours(DYNAMICS[dynamics.name]) for dynamics in mission.floor.dynamics):
+    if not all(is_ours(dynamics.function) for dynamics in mission.floor.dynamics):
         return found  # dynamics of plugins may change which zones are reached
     reach = reach_of(mission, model)
     if reach is None or not reach.reached.any():
@@ -74,8 +73,7 @@ def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
 
 def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
     """Warn of zones that are outside the walls, partly or completely, or out of reach."""
-    function = OBJECTIVES[mission.objective.name]
-    counted = {name for _, name in zone_references(function, mission.objective.parameters)}
+    counted = {name for _, name in mission.objective.zones()}
     size = 2.0 * min(model.body.half_size)
     first = 0
     for index, zone in enumerate(mission.floor.zones):
@@ -134,7 +132,7 @@ def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Missi
 
 def _with_score(mission: Mission, places: list[MissionWarning]) -> list[MissionWarning]:
     """Add that all scores are equal: to each warning that is the cause of it, else as a warning on the objective."""
-    is_proved = is_by_zones(OBJECTIVES[mission.objective.name])
+    is_proved = is_by_zones(mission.objective.function)
     same = (
         "every score is the same, whatever the robots do"
         if is_proved

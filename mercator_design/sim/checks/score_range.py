@@ -10,8 +10,6 @@ from mercator_design.arrays import Floats
 from mercator_design.errors import MercatorError
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.objectives import OBJECTIVES
-from mercator_design.missions.plugins import zone_references
 from mercator_design.missions.trace import Trace
 from mercator_design.missions.zone_distance import border_points, distance_to
 from mercator_design.seeds import generator
@@ -69,9 +67,9 @@ def _pools(floor: FloorTable, reach: Reach) -> list[Floats]:
 
 def _zones(mission: Mission, floor: FloorTable, reach: Reach) -> list[Floats]:
     """Places within reach (n, 2) in each zone that the objective names, if there are some."""
-    zone_rows, objective = mission.floor.zone_rows(), mission.objective
+    zone_rows = mission.floor.zone_rows()
     pools = []
-    for _, name in zone_references(OBJECTIVES[objective.name], objective.parameters):
+    for _, name in mission.objective.zones():
         for row in zone_rows[name]:
             places = reach.centres(reach.cells_of(floor, row) & reach.reached)
             if not len(places) and (reach.touched(floor, row) & reach.reached).any():

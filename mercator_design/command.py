@@ -123,7 +123,7 @@ def print_result(result: object, *, nl: bool = True, exact: bool = False) -> Non
     Args:
         result: Printed as text.
         nl: Whether to add a newline.
-        exact: Whether to print it unchanged if stdout is no terminal: for the contents of a file.
+        exact: Whether to print it unchanged if stdout is not a terminal, as for the contents of a file.
     """
     text = str(result)
     click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl)
@@ -162,13 +162,13 @@ class SpelledGroup(click.Group):
 class LazyVerb(NamedTuple):
     """A command that is imported when it is used."""
 
-    module: str  # in which it has its own name
+    module: str  # has the command under its name
     help: str  # its line on the page of all commands
-    is_light: bool = False  # whether it needs no package of the designer
+    is_light: bool = False  # whether it runs without the packages of the designer
 
 
 class LazyGroup(click.Group):
-    """Commands of which some are imported when they are used: `--help` is quick, and needs no package of theirs."""
+    """Commands, some of which are imported when they are used, so that `--help` is quick and needs few packages."""
 
     def __init__(self, *arguments: Any, lazy: Mapping[str, LazyVerb], **given: Any) -> None:  # noqa: ANN401 - click's
         super().__init__(*arguments, **given)
@@ -188,7 +188,7 @@ class LazyGroup(click.Group):
         except ModuleNotFoundError as error:
             package = verb.module.rpartition(".")[0]
             if error.name is None or (error.name.startswith("mercator_design.") and error.name != package):
-                raise  # a fault of ours
+                raise  # a bug in this program
             raise MercatorError(
                 f"{cmd_name} needs the designer: the package {error.name} is not installed; "
                 "in the clone: pip install '.[design]'"

@@ -42,18 +42,18 @@ from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import write_text
 
 TEST_SEED = 1
-"""Of test instances, as `mdesign evaluate` has it unless told otherwise: so all races are tested on the same ones."""
+"""The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
 
 
 class Experimenter:
-    """Runs one experiment, here or in another process: the simulator is built anew there."""
+    """Runs one experiment, here or in another process, which builds the simulator again."""
 
     def __init__(self, simulator: Simulator) -> None:
         self.simulator = simulator
-        self._kernels = kernels_digest()  # now: files may be edited later
+        self._kernels = kernels_digest()  # computed now, because files may be edited later
 
     def __call__(self, item: tuple[Pfsm, int]) -> Measurement:
-        """Score, and digest of where all robots are and in what state at the end."""
+        """The score, and a digest of the final poses and states of all robots."""
         pfsm, seed = item
         outcome = self.simulator.run(pfsm, seed)
         trace = outcome.trace
@@ -63,23 +63,23 @@ class Experimenter:
         return Measurement(outcome.score, digest.hexdigest())
 
     def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
-        # Classes of plugins may be in the mission: it is unpacked when they are there.
+        # The mission may have classes of plugins: it is unpickled after they are loaded.
         packed = pickle.dumps((self.simulator.mission, self.simulator.robot_model))
         return _elsewhere, (plugins(), self._kernels, packed)
 
 
 def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Experimenter:
-    """An experimenter that came to this process, with the plugins of the race as they were when it began.
+    """An experimenter in another process, with the plugins as they were when the race began.
 
     Raises:
-        MissionError: A plugin cannot be run here, as when another version of it is loaded.
-        SimulationError: The simulator here is another one.
+        MissionError: A plugin cannot be run here, for example because another version of it is loaded.
+        SimulationError: The simulator here differs.
     """
     for plugin in plugins:
         run_plugin(plugin)
     if kernels_digest() != kernels:
-        raise SimulationError(f"worker on {socket.gethostname()}: its simulator is not that of the race")
-    mission, robot_model = pickle.loads(packed)  # noqa: S301 - of our own main process
+        raise SimulationError(f"worker on {socket.gethostname()}: its simulator differs from that of the race")
+    mission, robot_model = pickle.loads(packed)  # noqa: S301 - from our own main process
     return Experimenter(Simulator(mission, robot_model))
 
 
@@ -87,15 +87,15 @@ class Designer(Task[tuple[Pfsm, int]]):
     """Designs control software for the mission of a simulator, by a race over all PFSMs of a flavour.
 
     Args:
-        simulator: Of the mission.
-        budget: Experiments to run at most.
-        seed: Of all that is random.
-        flavour: What modules there are.
-        method: Name of one of `METHODS`.
+        simulator: The simulator of the mission.
+        budget: Maximum number of experiments.
+        seed: Master seed of all randomness.
+        flavour: The flavour of modules.
+        method: One of `METHODS`.
 
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
-        MissionError: if the mission cannot be (`Simulator.refuse_impossible`).
+        MissionError: if the mission is impossible (`Simulator.refuse_impossible`).
         RaceError: if the budget is too small.
     """
 
@@ -125,7 +125,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
-        """As `Task.restore`."""
         loaded = loaded_plugins()
         for name, digest in start["plugins"].items():
             if Path(name).name != name:
@@ -137,7 +136,6 @@ class Designer(Task[tuple[Pfsm, int]]):
         return cls(simulator, **given)
 
     def start(self) -> dict[str, Any]:
-        """As `Task.start`."""
         return {
             "task": "mission",
             "name": self.name,
@@ -156,7 +154,6 @@ class Designer(Task[tuple[Pfsm, int]]):
         }
 
     def files(self) -> dict[str, bytes]:
-        """As `Task.files`."""
         mission = self.simulator.mission
         image = mission.floor.image
         return {
@@ -170,7 +167,6 @@ class Designer(Task[tuple[Pfsm, int]]):
         }
 
     def header(self) -> dict[str, str]:
-        """As `Task.header`."""
         header = {
             "mission": self.name,
             "mission digest": self.simulator.mission.digest,
@@ -188,11 +184,10 @@ class Designer(Task[tuple[Pfsm, int]]):
         return header
 
     def prepare(self, announce: Callable[[str], None]) -> None:
-        """As `Task.prepare`: compile what is not yet."""
+        """As `Task.prepare`: compile the simulator."""
         self.simulator.rehearse(announce=announce)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Pfsm, int]:
-        """As `Task.item`."""
         number, instance = experiment
         if number not in self._pfsms:
             self._pfsms[number] = to_pfsm(configuration, self.flavour)
@@ -203,15 +198,13 @@ class Designer(Task[tuple[Pfsm, int]]):
         return instance_seed(TEST_SEED, "evaluation", instance)
 
     def cost(self, score: float) -> float:
-        """As `Task.cost`."""
         return self.simulator.mission.cost(score)
 
     def score(self, cost: float) -> float:
-        """As `Task.score`."""
         return self.simulator.mission.score(cost)
 
     def pfsm(self, configuration: int) -> Pfsm:
-        """The PFSM of a configuration that is raced."""
+        """The PFSM of a configuration of the race."""
         return to_pfsm(self.race.configurations[configuration], self.flavour)
 
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
@@ -219,7 +212,6 @@ class Designer(Task[tuple[Pfsm, int]]):
         return fsm_file_text(self.pfsm(result.configuration), header)
 
     def is_winner(self, file: Path, configuration: Configuration) -> bool:
-        """As `Task.is_winner`."""
         return read_fsm(file).pfsm == to_pfsm(configuration, self.flavour)
 
     def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:
@@ -235,7 +227,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     @staticmethod
     def command(start: Start, folder: Path) -> str:
-        """As `Task.command`."""
         words = ["mdesign", "race", str(folder / "mission.yaml")]
         for name in ("budget", "seed", "flavour", "method"):
             words += [f"--{name}", str(start[name])]
@@ -245,7 +236,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     @staticmethod
     def about(start: Start) -> list[str]:
-        """As `Task.about`."""
         return [
             f"Mission    {start['name']}, for robot {start['robot_model']}",
             f"Designed   with {start['flavour']}, seed {start['seed']}",
@@ -258,7 +248,6 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     @staticmethod
     def check(start: Start, configurations: Sequence[Configuration]) -> None:
-        """As `Task.check`."""
         space = _space(start["flavour"])
         for configuration in configurations:
             space.check(configuration)

@@ -36,17 +36,17 @@ def excerpt(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def described(error: BaseException, most: int = 300) -> str:
+def described(error: BaseException, max_length: int = 300) -> str:
     """The class and the message of an error, with a maximum length."""
     try:
         text = str(error)
-    except Exception:  # noqa: BLE001 - of a stranger's class, which may do anything
+    except Exception:  # noqa: BLE001 - a user's class may raise anything
         text = ""
-    return f"{type(error).__name__}: {text[:most]}" if text else type(error).__name__
+    return f"{type(error).__name__}: {text[:max_length]}" if text else type(error).__name__
 
 
 class Signalled(BaseException):
-    """A signal ends the program, with this exit code."""
+    """A signal ends the program with an exit code."""
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
@@ -69,7 +69,7 @@ _NO_MEMORY = ("failed to map segment from shared object", "annot allocate memory
 class MercatorError(Exception):
     """Base of all errors that are reported to the user without a traceback.
 
-    It has a message for each mistake, made printable; as text they are lines.
+    It has a printable message for each mistake; as text, one on each line.
     """
 
     exit_code = 1
@@ -113,7 +113,7 @@ class ProtocolError(MercatorError):
 class RobotError(MercatorError):
     """A device of the robot cannot be used.
 
-    device: Which, of the ports of robot.yaml, with which the message begins; empty if it is not of one device.
+    device: The device, by its name in `ports` of robot.yaml, with which the message begins; empty if there is none.
     """
 
     def __init__(self, message: str, *more: str, device: str = "") -> None:
@@ -127,7 +127,7 @@ class SettingsError(RobotError):
     exit_code = 3
 
 
-class RobotStopped(RobotError):  # noqa: N818 - a swarm that is told to stop has made no error
+class RobotStopped(RobotError):  # noqa: N818 - stopping a swarm is no mistake
     """A robot's wheels were stopped; they stay stopped until the next run."""
 
     exit_code = 4

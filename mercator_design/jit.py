@@ -1,12 +1,12 @@
-"""How a function comes to be compiled; the only file that knows numba.
+"""Compiles functions; the only file that uses numba.
 
 A kernel is a plain Python function in a small subset of the language (floats, tuples, rows of numbers, `math`), marked
-`@jittable`. The mark changes nothing: Python, and the robot, call the plain function. `compiled` makes the fast form of
-one entry function, in which every call of a marked function is compiled too. So there is one definition of each
-behaviour, and control software runs where there is no numba.
+`@jittable`. The mark does not change the function: Python, and the robot, call it as it is. `compiled` makes the fast
+form of one entry function, in which every call of a marked function is compiled too. So there is one definition of each
+behaviour, and control software runs without numba.
 
-Compiled code is cached in a folder named by all that it is made from: numba itself does not notice an edited callee
-(numba issue 1833) and would go on running the old one.
+Compiled code is cached in a folder named by a digest of its sources: numba itself does not notice an edited callee
+(numba issue 1833) and would run the old code.
 """
 
 import contextlib
@@ -30,9 +30,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 _INNER: Any = {
-    # Kernels pass on tuples of hundreds of numbers; a call that is not inlined copies them all.
+    # Kernels pass tuples of hundreds of numbers; a call that is not inlined copies them all.
     "forceinline": True,
-    # Nobody but compiled code calls what is inside an entry function.
+    # Only compiled code calls these functions.
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
@@ -43,7 +43,7 @@ _lock = threading.RLock()
 
 
 def jittable(function: F) -> F:
-    """Mark a function as callable from compiled code. It stays the plain function it is."""
+    """Mark a function as callable from compiled code, and return it unchanged."""
     _marked.add(function)
     _waiting.append(function)
     return function
@@ -55,37 +55,37 @@ def is_marked(function: Callable[..., Any]) -> bool:
 
 
 def marked() -> frozenset[Callable[..., Any]]:
-    """The functions that are marked `@jittable` so far."""
+    """The functions marked `@jittable` so far."""
     return frozenset(_marked)
 
 
 def forget(functions: Iterable[Callable[..., Any]]) -> None:
-    """Take the marks of functions away, as if they had never been marked."""
+    """Remove the marks of functions."""
     _marked.difference_update(functions)
     _waiting[:] = [function for function in _waiting if function in _marked]
 
 
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
-    """A kernel `call(which, *arguments)` that calls the function number `which`.
+    """A kernel `call(which, *arguments)` that calls function number `which`.
 
-    A list may grow until something that calls the kernel is compiled.
+    A list may grow until code that calls the kernel is compiled.
     """
     table = functions if isinstance(functions, list) else tuple(functions)
 
     def call(which: int, *arguments: Any) -> R:
         return table[which](*arguments)
 
-    call.links = table  # type: ignore[attr-defined]  # what the compiled form is chained from
+    call.links = table  # type: ignore[attr-defined]  # the functions of the compiled form
     return jittable(call)
 
 
 def jit_wanted() -> bool:
-    """Whether compiled code is used: not where NUMBA_DISABLE_JIT=1 asks for plain Python."""
+    """Whether compiled code is used: NUMBA_DISABLE_JIT=1 selects plain Python."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 
 class CompilationError(Exception):
-    """A kernel is not of the subset of Python that can be compiled; `places` are files and lines, the last one its."""
+    """A kernel cannot be compiled; `places` are files and lines of calls, the last one in this kernel."""
 
     def __init__(self, reason: str, places: Sequence[tuple[str, int]] = ()) -> None:
         super().__init__(reason)
@@ -95,7 +95,7 @@ class CompilationError(Exception):
 def compiled(function: F) -> F:
     """The compiled form of an entry function, which runs without holding the GIL.
 
-    Its first call compiles, and raises CompilationError if that cannot be done.
+    The first call compiles it, and raises CompilationError if this is not possible.
     """
     if not jit_wanted():
         return function
@@ -114,8 +114,8 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
     usual = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options at run time
     numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
-        # Kernels make no arrays, they only fill those of their caller. So nothing needs to be counted, and counting the
-        # references to every array that is passed on would take two thirds of the time.
+        # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and counting
+        # the references to all passed arrays would take two thirds of the time.
         options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
         entry._cache = kernel_cache.keep_whole(entry._cache)  # noqa: SLF001 - numba offers no other way in
@@ -136,7 +136,7 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
-    """Whether an entry function was compiled before on this machine, in its present form."""
+    """Whether the present form of an entry function is in the cache."""
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
     if not jit_wanted():
         return True
@@ -148,7 +148,7 @@ def is_cached(function: Callable[..., Any]) -> bool:
 
 @contextlib.contextmanager
 def announced(announce: Callable[[], None]) -> Iterator[None]:
-    """While in this context, call `announce` once, when something is about to be compiled that no cache has."""
+    """In this context, call `announce` once before something is compiled that is not in the cache."""
     if not jit_wanted():
         yield
         return
@@ -163,23 +163,19 @@ def announced(announce: Callable[[], None]) -> Iterator[None]:
                 announce()
 
         def on_end(self, event: object) -> None:
-            """Nothing to say."""
+            """Required by numba."""
 
-    once = Once()
-    event.register("numba:compile", once)  # type: ignore[no-untyped-call]  # numba has no types
-    try:
+    with event.install_listener("numba:compile", Once()):
         yield
-    finally:
-        event.unregister("numba:compile", once)  # type: ignore[no-untyped-call]
 
 
 def cache_folder() -> Path | None:
-    """Where compiled code lies: a folder for each version of the kernels, or one of this process; None if nowhere."""
+    """The folder of compiled code: one for each version of the kernels, or one of this process; or None."""
     return _cache().folder
 
 
 def cache_warning() -> str:
-    """Why that is not the usual folder; empty if it is."""
+    """Why this is not the usual folder; empty if it is."""
     return _cache().problem if jit_wanted() else ""
 
 
@@ -189,19 +185,19 @@ def _cache() -> kernel_cache.Place:
 
 
 def compiling_began() -> bool:
-    """Whether something is compiled already, by the kernels that there were."""
+    """Whether something is compiled already, with the kernels marked until then."""
     return jit_wanted() and _cache.cache_info().currsize > 0
 
 
 def kernel_files() -> list[Path]:
-    """The source files that compiled code is made from: ours, and those of marked functions elsewhere."""
+    """The source files of compiled code: those of this package, and those of marked functions elsewhere."""
     folders = ("fsm", "missions", "sim")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
     return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *_foreign_sources()]
 
 
 def kernels_digest() -> str:
-    """A digest of all that compiled code is made from, as hexadecimal text."""
+    """A digest of all sources of compiled code, as hexadecimal text."""
     digest = hashlib.sha256()
     foreign = _foreign_sources()
     for file in kernel_files():
@@ -213,12 +209,12 @@ def kernels_digest() -> str:
 
 
 def _foreign() -> list[Callable[..., Any]]:
-    """The marked functions that are not of this package."""
+    """The marked functions outside this package."""
     return [function for function in _marked if not Path(function.__code__.co_filename).is_relative_to(_PACKAGE)]
 
 
 def _foreign_sources() -> dict[Path, bytes]:
-    """The source files of `_foreign` in order of their paths, as they were when they were loaded if that is known."""
+    """The source files of `_foreign` by path, with their contents at loading time if these are known."""
     found: dict[Path, bytes] = {}
     for function in _foreign():
         name = function.__code__.co_filename
@@ -229,7 +225,7 @@ def _foreign_sources() -> dict[Path, bytes]:
 
 
 def _frozen(function: Callable[..., Any]) -> str:
-    """What compiled code takes from a function, and from the globals that it reads, wherever they were set."""
+    """The inputs of compiled code from a function: its code, and the globals that it reads."""
     around = inspect.getclosurevars(function)
     found = {**around.globals, **around.nonlocals}
     for name, value in {**found}.items():
@@ -241,7 +237,7 @@ def _frozen(function: Callable[..., Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """An array as a list; what is no value, as a function, as nothing."""
+    """An array as a list; None for anything else, such as a function."""
     return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None
 
 
@@ -287,10 +283,10 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
 
 
 def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:
-    """Name a closure by what it calls.
+    """Name a closure by the functions that it calls.
 
-    numba names machine code by the function's name and a number that counts within a process. Code from the cache,
-    which another process numbered, is linked by these names: two closures of one name could take each other's place.
+    numba names machine code by the function's name and a number that counts within a process. Code from the cache has
+    numbers of another process and is linked by these names, so two closures of one name could be confused.
     """
     closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"
 

@@ -1,9 +1,9 @@
-"""Random missions, to try a design method on more than the missions it was made with.
+"""Random missions, to test a design method on other missions than those of its development.
 
-The classes, and how often each has how many nests, sources, homes, distractions, obstacles and a light, are those of
-the mission generator MG1 (Ligot, Cotorruelo, Garone and Birattari 2022, Towards an empirical practice in off-line fully
-automatic design of robot swarms). Arenas and zones are sized for the robot and for how many of them there are: MG1's
-are an e-puck's.
+The classes, and the probabilities of the numbers of nests, sources, homes, distractions, obstacles and lights, are
+those of the mission generator MG1 (Ligot, Cotorruelo, Garone and Birattari 2022, Towards an empirical practice in
+off-line fully automatic design of robot swarms). The sizes of arenas and zones depend on the robot and on the number of
+robots; MG1 has sizes for the e-puck.
 """
 
 import math
@@ -27,25 +27,25 @@ from mercator_design.sim.simulate import Simulator
 MissionClass: TypeAlias = Literal["foraging", "homing", "aggregation-xor"]
 CLASSES: tuple[MissionClass, ...] = get_args(MissionClass)
 
-_DRAWS = 1000  # missions drawn before giving up; one in five cannot be laid out
-_TRIALS = 100  # places tried for a zone or an obstacle before all is drawn anew
-_APART = 0.2  # zones, at least [m]
+_MAX_DRAWS = 1000  # missions drawn before giving up; one in five has no valid layout
+_MAX_TRIALS = 100  # places tried for a zone or an obstacle before a new mission is drawn
+_MIN_DISTANCE = 0.2  # [m] between zones
 _NUMBERS = {1: "one", 2: "two", 3: "three"}
 
 
 class _NoRoom(Exception):  # noqa: N818 - caught here
-    """Something has found no place."""
+    """There is no place for a zone or an obstacle."""
 
 
 def sample_mission(class_: MissionClass, *, seed: int, number: int = 1) -> Mission:
-    """The so many-th random mission of a class under a seed; robots find places to start from in it.
+    """A random mission of a class, by seed and number; robots find places to start.
 
     Raises:
-        MissionError: if none could be laid out.
+        MissionError: if no valid layout was found.
     """
     random = generator(seed, f"mission {class_} {number}")
     robot_model = load_robot_model("mercator")
-    for _ in range(_DRAWS):
+    for _ in range(_MAX_DRAWS):
         try:
             mission = _Draw(random, robot_model, class_).mission(seed, number)
             Simulator(mission, robot_model).check_placement()
@@ -57,18 +57,18 @@ def sample_mission(class_: MissionClass, *, seed: int, number: int = 1) -> Missi
 
 @dataclass(frozen=True, slots=True)
 class _Patch:
-    """A circle that keeps its place."""
+    """An occupied circle."""
 
     center: tuple[float, float]
     radius: float
 
 
 class _Draw:
-    """One attempt; draws and places in the order of the methods."""
+    """One attempt; draws and placements follow the order of the methods."""
 
     def __init__(self, random: np.random.Generator, robot_model: RobotModel, class_: MissionClass) -> None:
         self.random, self.class_ = random, class_
-        self.passage = 2.2 * robot_model.body.corner  # [m] a robot gets through, however it stands
+        self.passage = 2.2 * robot_model.body.corner  # [m] width that a robot passes with any heading
         self.robots = int(random.integers(3, 20, endpoint=True))
         self.sides = self.one_of((3, 4, 6, 12))
         area = self.robots * random.uniform(1.2, 2.5)  # [m2]
@@ -133,17 +133,17 @@ class _Draw:
         return "always" if self.happens(0.5) else "end"
 
     def add_zones(self, name: str, count: int, color: ColourName, areas: tuple[float, float]) -> tuple[str, ...]:
-        """Discs and squares with so many square metres for each robot; gives their names."""
+        """Add discs and squares with an area for each robot [m2]; return their names."""
         names = (name,) if count == 1 else tuple(f"{name} {k + 1}" for k in range(count))
         for each in names:
             area = max(0.12, self.robots * self.random.uniform(*areas))
             if self.happens(0.5):
                 radius = _rounded(math.sqrt(area / math.pi))
-                center = self.place(radius, wall=0.0, apart=_APART)
+                center = self.place(radius, wall=0.0, apart=_MIN_DISTANCE)
                 self.zones.append(Disc(center=center, radius=radius, color=color, name=each))
             else:
                 side = _rounded(math.sqrt(area))
-                center = self.place(side * math.sqrt(0.5), wall=0.0, apart=_APART)
+                center = self.place(side * math.sqrt(0.5), wall=0.0, apart=_MIN_DISTANCE)
                 self.zones.append(Rectangle(center=center, size=(side, side), color=color, name=each))
         return names
 
@@ -155,9 +155,9 @@ class _Draw:
             self.obstacles.append(Box(center=center, size=(length, 0.05), angle=angle))
 
     def place(self, radius: float, *, wall: float, apart: float) -> tuple[float, float]:
-        """The centre of a circle that lies `wall` from the walls and `apart` from all that has its place."""
+        """The centre of a circle at a distance `wall` from the walls and `apart` from other zones and obstacles."""
         reach = float(np.abs(self.corners).max())
-        for _ in range(_TRIALS):
+        for _ in range(_MAX_TRIALS):
             x, y = (_rounded(value) for value in self.random.uniform(-reach, reach, 2))
             far = all(math.dist((x, y), p.center) >= radius + p.radius + apart for p in self.patches)
             if far and _distance_to_walls(self.corners, x, y) >= radius + wall:
@@ -166,7 +166,7 @@ class _Draw:
         raise _NoRoom
 
     def light(self, chance: float) -> tuple[Light, ...]:
-        """Perhaps a light: of foraging beyond the wall behind a nest, else beyond any wall."""
+        """A light with some probability: for foraging beyond the wall behind a nest, else beyond any wall."""
         if not self.happens(chance):
             return ()
         direction = self.random.uniform(0.0, 2.0 * math.pi)
@@ -189,13 +189,13 @@ class _Draw:
 
 
 def _distance_to_walls(corners: Floats, x: float, y: float) -> float:
-    """Of a point in a convex polygon; negative outside."""
+    """The distance from a point to the sides of a convex polygon; negative outside."""
     along = np.roll(corners, -1, axis=0) - corners
     across = along[:, 0] * (y - corners[:, 1]) - along[:, 1] * (x - corners[:, 0])
     return float((across / np.hypot(along[:, 0], along[:, 1])).min())
 
 
-def _maximise(name: str, **parameters: Any) -> Objective:  # noqa: ANN401 - as the objective takes them
+def _maximise(name: str, **parameters: Any) -> Objective:  # noqa: ANN401 - the parameters of the objective
     return Objective(name=name, direction="maximise", parameters=parameters)
 
 

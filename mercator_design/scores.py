@@ -1,4 +1,4 @@
-"""Which numbers are scores: those of which means and variances can be computed."""
+"""Valid scores: numbers whose means and variances can be computed."""
 
 LARGEST_SCORE = 1e100
 """The square of the sum of 10^9 scores of this size is still a finite number."""

@@ -1,8 +1,8 @@
-"""Where randomness comes from: one master seed, and an independent stream for each purpose.
+"""Random numbers: one master seed, and an independent stream for each purpose.
 
-A stream is named by what it is for, never by a worker or an order of execution, so results do not depend on either.
-`generator` serves code that draws in numpy; `stream_keys` and `uniform` serve the compiled simulation, where a draw
-is a pure function of (key, counter): nothing to carry along, and any draw can be made again.
+A stream is named by its purpose, never by a worker or an order of execution, so results depend on neither. `generator`
+is for code that draws with numpy; `stream_keys` and `uniform` are for the compiled simulation, where a draw is a pure
+function of (key, counter): there is no state, and any draw can be repeated.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 
 def stream_keys(seed: int, purpose: str, n: int) -> Keys:
-    """Keys of n independent streams, one a robot, for `uniform`."""
+    """Keys of n independent streams, one for each robot, for `uniform`."""
     return np.asarray(_sequence(seed, purpose).generate_state(n, np.uint64), dtype=np.uint64)
 
 

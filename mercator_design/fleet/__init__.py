@@ -1,1 +1,1 @@
-"""Control software gets to robots: the program for a Pi as one file, and ssh to many of them."""
+"""Deploys control software to robots: the program as one file, and ssh to many robots."""

@@ -1,4 +1,4 @@
-"""mercator-robot as one file that needs Python alone: a zip application."""
+"""mercator-robot as one file that only needs Python: a zip application."""
 
 import ast
 import io
@@ -25,18 +25,18 @@ main()
 
 
 def bundle() -> bytes:
-    """A zip application of the modules that the robot imports, and of what they need, as installed here, with licences.
+    """A zip application with the modules that the robot imports, the packages that they need, and licences.
 
-    Of the same sources it has the same bytes anywhere: names in order, no dates, and nothing compressed, as each zlib
-    does that in its own way.
+    The same sources give the same bytes on any machine: names are sorted, there are no dates, and nothing is
+    compressed, because versions of zlib differ.
 
     Raises:
-        RobotError: if what it needs is not installed in a way that tells its files.
+        RobotError: if the files of an installed package are unknown.
     """
     files = {"__main__.py": _MAIN.encode()}
     files |= {str(path.relative_to(_PACKAGE.parent)): path.read_bytes() for path in _modules()}
     packaged = _PACKAGE / "LICENSE"
-    licence = packaged if packaged.is_file() else _PACKAGE.parent / "LICENSE"  # beside the package in a checkout
+    licence = packaged if packaged.is_file() else _PACKAGE.parent / "LICENSE"  # beside the package in a clone
     files["licences/mercator-design.txt"] = licence.read_bytes()
     files["licences/pyserial.txt"] = (_PACKAGE / "fleet/LICENSE-pyserial.txt").read_bytes()  # its wheel has none
     for name in _NEEDED:
@@ -58,7 +58,7 @@ def is_bundle(path: Path) -> bool:
 
 
 def _modules() -> set[Path]:
-    """The files of this package that the robot's command imports, at once or ever."""
+    """The files of this package that the robot's command imports, at start or later."""
     found: set[Path] = set()
     waiting = [_ENTRY]
     while waiting:
@@ -76,7 +76,7 @@ def _is_ours(module: str) -> bool:
 
 
 def _imports(path: Path) -> Iterator[str]:
-    """Names of modules, and of what may be one or something in one."""
+    """Names of imported modules, and of names in them that may be modules."""
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -86,7 +86,7 @@ def _imports(path: Path) -> Iterator[str]:
 
 
 def _taken_from(distribution: str) -> dict[str, bytes]:
-    """The modules of a distribution that are in Python, as those in C are of this machine, and its licence."""
+    """The Python modules of a distribution, without extension modules, which depend on the machine; and its licence."""
     try:
         files = metadata.files(distribution)
     except metadata.PackageNotFoundError:

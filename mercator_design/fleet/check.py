@@ -60,9 +60,9 @@ def check(fleet: Fleet, timeout: float, options: Iterable[str] = ()) -> list[Che
     """Run `mercator-robot check` on all robots at the same time, and compare their clocks with this computer's.
 
     Args:
-        fleet: The robots, to which the program has been copied.
-        timeout: For all of it [s].
-        options: Of `mercator-robot check`.
+        fleet: The robots; they must have the program.
+        timeout: Time limit of the whole check [s].
+        options: Options of `mercator-robot check`.
 
     Raises:
         RobotError: if there is no ssh.
@@ -104,12 +104,12 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
             case "done":
                 checked.is_done = True
             case "clock":
-                with suppress(ValueError):  # of which there will be others
+                with suppress(ValueError):  # further answers will come
                     checked.clock.hear(said, now)
 
 
 def table(checked: Sequence[Checked]) -> Iterator[str]:
-    """A row for each robot, below a head."""
+    """The rows of the table: a head, and a row for each robot."""
     columns = [*COLUMNS, "clock"]
     rows = [["robot", *columns], *([each.robot.name, *map(each.cell, columns)] for each in checked)]
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]

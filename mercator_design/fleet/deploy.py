@@ -1,7 +1,7 @@
 """Control software on many robots at once, over the system's ssh and scp.
 
-A robot has in its folder the program, fsm.txt, its own robot.yaml if somebody has put one there, `logs`, `lock`, which
-is held while something runs or is about to, and in `pid` the number of the process that runs.
+The folder of a robot has the program, fsm.txt, its own robot.yaml if a user has put one there, `logs`, `lock`, which is
+held while a run is in progress or starts, and `pid` with the number of the process that runs.
 """
 
 import secrets
@@ -19,10 +19,10 @@ from mercator_design.fleet.bundle import bundle
 from mercator_design.fleet.ssh import RemoteRobot, on, run, shell
 
 PROGRAM, FSM = "mercator-robot.pyz", "fsm.txt"
-_MOST = 100  # robots at a time
+_MAX_CONNECTIONS = 100  # at a time
 
 _HOLD = "exec 9>lock && flock -n 9 && rm -f pid"
-"""Whether nothing is in progress; then nothing else begins before this script ends. A run keeps its start's lock."""
+"""Succeeds if nothing is in progress; then nothing else starts before this script ends. A run keeps its lock."""
 BE_IDLE = f"""
 if ! {{ {_HOLD}; }}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
 """
@@ -86,12 +86,12 @@ def read_fleet(path: Path) -> Fleet:
 
 
 def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
-    """Put the program and an fsm.txt on all robots on which no run is in progress, as that may yet import something.
+    """Copy the program and an fsm.txt to all robots without a run in progress, which may still import modules.
 
     Args:
         fleet: The robots.
-        fsm: The file; None: the program alone.
-        timeout: [s] for each connection.
+        fsm: The file; None: only the program.
+        timeout: Time limit of each connection [s].
     """
     with tempfile.TemporaryDirectory() as folder:
         sent = [Path(folder, PROGRAM)]
@@ -100,7 +100,7 @@ def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
             sent.append(Path(folder, FSM))
             sent[1].write_bytes(fsm.read_bytes())
 
-        new = f"new/{secrets.token_hex(4)}"  # of this copy alone, as others may copy at the same time
+        new = f"new/{secrets.token_hex(4)}"  # of this copy only: others may copy at the same time
 
         def to(robot: RemoteRobot) -> str:
             make = f"mkdir -p {robot.folder}/{new} && cd {robot.folder} || exit 1\n{BE_IDLE}"
@@ -112,12 +112,12 @@ def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
 
 
 def stop(fleet: Fleet, timeout: float) -> list[RobotOutcome]:
-    """End what runs on all robots; done where it has ended."""
+    """Stop the runs on all robots; done if the run has ended."""
     return on_all(fleet, lambda robot: shell(robot, _STOP, timeout))
 
 
 def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
-    """Copy the logs of all robots, each robot's to a folder of its name."""
+    """Copy the logs of each robot to a folder of its name."""
 
     def of(robot: RemoteRobot) -> str:
         count = shell(robot, _COUNT_LOGS, timeout)
@@ -125,7 +125,7 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
             return "no logs"
         to = folder / robot.name
         to.mkdir(parents=True, exist_ok=True)
-        # Absolute, as scp takes what has a colon before its first slash for a host.
+        # Absolute: scp takes a name with a colon before its first slash as a host.
         run("scp", robot, ["-p", on(robot, "logs/*"), str(to.resolve())], timeout)
         return f"{count} files in {to}"
 
@@ -133,7 +133,7 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
 
 
 def on_all(fleet: Fleet, do: Callable[[RemoteRobot], str]) -> list[RobotOutcome]:
-    """Do something on all robots at the same time; done where it gives what there is to say, and raises nothing."""
+    """Call `do` for all robots at the same time; done if it returns a message and does not raise."""
 
     def one(robot: RemoteRobot) -> RobotOutcome:
         try:
@@ -141,5 +141,5 @@ def on_all(fleet: Fleet, do: Callable[[RemoteRobot], str]) -> list[RobotOutcome]
         except (RobotError, OSError) as error:
             return RobotOutcome(robot, is_done=False, words=str(error))
 
-    with ThreadPoolExecutor(min(_MOST, len(fleet.robots))) as pool:
+    with ThreadPoolExecutor(min(_MAX_CONNECTIONS, len(fleet.robots))) as pool:
         return list(pool.map(one, fleet.robots))

@@ -1,4 +1,4 @@
-"""A robot that is reached over the system's ssh and scp: scripts of its shell, and files that are copied."""
+"""A robot over the system's ssh and scp: shell scripts, and copies of files."""
 
 import contextlib
 import os
@@ -20,14 +20,14 @@ _OPTIONS = {
     "ServerAliveCountMax": "3",
     "ServerAliveInterval": "5",
 }
-_ENDS = 0.3  # [s] that ssh may take to end when all has been said
-_MOST = 65_536  # bytes at a time
-_OWN_FAULT = 255  # exit code of ssh if what has failed is not the script
+_ENDS = 0.3  # [s] for ssh to end after its last output
+_CHUNK = 65_536  # [bytes]
+_OWN_FAULT = 255  # exit code of ssh if ssh itself has failed
 
 
 @dataclass(frozen=True, kw_only=True)
 class RemoteRobot:
-    """Where a robot is reached."""
+    """The address of a robot."""
 
     name: Name
     host: Annotated[
@@ -41,12 +41,12 @@ class RemoteRobot:
 class Conversation:
     """A shell script in the folder of a robot, with a dialogue line by line.
 
-    has_ended: Whether ssh has.
-    words: The last line of what was written to stderr then.
+    has_ended: Whether ssh has ended.
+    words: The last line of stderr then.
     """
 
     def __init__(self, robot: RemoteRobot, script: str, arguments: Iterable[str] = ()) -> None:
-        """Begin; Ctrl-C here does not reach it.
+        """Start the script; Ctrl-C here does not reach it.
 
         Raises:
             RobotError: if there is no ssh.
@@ -72,8 +72,8 @@ class Conversation:
         return self._pipe(self._process.stdout).fileno()
 
     def read(self) -> list[bytes] | None:
-        """The lines that have come, once something has; None if it has ended."""
-        data = os.read(self.fileno(), _MOST)
+        """Wait for lines, and return them; None if the conversation has ended."""
+        data = os.read(self.fileno(), _CHUNK)
         if not data:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(_ENDS)
@@ -85,7 +85,7 @@ class Conversation:
 
     @property
     def is_known_to_have_ended(self) -> bool:
-        """Whether the script has ended, and not the connection alone."""
+        """Whether the script has ended, and not only the connection."""
         code = self._process.returncode
         return self.has_ended and code is not None and 0 <= code < _OWN_FAULT
 
@@ -95,7 +95,7 @@ class Conversation:
             self._pipe(self._process.stdin).write(line.encode())
 
     def close(self) -> None:
-        """End the connection; the script may go on."""
+        """End the connection; the script may continue."""
         for pipe in (self._process.stdin, self._process.stdout):
             with contextlib.suppress(OSError):
                 self._pipe(pipe).close()
@@ -111,11 +111,11 @@ class Conversation:
 
 
 def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[tuple[str, list[bytes] | None]]:
-    """What comes from any of these that have not ended: lines by name; None if one has ended now.
+    """The lines of conversations that have not ended, by name; None if one ends now.
 
     Args:
-        conversations: By name.
-        seconds: For which to wait for something.
+        conversations: The conversations by name.
+        seconds: Maximum time to wait [s].
     """
     with selectors.DefaultSelector() as selector:
         for name, each in conversations.items():
@@ -127,7 +127,7 @@ def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[
 
 
 def on(robot: RemoteRobot, path: str) -> str:
-    """A path in a robot's folder, for scp; the brackets keep an IPv6 address from ending at its first colon."""
+    """A path in a robot's folder, for scp; the brackets are for IPv6 addresses, which have colons."""
     return f"[{robot.host}]:{robot.folder}/{path}"
 
 
@@ -144,7 +144,7 @@ def run(program: str, robot: RemoteRobot, arguments: Sequence[str], timeout: flo
     Raises:
         RobotError: if it fails, with the last line of what it says.
     """
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:  # what scp has begun might keep a pipe open
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:  # children of scp might keep a pipe open
         try:
             done = subprocess.run(  # noqa: S603 - no shell here; the robot's file allows plain words only
                 _command(program, robot, arguments),

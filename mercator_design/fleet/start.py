@@ -1,4 +1,4 @@
-"""All robots begin together, or none does: the leader's end of a joint start, over ssh."""
+"""Starts all robots together, or none: the leader of a joint start, over ssh."""
 
 import socket
 import time
@@ -11,7 +11,7 @@ from mercator_design.fleet.ssh import Conversation, hear
 from mercator_design.robot.protocols.joint_start import SILENCE, Leader
 
 _TICK = 0.01  # [s]
-_RESTS = 30.0  # [s] that robots may take to be at rest; one that starts up does that first
+_RESTS = 30.0  # [s] for robots to stop; a robot that starts up finishes this first
 
 _START = f"""
 {BE_IDLE}
@@ -33,12 +33,12 @@ exit $code
 
 @dataclass(frozen=True)
 class Start:
-    """What came of a joint start.
+    """The result of a joint start.
 
-    results: On each robot.
-    why: Why none runs; empty if all run.
-    spread: How long after the first robot the last began [s].
-    uncertainty: Of that [s].
+    results: The outcome on each robot.
+    why: Why no robot runs; empty if all run.
+    spread: Time from the start of the first robot to that of the last [s].
+    uncertainty: The uncertainty of `spread` [s].
     """
 
     results: list[RobotOutcome]
@@ -52,9 +52,9 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
 
     Args:
         fleet: The robots.
-        options: Of `mercator-robot run`.
-        timeout: For robots to be ready [s], and for each connection that stops one.
-        cycle: Within which all must begin [s].
+        options: Options of `mercator-robot run`.
+        timeout: Time for robots to be ready [s], and limit of each connection that stops one.
+        cycle: Time within which all must begin [s].
 
     Raises:
         RobotError: if there is no ssh.
@@ -81,7 +81,7 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
 
 
 def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
-    """Read the messages that have come, do what is due, and send the answers."""
+    """Read messages, advance the leader, and send its answers."""
     for name, lines in hear(robots, _TICK):
         now = time.monotonic()
         if lines is None:
@@ -98,7 +98,7 @@ def _say(leader: Leader, robots: Mapping[str, Conversation]) -> None:
 
 
 def _until_ended(leader: Leader, robots: Mapping[str, Conversation]) -> None:
-    """Wait until all runs have ended, but not for ever."""
+    """Wait until all runs have ended, with a time limit."""
     end = time.monotonic() + _RESTS
     while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
         _turn(leader, robots)
@@ -118,7 +118,7 @@ def _running(fleet: Fleet, leader: Leader) -> Iterator[RobotOutcome]:
 def _resting(
     fleet: Fleet, leader: Leader, robots: Mapping[str, Conversation], timeout: float
 ) -> Iterator[RobotOutcome]:
-    """Of each robot why it does not run; one of which it is not known whether it has ended is stopped once more."""
+    """Why each robot does not run; a robot that may still run is stopped once more."""
     unknown = [robot for robot in fleet.robots if not robots[robot.name].is_known_to_have_ended]
     stopped = (
         {result.robot: result for result in stop(replace(fleet, robots=tuple(unknown)), timeout)} if unknown else {}

@@ -16,7 +16,7 @@ from mercator_design.arrays import Flags, Floats
 from mercator_design.config.schema import FieldError, Length, NonNegative, Radians, Range
 
 WALL_THICKNESS = 0.01
-"""Of the outer walls [m], which stand outside the polygon; as the boxes of the ARGoS missions' dodecagon."""
+"""[m] Thickness of the outer walls, which stand outside the polygon; as in the ARGoS missions' dodecagon."""
 
 Coordinate: TypeAlias = Annotated[float, Range(-1000.0, 1000.0)]
 Size: TypeAlias = Annotated[float, Range(0.0, 1000.0, exclusive_low=True)]
@@ -29,7 +29,7 @@ _SHORTEST_WALL = 0.001
 """[m]"""
 
 _SMALLEST_AREA = 1e-6
-"""Of a polygon that is not a line [m2]."""
+"""[m2] Area of a polygon that is not a line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +105,7 @@ class Arena:
 
     @property
     def area(self) -> float:
-        """Between the walls, obstacles included [m2]."""
+        """The area between the walls, obstacles included [m2]."""
         return _signed_area(self.corners())
 
     def contains(self, points: Floats) -> Flags:
@@ -114,11 +114,11 @@ class Arena:
 
 
 def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
-    """Make sure that corners are those of a simple polygon.
+    """Check that corners are those of a simple polygon.
 
     Args:
         vertices: The corners, in either sense.
-        side: What a side of it is called.
+        side: The name of a side in messages.
 
     Raises:
         FieldError: naming the corner.
@@ -174,7 +174,7 @@ def walls_meet(first: Floats, second: Floats) -> bool:
 
 
 def _crossing(corners: Floats) -> tuple[int, int] | None:
-    """The first two walls that meet other than at a common corner; wall i goes from corner i to the next."""
+    """The first two walls that meet elsewhere than at a common corner; wall i goes from corner i to the next."""
     meet, level = _meetings(corners, corners)
     wall = np.arange(len(corners))
     following = np.roll(wall, -1)
@@ -186,7 +186,7 @@ def _crossing(corners: Floats) -> tuple[int, int] | None:
 
 
 def _meetings(first: Floats, second: Floats) -> tuple[Flags, Flags]:
-    """Which sides of a polygon (n,) touch which of another (m,), and which lie on one line with which: (n, m) each."""
+    """Which sides of two polygons (n,) and (m,) touch, and which lie on the same line: (n, m) each."""
     of_starts, of_others_starts = _sides(first, second), _sides(second, first).T
     of_ends, of_others_ends = np.roll(of_starts, -1, axis=1), np.roll(of_others_starts, -1, axis=0)
     meet = (of_starts != of_ends) & (of_others_starts != of_others_ends)
@@ -200,7 +200,7 @@ def _meetings(first: Floats, second: Floats) -> tuple[Flags, Flags]:
 
 
 def _sides(corners: Floats, points: Floats) -> NDArray[np.int8]:
-    """Where points (m, 2) lie of the line through each wall (n, m): 1 left of it, -1 right, 0 on it."""
+    """The side of the line through each wall on which points (m, 2) lie (n, m): 1 left, -1 right, 0 on it."""
     along = (np.roll(corners, -1, axis=0) - corners)[:, np.newaxis]
     x, y = points[:, 0] - corners[:, :1], points[:, 1] - corners[:, 1:]
     return np.sign(along[..., 0] * y - along[..., 1] * x).astype(np.int8)

@@ -39,14 +39,14 @@ from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_li
 _COLOURS = (Colour, *typing.get_args(Colour))
 
 DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
-"""The first number of a row of a table."""
+"""The kind of a zone: the first number of its row in a table."""
 
-LARGEST_IMAGE = 4_000_000
-"""Maximum number of pixels: a small file with more could fill the memory."""
+MAX_PIXELS = 4_000_000
+"""Pixels of an image: a small file with more could fill the memory."""
 
 
 _MAX_ROWS = 10_000
-"""Of numbers that what changes a floor looks through in every cycle."""
+"""Rows of numbers of a dynamic, which its kernel visits in every cycle."""
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM")
 
@@ -66,7 +66,7 @@ class FloorTable(NamedTuple):
     numbers: Floats  # (rows, columns) what the dynamics keep
 
     def copy(self) -> "FloorTable":
-        """A floor that stays as it is when this one changes."""
+        """A copy that does not change with this floor."""
         return self._replace(zones=self.zones.copy(), numbers=self.numbers.copy())
 
 
@@ -183,10 +183,10 @@ class Tiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Image:
-    """A picture laid on the floor, its first row at the top (+y); transparency is ignored.
+    """A picture on the floor, its first row at the top (+y); transparency is ignored.
 
-    It is read once, here, and travels with the mission: the file may change or be out of a worker's reach. So images
-    of the same pixels are equal, wherever their files are.
+    It is read once, here, and sent with the mission, because the file may change, or a worker may not have it. So
+    images of the same pixels are equal, wherever their files are.
     """
 
     path: Annotated[str, FilePath()] = field(compare=False)  # of a PNG, JPEG, BMP or PPM
@@ -202,7 +202,7 @@ class Image:
         object.__setattr__(self, "digest", digest)
 
     def png(self) -> bytes:
-        """A PNG of the same pixels."""
+        """A PNG file of the same pixels."""
         from PIL import Image as Pillow
 
         file = io.BytesIO()
@@ -251,7 +251,7 @@ class Dynamics(Call):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
-    """Background, image over it, zones over both in their order, and what changes them, in its order."""
+    """Background, image over it, zones over both in their order, and dynamics in their order."""
 
     background: Colour = "gray"  # where there is nothing else
     image: Image | None = None
@@ -292,7 +292,7 @@ class Floor:
         The draws are the colours of tiles, in the order of the zones, then those of the dynamics in their order.
 
         Raises:
-            FieldError: if what changes the floor fails in this instance.
+            FieldError: if a dynamic fails in this instance.
         """
         zones, vertices = self._painted(rng)
         kept = []
@@ -324,7 +324,7 @@ class Floor:
         return np.array(rows, dtype=float).reshape(-1, 9), np.array(corners, dtype=float).reshape(-1, 2)
 
     def colours(self) -> dict[RGB, Colour]:
-        """Those of background and zones and those that these may take, as they are written; not those of the image."""
+        """The colours of background and zones, and those that dynamics may paint, as written; without the image."""
         written: list[Colour] = [self.background]
         for zone in self.zones:
             written += zone.colors if isinstance(zone, Tiles) else [zone.color]
@@ -333,10 +333,10 @@ class Floor:
         return {rgb(colour): colour for colour in written}
 
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
-        """The rows of every table of this floor that a named zone is made of."""
+        """The rows of each named zone in every table of this floor."""
         rows, first = {}, 0
         for zone in self.zones:
-            count = len(zone.rows(np.random.default_rng(0), []))  # what is drawn does not matter
+            count = len(zone.rows(np.random.default_rng(0), []))  # the draws do not matter
             if zone.name is not None:
                 rows[zone.name] = tuple(range(first, first + count))
             first += count
@@ -344,16 +344,16 @@ class Floor:
 
 
 def _pixels(path: str) -> NDArray[np.uint8]:
-    """The picture in a file; raises FieldError("path", ...) if it is none, or too large."""
+    """The picture in a file; raises FieldError("path", ...) if it is not a picture, or too large."""
     from PIL import Image as Pillow
 
-    if not os.path.isfile(path):  # noqa: PTH113 - raises for no path; and a pipe or device would hang
+    if not os.path.isfile(path):  # noqa: PTH113 - never raises; opening a pipe or device would block
         raise FieldError("path", f"no such file: {path}")
     try:
         with warnings.catch_warnings(action="ignore"), Pillow.open(path, formats=_FORMATS) as picture:
             width, height = picture.size
-            if width * height <= LARGEST_IMAGE:
+            if width * height <= MAX_PIXELS:
                 return np.array(picture.convert("RGB"), dtype=np.uint8, order="C")
     except (OSError, ValueError, SyntaxError, Pillow.DecompressionBombError) as error:
         raise FieldError("path", f"not a picture (PNG, JPEG, BMP or PPM) that can be read: {error}") from None
-    raise FieldError("path", f"expected at most {LARGEST_IMAGE} pixels, found {width} x {height} in {path}")
+    raise FieldError("path", f"expected at most {MAX_PIXELS} pixels, found {width} x {height} in {path}")

@@ -1,7 +1,7 @@
-"""What the floor is at a point: the one definition that ground sensors and objectives share.
+"""The colour of the floor at a point; ground sensors and objectives share this definition.
 
 The marked functions are kernels (see jit.py): plain Python on numpy arrays, or called from compiled code. The
-other functions serve whole arrays of points, compiled.
+other functions compute whole arrays of points in compiled code.
 """
 
 import math
@@ -58,7 +58,7 @@ def _polygon_contains(vertices: Floats, first: int, end: int, x: float, y: float
 
 @jittable
 def zone_at(floor: FloorTable, x: float, y: float) -> int:
-    """The row of the zone seen at a point, the last painted one there; -1 if none is."""
+    """The row of the zone on top at a point, the last one painted; -1 if there is none."""
     for index in range(len(floor.zones) - 1, -1, -1):
         if zone_contains(floor, index, x, y):
             return index

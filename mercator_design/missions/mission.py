@@ -39,8 +39,8 @@ from mercator_design.missions.plugins import first_line
 from mercator_design.missions.trace import Trace
 from mercator_design.scores import EXPECTED, is_score
 
-_LONGEST = 10_000_000
-"""Robots times cycles: their trace fills 250 MB."""
+_MAX_CYCLES = 10_000_000
+"""Robots times cycles: their trace has 250 MB."""
 _GRAY = Floor()
 
 
@@ -81,9 +81,9 @@ def _whole_cycles(duration: float, control_period: float) -> Iterator[FieldError
 
 def _cycles_that_fit(robots: int, duration: float, control_period: float) -> Iterator[FieldError]:
     cycles = round(duration / control_period)
-    if cycles * robots > _LONGEST:
+    if cycles * robots > _MAX_CYCLES:
         found = f"{robots} robots x {cycles} cycles"
-        yield FieldError("duration", f"expected at most {_LONGEST} cycles of robots, found {found}")
+        yield FieldError("duration", f"expected at most {_MAX_CYCLES} cycles of robots, found {found}")
 
 
 def _obstacles_inside(arena: Arena) -> Iterator[FieldError]:
@@ -162,7 +162,7 @@ class Mission(FromFile):
         """As `Floor.realise`.
 
         Raises:
-            MissionError: if what changes the floor fails in this instance.
+            MissionError: if a dynamic fails in this instance.
         """
         try:
             return self.floor.realise(rng)
@@ -171,7 +171,7 @@ class Mission(FromFile):
 
     @property
     def cycles(self) -> int:
-        """Control cycles of an experiment."""
+        """The number of control cycles of an experiment."""
         return round(self.duration / self.control_period)
 
     @property
@@ -181,12 +181,12 @@ class Mission(FromFile):
         return digest_of(self.with_files(robot_model="", image=image, named=lambda file: file.digest))
 
     def with_files(self, *, robot_model: str, image: str, named: Callable[[NamedFile], str]) -> dict[str, Any]:
-        """The mission as YAML has it, with other places of its files.
+        """The mission as a mapping for YAML, with other places of its files.
 
         Args:
             robot_model: The name of a shipped robot model, or a file.
             image: The file of the floor's image, if it has one.
-            named: Gives the place of a file that a parameter of the objective, or of what changes the floor, names.
+            named: Returns the place of a file that a parameter of the objective or a dynamic names.
         """
         content: dict[str, Any] = plain(self)
         content["robot_model"] = robot_model
@@ -246,5 +246,5 @@ def parse_mission(
 
 
 def _name_of(path: Path) -> str:
-    """A file's name, made acceptable as a mission's."""
+    """A valid name of a mission from that of a file."""
     return re.sub(r"^\W|[^\w .+-]", "_", path.stem)[:100] or "mission"

@@ -30,7 +30,7 @@ class HalfPlaneLimit:
             raise FieldError("normal", "expected a direction, found no length")
 
     def contains(self, points: Floats) -> Flags:
-        """Of points (n, 2)."""
+        """Whether each of the points (n, 2) is on this side."""
         return np.asarray((points - self.point) @ np.array(self.normal) >= 0.0, dtype=np.bool_)
 
 
@@ -55,7 +55,7 @@ class DiscPlacement:
             raise FieldError("inner_radius", f"expected less than the radius, {self.radius:g} m, found {found}")
 
     def points(self, u: Floats) -> Floats:
-        """The points (n, 2) that uniform draws (2 or more, n) from [0, 1) stand for."""
+        """Points (n, 2) from uniform draws (2 or more, n) in [0, 1)."""
         if self.uniform_in == "radius":
             radius = self.inner_radius + u[0] * (self.radius - self.inner_radius)
         else:
@@ -64,7 +64,7 @@ class DiscPlacement:
         return np.column_stack([self.center[0] + radius * np.cos(angle), self.center[1] + radius * np.sin(angle)])
 
     def contains(self, points: Floats) -> Flags:
-        """Of points (n, 2), whatever the half plane."""
+        """Whether each of the points (n, 2) is in the region, whatever the half plane."""
         distances = np.linalg.norm(points - self.center, axis=1)
         return np.asarray((self.inner_radius <= distances) & (distances <= self.radius), dtype=np.bool_)
 
@@ -113,7 +113,7 @@ class DrawnPlacement:
         )
 
     def points(self, u: Floats) -> Floats:
-        """As in `DiscPlacement`; the last row of draws says which region."""
+        """As in `DiscPlacement`; the last row of draws selects the region."""
         which = (u[-1] * len(self.regions)).astype(int)
         points = np.array([region.points(u) for region in self.regions], dtype=np.float64)
         return np.asarray(points[which, np.arange(len(which))], dtype=np.float64)
@@ -138,7 +138,7 @@ Placement: TypeAlias = Region | FixedPlacement
 
 
 def covers(placement: Region, points: Floats) -> Flags:
-    """Which of some points (n, 2) a robot may start on, whatever the walls."""
+    """Whether a robot may start on each of the points (n, 2), whatever the walls."""
     inside = placement.contains(points)
     return inside if placement.half_plane is None else inside & placement.half_plane.contains(points)
 
@@ -155,12 +155,12 @@ def candidates(placement: Placement, rng: np.random.Generator, robot: int, n: in
 
 
 def outside(placement: Placement, arena: Arena) -> str | None:
-    """The field of a placement that leaves no place inside the walls, if one does; of fixed poses, one outside."""
+    """The field of a placement without a place inside the walls, or of a fixed pose outside; None if all is well."""
     if isinstance(placement, FixedPlacement):
         inside = arena.contains(np.array(placement.poses, dtype=float)[:, :2])
         return None if inside.all() else f"poses[{int(np.argmin(inside))}]"
     grid = (np.arange(64) + 0.5) / 64
-    last = (np.arange(4096) % 97 + 0.5) / 97  # all regions of a drawn one, if there are fewer than that
+    last = (np.arange(4096) % 97 + 0.5) / 97  # covers all regions of a drawn placement, if there are fewer
     u, v = np.meshgrid(grid, grid)
     points = placement.points(np.stack([u.ravel(), v.ravel(), last]))
     inside = arena.contains(points)

@@ -19,26 +19,26 @@ from types import ModuleType
 from mercator_design.errors import MissionError
 from mercator_design.system.files import Unreadable, read_small
 
-_LARGEST = 1024 * 1024  # bytes of a file
-_INSTALLED = {"site-packages", "dist-packages"}  # folders of what is not a user's own
+_MAX_SIZE = 1024 * 1024  # [bytes] of a file
+_INSTALLED = {"site-packages", "dist-packages"}  # folders of installed packages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plugin:
     """The sources of a plugin."""
 
-    file: Path  # where it was read; elsewhere it need not be there
+    file: Path  # where it was read; need not exist in other processes
     source: bytes
-    modules: Mapping[str, bytes]  # sources of what it imports from its folder, by path in it, as "parts/kernels.py"
+    modules: Mapping[str, bytes]  # its modules: path in its folder, as "parts/kernels.py", -> source
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """The name of its file."""
         return self.file.name
 
     @property
     def digest(self) -> str:
-        """Of all its sources, as 16 hexadecimal digits."""
+        """The digest of all its sources, 16 hexadecimal digits."""
         digest = hashlib.sha256(self.source)
         for path, source in sorted(self.modules.items()):
             digest.update(f"\0{path}\0{hashlib.sha256(source).hexdigest()}".encode())
@@ -51,7 +51,7 @@ class Plugin:
 
     @property
     def module_name(self) -> str:
-        """Under which it is imported."""
+        """The name by which it is imported."""
         return f"mercator_design_plugin_{re.sub(r'[^A-Za-z0-9]', '_', self.file.stem)}_{self.digest}"
 
     def names(self) -> dict[str, str]:
@@ -60,7 +60,7 @@ class Plugin:
 
 
 def read_plugin(path: Path) -> Plugin:
-    """A plugin's sources; nothing of them is run.
+    """The sources of a plugin; none of them is run.
 
     Raises:
         MissionError: if a file cannot be read.
@@ -68,7 +68,7 @@ def read_plugin(path: Path) -> Plugin:
     source = _read(path)
     file = path.resolve()
     modules: dict[str, bytes] = {}
-    todo = [("", source)]  # packages, and what is in them
+    todo = [("", source)]  # packages, and sources of their modules
     while todo:
         package, text = todo.pop()
         for name in _imported(text, package):
@@ -82,22 +82,22 @@ def read_plugin(path: Path) -> Plugin:
 
 def _read(path: Path) -> bytes:
     try:
-        return read_small(path, _LARGEST)
+        return read_small(path, _MAX_SIZE)
     except Unreadable as error:
         raise MissionError(f"{path}: {error}") from None
 
 
 def _module_name(path: str, *, up: bool = False) -> str:
-    """The name of a module in a folder, or of the package that it is in."""
+    """The name of a module in a folder, or of its package."""
     parts = PurePosixPath(path).with_suffix("").parts
     return ".".join(parts[:-1] if up or parts[-1] == "__init__" else parts)
 
 
 def _imported(source: bytes, package: str) -> Iterator[str]:
-    """The names that a source imports anywhere in it, and what may be modules of these."""
+    """The names that a source imports anywhere, which may be modules or parts of modules."""
     try:
         tree = ast.parse(source)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):  # which is told when it is run
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # reported when it is run
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -109,7 +109,7 @@ def _imported(source: bytes, package: str) -> Iterator[str]:
 
 
 def _found(folder: Path, name: str) -> Iterator[str]:
-    """The paths in a folder of a module of some name, and of the packages that it is in, as far as they are there.
+    """The paths in a folder of a module and of its packages, as far as they exist.
 
     A folder without an __init__.py is a package whose __init__.py is empty.
     """
@@ -128,7 +128,7 @@ def _found(folder: Path, name: str) -> Iterator[str]:
 
 
 def _is_elsewhere(root: str) -> bool:
-    """Whether a name is of the standard library, this package, or something installed."""
+    """Whether a module belongs to the standard library, this package, or an installed one."""
     if root in sys.stdlib_module_names or root == __name__.partition(".")[0]:
         return True
     try:
@@ -140,10 +140,10 @@ def _is_elsewhere(root: str) -> bool:
 
 
 class _Importer(MetaPathFinder, SourceLoader):  # type: ignore[misc]  # typeshed says so of SourceLoader itself
-    """Imports modules from what was read."""
+    """Imports modules from the sources that were read."""
 
     def __init__(self) -> None:
-        self.paths: dict[str, str] = {}  # of modules by their names
+        self.paths: dict[str, str] = {}  # paths of modules by name
         self.sources: dict[str, bytes] = {}  # by path
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:  # noqa: ARG002
@@ -164,10 +164,10 @@ IMPORTER = _Importer()
 
 
 def offer(plugin: Plugin) -> None:
-    """Let the modules of a plugin be imported, as they were read.
+    """Make the modules of a plugin importable from the sources that were read.
 
     Raises:
-        MissionError: if a module that it needs is another one here.
+        MissionError: if another module has the name of one of them.
     """
     if IMPORTER not in sys.meta_path:
         sys.meta_path.insert(0, IMPORTER)
@@ -188,6 +188,6 @@ def _enter(name: str, path: str, source: bytes) -> None:
 
 
 def imported() -> dict[str, ModuleType]:
-    """The modules that were imported from what was read."""
+    """The modules that were imported from the sources that were read."""
     modules = [(name, sys.modules.get(name)) for name in IMPORTER.paths]
     return {name: module for name, module in modules if module is not None}

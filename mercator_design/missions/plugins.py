@@ -115,7 +115,7 @@ def dynamic(
     def enter(function: Callable[..., list[tuple[float, ...]]]) -> Callable[..., list[tuple[float, ...]]]:
         if not jit.is_marked(change):
             raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
-        _enter(DYNAMICS, function, "what changes a floor")
+        _enter(DYNAMICS, function, "a dynamic")
         if change not in CHANGES:
             CHANGES.append(change)
         _change_of[function.__name__] = CHANGES.index(change)
@@ -130,29 +130,29 @@ def is_ours(function: Callable[..., Any]) -> bool:
 
 
 def _module_of(function: Callable[..., Any]) -> str:
-    """The name of a function's module; nothing for one from a text without a name."""
+    """The name of a function's module; empty for a function from a text without a name."""
     return function.__module__ or ""
 
 
 def is_by_zones(function: Score) -> bool:
-    """Whether the score depends only on the robots in each zone."""
+    """Whether the score depends only on which robots are in each zone."""
     return bool(getattr(function, "BY_ZONES", False))
 
 
 def first_line(function: Callable[..., Any]) -> str:
-    """Where a function of a plugin begins, as "my.py:7: "; empty for one of ours."""
+    """The first line of a function of a plugin, as "my.py:7: "; empty for one of this package."""
     code = function.__code__
     return "" if is_ours(function) else f"{code.co_filename}:{code.co_firstlineno}: "
 
 
 def line_of(error: BaseException) -> str:
-    """The line of a plugin in which an error arose, as "my.py:7: "; empty if that was in none."""
+    """The line of a plugin where an error occurred, as "my.py:7: "; empty if it occurred elsewhere."""
     frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
     return last_line(frames)
 
 
 def last_line(places: Iterable[tuple[str, int]]) -> str:
-    """The last of some places, file and line, that is in a plugin, as "my.py:7: "; empty if none is."""
+    """The last place, file and line, that is in a plugin, as "my.py:7: "; empty if there is none."""
     functions = {*OBJECTIVES.values(), *DYNAMICS.values(), *CHANGES}
     files = {Path(each.__code__.co_filename).resolve() for each in functions if not is_ours(each)}
     found = [(file, line) for file, line in places if Path(file).resolve() in files]
@@ -186,12 +186,12 @@ def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any]
 
 
 def loaded_plugins() -> dict[str, str]:
-    """The names of the plugins loaded so far, and digests of what is in them."""
+    """The names and digests of the plugins loaded so far."""
     return {plugin.name: plugin.digest for plugin in _loaded.values()}
 
 
 def plugins() -> tuple[Plugin, ...]:
-    """The plugins loaded so far, in their order."""
+    """The plugins loaded so far, in the order of loading."""
     return tuple(_loaded.values())
 
 
@@ -199,12 +199,12 @@ def load_plugin(path: str | Path, digest: str | None = None) -> None:
     """Run a Python file that defines objectives or floor dynamics; a second time, or a copy of it, does nothing.
 
     Args:
-        path: The file. What it imports from its folder belongs to it.
-        digest: What its digest must be; if it is another one, the plugin is not run.
+        path: The file. The modules of its folder that it imports belong to it.
+        digest: The digest that the plugin must have; otherwise it is not run.
 
     Raises:
-        MissionError: if it cannot be read or run, is not what it must be, defines nothing or a name that is taken, or
-            brings kernels after the simulator was compiled.
+        MissionError: if it cannot be read or run, has another digest, defines nothing or a name that is taken, or
+            has kernels and the simulator is compiled already.
     """
     plugin = read_plugin(Path(path))
     if digest not in {None, plugin.digest}:
@@ -217,7 +217,7 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
 
     Args:
         plugin: The sources.
-        label: What to call the plugin in errors; by default its file.
+        label: The name of the plugin in errors; by default its file.
     """
     label = label or str(plugin.file)
     with _loading:
@@ -231,8 +231,8 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
             raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")
         others = {path: source for other in _loaded.values() for path, source in other.files.items()}
         for path, source in plugin.files.items():
-            if others.get(path, source) != source:  # in a run folder there is one of a name
-                raise MissionError(f"{label}: its file {path} is not that of this name which another plugin has")
+            if others.get(path, source) != source:  # a run folder has one file of a name
+                raise MissionError(f"{label}: its file {path} differs from that of another plugin with the same name")
         before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
         with contextlib.ExitStack() as undo:
             undo.callback(snapshot())
@@ -249,7 +249,7 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
 
 
 def snapshot() -> Callable[[], None]:
-    """A function that restores the present state of all that plugins define."""
+    """A function that restores the present state of everything that plugins define."""
     registries: list[dict[Any, Any]] = [OBJECTIVES, DYNAMICS, _change_of, _loaded, IMPORTER.paths, IMPORTER.sources]
     entries, changes, marked, modules = [{**each} for each in registries], [*CHANGES], jit.marked(), {*sys.modules}
 
@@ -262,7 +262,7 @@ def snapshot() -> Callable[[], None]:
             registry.clear()
             registry.update(entry)
         CHANGES[:] = changes
-        # What a plugin imported would not define its part again if it stayed imported.
+        # A module that stays imported would not define its functions again.
         packages = {_module_of(each).partition(".")[0] for each in foreign}
         for name in {*sys.modules} - modules:
             if name.partition(".")[0] in packages or name in own:
@@ -272,7 +272,7 @@ def snapshot() -> Callable[[], None]:
 
 
 def _run(plugin: Plugin, label: str) -> None:
-    """Run a plugin's file as a module; a MissionError says what went wrong, if something did."""
+    """Run a plugin's file as a module; a MissionError reports what it raises."""
     file = str(plugin.file)
     with signals_first():
         try:

@@ -1,4 +1,4 @@
-"""The trace of one experiment: all that an objective may use."""
+"""The trace of one experiment: the input of objectives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def every_nth(cycles: int, n: int) -> Numbers:
-    """Which of some cycles, counted from 0, every n-th is: the n-th, the 2n-th and so on, and always the last.
+    """The numbers, from 0, of every n-th cycle: the n-th, the 2n-th and so on, and always the last.
 
     Raises:
         SimulationError: `n` is below 1.
@@ -49,8 +49,8 @@ def not_measured(device: str, /, every: int = 1) -> Floats:  # noqa: ARG001 - no
 class Trace:
     """The poses and states of robots, from the simulator or from a tracking camera.
 
-    Only the initial floor is kept: its changes follow from the poses and are computed again when they are needed. In
-    each cycle the floor is as the robots sensed it, after they had moved.
+    Only the initial floor is kept: its changes follow from the poses and are computed again on demand. In each cycle
+    the floor is as the robots sensed it, after they had moved.
 
     Raises:
         ValueError: if the arrays do not fit together.
@@ -78,23 +78,23 @@ class Trace:
 
     @property
     def positions(self) -> Floats:
-        """After each cycle (cycles, robots, 2); the start does not count."""
+        """Positions after each cycle (cycles, robots, 2), without the start."""
         return self.poses[1:, :, :2]
 
     @property
     def final_positions(self) -> Floats:
-        """After the last cycle (robots, 2)."""
+        """Positions after the last cycle (robots, 2)."""
         return self.poses[-1, :, :2]
 
     def times(self, every: int = 1) -> Floats:
-        """The ends [s] of every so many-th cycle and of the last (cycles,)."""
+        """The times [s] at the end of every n-th cycle and of the last (cycles,)."""
         times: Floats = np.multiply(self.control_period, every_nth(self.cycles, every) + 1)
         return times
 
     def arrays(self, devices: Sequence[str] = (), every: int = 1) -> dict[str, NDArray[np.generic]]:
-        """What happened, at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots).
+        """The trace at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots).
 
-        Then what each of the named devices measured, as `measure`, with its errors.
+        Then the values of each named device, as `measure`, with its errors.
         """
         cycles = every_nth(self.cycles, every)
         found: dict[str, NDArray[np.generic]] = {
@@ -105,7 +105,7 @@ class Trace:
         return found | {name: self.measure(name, every) for name in devices}
 
     def to_frame(self, devices: Sequence[str] = (), every: int = 1) -> "pd.DataFrame":
-        """The same as a table, a row for each time and robot.
+        """The same as a table, with a row for each time and robot.
 
         Columns: time [s], robot, x [m], y [m], heading [rad], state; then DEVICE_0, DEVICE_1, ... of each device.
         """
@@ -125,12 +125,16 @@ class Trace:
         return pd.DataFrame(columns)
 
     def counted(self, when: When) -> Floats:
-        """The positions that count (cycles, robots, 2): of all cycles, or of the last alone."""
+        """The positions that count (cycles, robots, 2): of all cycles, or only of the last."""
         return self.positions if when == "always" else self.positions[-1:]
+
+    def rows_of(self, zones: Zones) -> Numbers:
+        """The rows of the named zones in `floor.zones`."""
+        return np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
 
     def inside(self, zones: Zones, when: When) -> Flags:
         """Whether each robot's centre lies in one of the named zones (cycles, robots); at the end: (1, robots)."""
-        rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
+        rows = self.rows_of(zones)
         inside = np.zeros(self.counted(when).shape[:2], dtype=np.bool_)
         compiled(_mark_inside)(self.floor.copy(), self._poses, self.control_period, rows, inside)
         return inside
@@ -142,8 +146,8 @@ class Trace:
         return colors
 
     def zone_colors(self, zones: Zones) -> Floats:
-        """The colours that the named zones (tiles: each of them) are painted in, after each cycle (cycles, n, 3)."""
-        rows = np.array([row for zone in zones for row in self.zone_rows[zone]], dtype=np.int64)
+        """The colours of the named zones (of each tile), after each cycle (cycles, n, 3)."""
+        rows = self.rows_of(zones)
         colors = np.zeros((self.cycles, len(rows), 3))
         compiled(_fill_zone_colors)(self.floor.copy(), self._poses, self.control_period, rows, colors)
         return colors

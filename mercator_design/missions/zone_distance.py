@@ -1,4 +1,4 @@
-"""How far points are from zones, and where their borders are: for what looks at a floor as a whole."""
+"""Distances from points to zones, and points on the borders of zones; for checks of whole floors."""
 
 import math
 
@@ -12,7 +12,7 @@ _AROUND = 72  # points on a circle
 
 
 def distance_to(floor: FloorTable, row: int, points: Floats) -> Floats:
-    """From points (n, 2) to the zone in a row of `FloorTable.zones` [m] (n,); 0 within it."""
+    """Distances (n,) [m] from points (n, 2) to the zone in a row of `FloorTable.zones`; 0 within it."""
     kind, x, y, p, q, angle = floor.zones[row, :6]
     offset = points - (x, y)
     if kind == POLYGON:
@@ -30,7 +30,7 @@ def distance_to(floor: FloorTable, row: int, points: Floats) -> Floats:
 
 
 def distance_to_box(half_size: tuple[float, float], angle: float, offset: Floats) -> Floats:
-    """From points, given by their offsets (n, 2) from its centre, to a box whose x axis has a direction [rad]."""
+    """Distances from points, given as offsets (n, 2) from its centre, to a box whose x axis has a direction [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     along, across = c * offset[:, 0] + s * offset[:, 1], c * offset[:, 1] - s * offset[:, 0]
     beyond = np.maximum(0.0, np.abs(along) - half_size[0]), np.maximum(0.0, np.abs(across) - half_size[1])
@@ -38,14 +38,14 @@ def distance_to_box(half_size: tuple[float, float], angle: float, offset: Floats
 
 
 def distance_to_segment(start: Floats, end: Floats, points: Floats) -> Floats:
-    """From points (n, 2) to the line between two points."""
+    """Distances from points (n, 2) to the line between two points."""
     along, offset = end - start, points - start
     part = np.clip(offset @ along / (along @ along), 0.0, 1.0)
     return np.asarray(np.hypot(*(offset - part[:, np.newaxis] * along).T))
 
 
 def border_points(floor: FloorTable, row: int) -> Floats:
-    """Points (n, 2) of a zone's border, its corners if it has some; none of a half plane, which has no end."""
+    """Points (n, 2) on a zone's border: its corners if it has corners; none for a half plane, which is infinite."""
     kind, x, y, p, q, angle = floor.zones[row, :6]
     if kind == HALF_PLANE:
         return np.empty((0, 2))

@@ -1,7 +1,7 @@
 """Checks that libraries have enough address space, if there is a limit (`ulimit -v`).
 
-Python raises MemoryError if there is too little. OpenBLAS and LLVM, which numpy, scipy and numba use, end the process.
-So their needs were measured, and are checked before.
+If memory is short, Python raises MemoryError; but OpenBLAS and LLVM, which numpy, scipy and numba use, end the process.
+So their needs were measured, and are checked first.
 """
 
 import os
@@ -9,11 +9,11 @@ import resource
 from pathlib import Path
 
 TO_IMPORT = 512 << 20
-"""Bytes of address space in which all that a verb imports has its place: 430 MiB were measured."""
+"""Bytes of address space for all imports of a verb: 430 MiB were measured."""
 TO_LOAD = 64 << 20
-"""Bytes more for machine code from a cache, with all that LLVM sets up first: 35 MiB were measured."""
+"""Additional bytes to load machine code from the cache, with the start of LLVM: 35 MiB were measured."""
 TO_COMPILE = 320 << 20
-"""Bytes more for compiling all of the simulator: 210 MiB were measured."""
+"""Additional bytes to compile the whole simulator: 210 MiB were measured."""
 
 
 def prepare_for_libraries() -> None:
@@ -28,11 +28,11 @@ def prepare_for_libraries() -> None:
         raise MemoryError(
             f"expected a limit of address space of {TO_IMPORT >> 20} MiB at least, found {limit >> 20} MiB (ulimit -v)"
         )
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it reserves memory for each, of which there may be many
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it reserves memory for each thread
 
 
 def require(needed: int, purpose: str) -> None:
-    """Check that so many bytes of address space are left.
+    """Check that a number of bytes of address space are left.
 
     Raises:
         MemoryError: There is too little address space.
@@ -41,7 +41,7 @@ def require(needed: int, purpose: str) -> None:
         return
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except OSError:  # this is no Linux
+    except OSError:  # not on Linux
         return
     if (left := limit - pages * os.sysconf("SC_PAGE_SIZE")) < needed:
         raise MemoryError(

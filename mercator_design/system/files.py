@@ -13,21 +13,21 @@ from mercator_design.errors import MercatorError
 
 
 class Unreadable(Exception):  # noqa: N818 - callers raise their own error class
-    """What is wrong with a file."""
+    """The reason why a file cannot be read."""
 
 
 def read_small(path: Path, max_size: int) -> bytes:
     """The contents of a regular file of at most `max_size` bytes.
 
     Raises:
-        Unreadable: saying what is wrong with it.
+        Unreadable: with the reason.
     """
     try:
         if path.is_dir():
             wrong = "expected a file, found a folder"
         elif not path.exists():
             wrong = "no such file"
-        elif not path.is_file():  # opening a pipe would wait, reading a device might never end
+        elif not path.is_file():  # opening a pipe would block, reading a device might never end
             wrong = "expected a regular file, found a device or pipe"
         else:
             with path.open("rb") as file:
@@ -92,7 +92,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         with path.open("wb") as file:
             yield file
         return
-    path = Path(os.path.realpath(path))  # not before: where /dev/stdout leads to a pipe there is no file
+    path = Path(os.path.realpath(path))  # only now: /dev/stdout may lead to a pipe, which has no path
     draft = path.with_name(f"{_draft_of(path)}{secrets.token_hex(4)}")
     try:
         with draft.open("xb") as file:

@@ -26,13 +26,13 @@ _DIGEST = 32
 class Place(NamedTuple):
     """The folder of the cache."""
 
-    folder: Path | None  # None: nowhere
+    folder: Path | None  # None: there is none
     problem: str  # why the usual folder is not used; empty if it is
 
 
 @functools.cache
 def place(name: str) -> Place:
-    """The folder of this name in the user's cache; if that is not possible, a folder of this process.
+    """The folder of a name in the user's cache; if that is not possible, a folder of this process.
 
     The cache is NUMBA_CACHE_DIR if that is set, else the user's cache folder.
     """
@@ -40,7 +40,7 @@ def place(name: str) -> Place:
 
     usual = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
     problem = "no file can be written there"
-    with contextlib.suppress(OSError, RuntimeError):  # a link that leads to itself is either, by version of Python
+    with contextlib.suppress(OSError, RuntimeError):  # a link to itself raises either
         folder = Path(usual).resolve() / name
         for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
             missing.mkdir(mode=0o700, exist_ok=True)
@@ -102,7 +102,7 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
     kind: Any = type(files)
 
     class Whole(kind):  # type: ignore[misc]  # as said above
-        """Its files, each with its digest behind what numba reads."""
+        """The files of the cache, each with a digest after the data of numba."""
 
         def _load_index(self) -> Any:  # noqa: ANN401
             return super()._load_index() if is_whole(Path(self._index_path)) else {}
@@ -110,7 +110,7 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
         def _load_data(self, name: str) -> Any:  # noqa: ANN401
             path = self._data_path(name)
             if not is_whole(Path(path)):
-                raise FileNotFoundError(path)  # which numba takes for a file that was removed
+                raise FileNotFoundError(path)  # numba then compiles
             return super()._load_data(name)
 
         @contextlib.contextmanager
@@ -126,7 +126,7 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
 
 
 class _Digesting:
-    """A file with the digest of what is written to it."""
+    """A file, and the digest of the data written to it."""
 
     def __init__(self, file: Any) -> None:  # noqa: ANN401
         self._file = file
@@ -165,7 +165,7 @@ class _Forgiving:
     def load_overload(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
         address_space.require(address_space.TO_LOAD, "to load machine code")
         found = None
-        with contextlib.suppress(Exception):  # such as what is wrong with a file that another version of numba wrote
+        with contextlib.suppress(Exception):  # for example a file of another version of numba
             found = self._cache.load_overload(signature, context)
         if found is None:
             address_space.require(address_space.TO_COMPILE, "to compile")
@@ -175,8 +175,8 @@ class _Forgiving:
         for _ in range(2):
             try:
                 self._cache.save_overload(signature, data)
-            except Exception:  # noqa: BLE001 - as above, when it reads the old index; or there is no room
+            except Exception:  # noqa: BLE001 - as above, for the old index; or the disk is full
                 with contextlib.suppress(OSError):
-                    self._cache.flush()  # forget the old index, and try anew
+                    self._cache.flush()  # delete the old index, and try again
             else:
                 return

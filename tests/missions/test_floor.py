@@ -12,7 +12,7 @@ from mercator_design import seeds
 from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
 from mercator_design.missions.floor import (
-    LARGEST_IMAGE,
+    MAX_PIXELS,
     Disc,
     Floor,
     HalfPlane,
@@ -235,7 +235,7 @@ class TestImage:
     @pytest.mark.parametrize("side", [5_000, 10_000, 20_000])
     def test_a_decompression_bomb(self, tmp_path, side):
         """A few bytes that claim to be many pixels; Pillow warns of the second, and refuses the third."""
-        assert side * side > LARGEST_IMAGE
+        assert side * side > MAX_PIXELS
         (tmp_path / "bomb.ppm").write_bytes(b"P6 %d %d 255\n" % (side, side))
         with pytest.raises(FieldError, match=r"expected at most|exceeds limit"):
             Image(path=str(tmp_path / "bomb.ppm"), size=(1.0, 1.0))

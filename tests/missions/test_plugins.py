@@ -199,7 +199,7 @@ class TestLoading:
             (NORTHERN.replace("northernmost", "trips"), "ValueError: an objective is called 'trips' already, in "),
             (NORTHERN.replace("when:", "direction:"), "has a parameter direction, a key that means something else"),
             (NORTHERN.replace(': When = "end"', '="end"'), "northernmost does not say what its parameter when is"),
-            (SHRINK.replace("def shrinking", "def visited"), "what changes a floor is called 'visited' already"),
+            (SHRINK.replace("def shrinking", "def visited"), "a dynamic is called 'visited' already"),
             (NORTHERN.replace("trace, *, ", "trace, "), "write `*,` behind trace: a mission gives zones by its name"),
             (SHRINK.replace("@jittable\n", ""), "shrinking: its change shrink_zone is not marked @jittable"),
             ("\0", "a plugin that cannot be run"),
@@ -342,7 +342,7 @@ class TestLoading:
         (tmp_path / "other").mkdir()
         write("HALF = 0.5", "other/my.py")
         before = everything_registered()
-        with pytest.raises(MissionError, match=r"its file my.py is not that of this name which another plugin has"):
+        with pytest.raises(MissionError, match=r"its file my.py differs from that of another plugin"):
             load_plugin(write(f"import my\n{NORTHERN.replace('northernmost', 'other')}", "other/second.py"))
         assert everything_registered() == before
 

@@ -1,7 +1,7 @@
-"""What changes a floor during an experiment; one file for each kind, found by being there.
+"""Dynamics, which change a floor during an experiment; all modules of this package are imported.
 
-`change_floor` is called once in each control cycle, by the simulator, and by objectives that look at the floor as it
-was: a trace keeps the floor of the start and the robots' poses, from which all that happens to a floor follows.
+The simulator calls `change_floor` once in each control cycle, and so do objectives that need the floor at a time: a
+trace keeps the floor of the start and the robots' poses, from which all changes follow.
 """
 
 import importlib
@@ -20,7 +20,7 @@ _change = dispatcher(CHANGES)
 
 @jittable
 def change_floor(floor: FloorTable, poses: Floats, time: float) -> None:
-    """Bring a floor up to date, in place.
+    """Update a floor, in place.
 
     Args:
         floor: Its zones change, and the numbers that its dynamics keep.

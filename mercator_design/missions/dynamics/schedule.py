@@ -1,4 +1,4 @@
-"""Zones take colours at times said in the mission, or drawn for each instance: signals."""
+"""Signals: zones take colours at times of the mission file, or at drawn times."""
 
 import itertools
 import math
@@ -15,10 +15,10 @@ from mercator_design.missions.plugins import Site, Zones, dynamic
 Time = Annotated[float, Range(0.0, 86_400.0)]
 
 _MAX_CHANGES = 10_000
-"""All are looked through in every cycle."""
+"""Changes of a dynamic, which its kernel visits in every cycle."""
 
 _EARLY = 1e-6
-"""[s] Times are whole numbers of control periods but for rounding."""
+"""[s] Tolerance for the rounding errors of times."""
 
 
 @jittable

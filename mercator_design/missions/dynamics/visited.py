@@ -1,4 +1,4 @@
-"""Zones that take another colour when a robot has been there: trails, things taken away, fields that grow again."""
+"""Zones that take another colour when a robot visits them: trails, collected items, fields that grow again."""
 
 from mercator_design.arrays import Floats
 from mercator_design.config.colours import Colour, rgb

@@ -1,7 +1,7 @@
-"""What counts: pure functions of a `Trace`; one file a family, found by being there.
+"""Objectives: pure functions of a `Trace`; all modules of this package are imported.
 
-The order of the robots must not matter, and positions are those of the robots' centres, after each control cycle. The
-same functions score robots in the arena, from tracked positions.
+The order of the robots must not matter. Positions are those of the robots' centres, after each control cycle. The same
+functions score real robots, from tracked positions.
 """
 
 import importlib

@@ -1,7 +1,7 @@
-"""How well robots cover a floor, in time (cells of a grid) or at the end (distances from points).
+"""How well robots cover a floor, over time (cells of a grid) or at the end (distances from points).
 
-The original objectives sample random points. Here the points lie on fixed grids, so that a score is a function of the
-trace alone; the error of each is said, and is below that of the sampling.
+The original objectives sample random points. Here the points are on fixed grids, so a score is a function of the trace
+alone; the error of each is given, and is smaller than that of the sampling.
 """
 
 import math
@@ -147,7 +147,7 @@ def _surface_distance(robots: Floats, center: Point, side: float, farthest: floa
 
 
 def _nearest(points: Floats, robots: Floats, farthest: float) -> Floats:
-    """From each of some points (n, 2) the distance to the nearest robot, if that is not beyond `farthest`."""
+    """The distance from each point (n, 2) to the nearest robot, at most `farthest`."""
     nearest = np.full(len(points), farthest)
     for x, y in robots:
         np.minimum(nearest, np.hypot(points[:, 0] - x, points[:, 1] - y), out=nearest)

@@ -1,4 +1,4 @@
-"""How far robots are from each other and from places, and how far they go: the tests of AutoMoDe-Modules."""
+"""Distances between robots, to places, and along paths: the tests of AutoMoDe-Modules."""
 
 import math
 

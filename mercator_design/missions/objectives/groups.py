@@ -1,7 +1,7 @@
-"""The largest group of robots that are linked, each closer to some other of them than a distance.
+"""The largest group of linked robots; robots are linked if they are closer than a distance.
 
-Of several largest groups that one counts which is best: the original takes the first, so that there the order of the
-robots matters. Areas are measured on fixed grids of points; the original samples random ones.
+If several groups are largest, the best one counts. (The original takes the first, so the order of the robots matters
+there.) Areas are measured on fixed grids of points; the original samples random points.
 """
 
 from typing import Annotated
@@ -21,7 +21,7 @@ Radius = Annotated[float, Range(0.01, 10.0)]
 
 _FINE = 0.01
 _COARSE = 0.03
-"""[m] between points; the sum over cycles evens out."""
+"""[m] between points; errors average out in the sum over cycles."""
 
 
 @objective
@@ -58,7 +58,7 @@ def network_share(
     Only points nearer than `radius` to the origin count, of a grid of 3 cm; error of a cycle's share about 0.5 %.
     """
     points = _disc(radius, _COARSE)
-    rows = np.array([row for zone in zones for row in trace.zone_rows[zone]], dtype=np.int64)
+    rows = trace.rows_of(zones)
     in_zones = np.zeros(len(points), dtype=np.bool_)
     compiled(_mark_points)(trace.floor, rows, points, in_zones)
     points = np.ascontiguousarray(points[in_zones])
@@ -88,7 +88,7 @@ def _disc(radius: float, spacing: float) -> Floats:
 
 
 def _covered(positions: Floats, points: Floats, counts: Flags, link: float, sight: float) -> Numbers:
-    """In each cycle, how many points a robot that counts and is of the largest group sees (cycles,)."""
+    """The number of points in each cycle (cycles,) that a robot sees which counts and is in the largest group."""
     seen = np.zeros(len(positions), dtype=np.int64)
     scratch = np.zeros((4, positions.shape[1]), dtype=np.int64)
     counting = np.broadcast_to(counts, positions.shape[:2]).copy()
@@ -98,7 +98,7 @@ def _covered(positions: Floats, points: Floats, counts: Flags, link: float, sigh
 
 @jittable
 def _group(positions: Floats, cycle: int, link: float, scratch: Numbers) -> int:
-    """Number the groups in row 0 of the scratch, count their robots in row 1; rows 2 and 3 are `_walk`'s. The most."""
+    """The size of the largest group. Row 0 of the scratch receives the group of each robot, row 1 the sizes."""
     robots = positions.shape[1]
     for i in range(robots):
         scratch[0, i] = scratch[3, i] = -1
@@ -118,9 +118,12 @@ def _group(positions: Floats, cycle: int, link: float, scratch: Numbers) -> int:
 
 @jittable
 def _walk(positions: Floats, cycle: int, link: float, source: int, scratch: Numbers) -> int:
-    """Visit a robot and all that it is linked with, by the number of links to them. How many these are.
+    """Visit the robots linked to a robot directly or indirectly, in the order of their distance in links.
 
-    Row 2 of the scratch has them in this order; row 3 the number of links to each robot, -1 for who is not yet visited.
+    Row 2 of the scratch receives them in this order, row 3 their distances; robots not yet visited have -1 there.
+
+    Returns:
+        Their number.
     """
     scratch[3, source] = 0
     scratch[2, 0] = source
@@ -188,7 +191,7 @@ def _measure_diameters(positions: Floats, link: float, scratch: Numbers, diamete
 
 @jittable
 def _farthest(positions: Floats, cycle: int, link: float, source: int, scratch: Numbers) -> int:
-    """The most links from a robot to another that it is linked with."""
+    """The largest distance in links from a robot to another one of its group."""
     for i in range(positions.shape[1]):
         scratch[3, i] = -1
     size = _walk(positions, cycle, link, source, scratch)

@@ -1,4 +1,4 @@
-"""Robots in zones and on colours."""
+"""Objectives of robots in zones and on colours."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated

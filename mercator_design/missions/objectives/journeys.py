@@ -1,4 +1,4 @@
-"""Robots that come from one place to another."""
+"""Objectives of robots that go from one place to another."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""How much of an arena the swarm's lidars have seen: a map, drawn as the robots drive."""
+"""The part of an arena that the swarm's lidars have seen."""
 
 import math
 from collections.abc import Iterator
@@ -14,10 +14,10 @@ from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace, every_nth
 
 _FINEST = 0.001
-"""[m] of a cell's side: finer ones take minutes to count."""
+"""[m] Minimum side of a cell: smaller cells take minutes to count."""
 
 _STEP = 0.5
-"""Of a walk along a beam, in cells: none of those it crosses the middle of is left out."""
+"""[cells] Step along a beam; no cell whose middle it crosses is skipped."""
 
 
 def _cells_not_too_fine(side: float, cells: int) -> Iterator[FieldError]:
@@ -55,7 +55,7 @@ def _mark_seen(positions: Floats, points: Floats, side: float, reach: float, see
             for k in range(points.shape[2]):
                 to_x, to_y = points[n, i, k, 0] - x, points[n, i, k, 1] - y
                 distance = math.sqrt(to_x * to_x + to_y * to_y)
-                if not distance > 0.0:  # nor if there is no point
+                if not distance > 0.0:  # NaN where there is no point
                     continue
                 steps = int(min(distance, reach) * scale / _STEP)
                 stride = _STEP / (scale * distance)

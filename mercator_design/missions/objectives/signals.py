@@ -1,4 +1,4 @@
-"""Robots that do what something found, or a colour, tells them."""
+"""Objectives of robots that react to a signal: a zone is found, or has a colour."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -67,6 +67,6 @@ def _is_signalled(trace: Trace, signal: str, color: Colour) -> Flags:
 
 
 def _moving(trace: Trace, still: float) -> Flags:
-    """Whether each robot went farther than that in each cycle (cycles, robots)."""
+    """Whether each robot moved farther than `still` in each cycle (cycles, robots)."""
     steps = np.diff(trace.poses[..., :2], axis=0)
     return np.asarray(np.hypot(steps[..., 0], steps[..., 1]) > still, dtype=np.bool_)

@@ -1,6 +1,6 @@
 """Noise of a robot's sensors, measured from recordings of the robot at rest.
 
 scenes    recordings, cut where the robot was moved
-noise     distributions fitted to measurements that are rounded
-sensors   each sensor of a robot model: what of its measurements counts, and the noise that fits them
+noise     distributions fitted to rounded measurements
+sensors   the sensors of a robot model: selection of their measurements, and their noise
 """

@@ -1,15 +1,16 @@
-"""Noise fitted to measurements that are rounded, by maximum likelihood.
+"""Noise fitted to rounded measurements, by maximum likelihood.
 
-Each channel of a sensor measures something constant that nobody knows, plus noise that is the same for all, and rounds
-the sum to a multiple of a step. So the likelihood of a measurement is the probability of its cell, of the width of a
-step, and each channel's centre is estimated along with the parameter of the noise. Both families have one parameter, so
-that Akaike's criterion compares likelihoods.
+Each channel of a sensor measures an unknown constant plus noise with the same distribution for all channels, and rounds
+the sum to a multiple of a step. So the likelihood of a measurement is the probability of its cell, which is one step
+wide, and each channel's centre is estimated together with the parameter of the noise. Both families have one parameter,
+so Akaike's criterion compares likelihoods.
 
-Estimates of many centres make that parameter too small: it is what the familiar n - 1 corrects. Here a parametric
-bootstrap does, for both families, whatever the step: simulated measurements are fitted in the same way, and the ratio
-of what comes out to what went in corrects the estimate and gives its confidence interval. The same simulations say how
-large the distance between fitted and found distribution would be by chance, which no table does for fitted parameters
-and steps (Stute, Gonzalez Manteiga and Presedo Quindimil 1993, Bootstrap based goodness-of-fit-tests).
+Because many centres are estimated, the estimated parameter is too small (the factor n - 1 corrects this in simple
+cases). Here a parametric bootstrap corrects it, for both families and any step: simulated measurements are fitted in
+the same way, and the ratio of the fitted to the true parameter corrects the estimate and gives its confidence interval.
+The same simulations give the distribution of the distance between fitted and empirical distribution, for which there
+are no tables with fitted parameters and steps (Stute, Gonzalez Manteiga and Presedo Quindimil 1993, Bootstrap based
+goodness-of-fit-tests).
 """
 
 from collections.abc import Callable
@@ -24,21 +25,21 @@ from mercator_design.arrays import Floats, Numbers
 Distribution: TypeAlias = Literal["gaussian", "uniform"]
 
 CONFIDENCE = 0.95
-"""Of intervals."""
+"""Confidence level of intervals."""
 SIMULATIONS = 199
-"""Of the bootstrap: the least p-value is one in as many and one."""
+"""Simulations of the bootstrap: the smallest p-value is 1 / (SIMULATIONS + 1)."""
 
-_TOLERANCE = 1e-7  # of the standard deviation
+_TOLERANCE = 1e-7  # relative, of the standard deviation
 _MAX_STEPS = 2000
 _GRID, _TIE = 64, 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """What a sensor measured, counted.
+    """Counted measurements of a sensor.
 
-    channel, level, count: (k,) In which channel which level was measured how often, by channel, then level, which is a
-        multiple of the step.
+    channel, level, count: (k,) How often a channel measured a level, sorted by channel, then by level; levels are
+        multiples of the step.
     """
 
     channel: Numbers
@@ -58,27 +59,27 @@ class Levels:
 
     @property
     def counts(self) -> Numbers:
-        """(channels,) Measurements of each."""
+        """(channels,) The number of measurements of each channel."""
         return self.totals(np.ones_like(self.level)).astype(np.int64)
 
     def totals(self, values: Floats) -> Floats:
-        """(channels,) The sum of values (k,) over the measurements of each."""
+        """(channels,) The sum of values (k,) over the measurements of each channel."""
         return np.bincount(self.channel, self.count * values).astype(float)
 
 
 def levels_of(channel: Numbers, value: Floats, step: float) -> Levels:
-    """Count measurements: (n,) the channel of each, from 0 on, and its value."""
+    """Count measurements, given by (n,) channels, from 0, and values."""
     number = np.rint(value / step).astype(np.int64)
-    least = number.min()
-    span = number.max() - least + 1
-    key, count = np.unique(channel * span + (number - least), return_counts=True)
-    return Levels(key // span, (key % span + least) * step, count, step)
+    low = number.min()
+    span = number.max() - low + 1
+    key, count = np.unique(channel * span + (number - low), return_counts=True)
+    return Levels(key // span, (key % span + low) * step, count, step)
 
 
 class Fit(NamedTuple):
-    """A family with the parameter and the centres (channels,) that make what was measured most likely.
+    """The parameter and the centres (channels,) of maximum likelihood.
 
-    slack: By which centres may be off: those of a likelihood with corners lie where it has them.
+    slack: Possible error of the centres, for a likelihood that is not smooth.
     """
 
     parameter: float
@@ -89,11 +90,11 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Distributions around 0 that differ in their width.
+    """A family of distributions around 0 with one parameter, their width.
 
-    parameter: What robot models call it.
-    fit: To what was measured, of which a channel has three levels or more.
-    distribution: Of scipy's, of a parameter.
+    parameter: The name of the parameter in robot models.
+    fit: The fit to measurements; a channel must have three levels or more.
+    distribution: The distribution of scipy for a parameter.
     """
 
     name: Distribution
@@ -103,7 +104,7 @@ class Family:
 
 
 def fit_gaussian(levels: Levels) -> Fit:
-    """By expectation and maximisation: where in its cell a measurement was before it was rounded is not known."""
+    """Fit by expectation and maximisation; the value before rounding is the hidden variable."""
     n = levels.counts
     centres = levels.totals(levels.level) / n
     spread = levels.totals((levels.level - centres[levels.channel]) ** 2).sum() / n.sum()
@@ -130,9 +131,9 @@ def _normal(a: Floats, b: Floats) -> Floats:
 
 
 def fit_uniform(levels: Levels) -> Fit:
-    """A channel tells by its outermost levels only.
+    """Fit to the outermost levels of each channel; others have no information.
 
-    The interval of the noise covers all cells between them, and parts of these two, of the likelihood's choice.
+    The interval of the noise covers all cells between these two, and parts of these, which maximise the likelihood.
     """
     first = np.flatnonzero(np.diff(levels.channel, prepend=-1))
     last = np.append(first[1:], len(levels.channel)) - 1
@@ -141,8 +142,8 @@ def fit_uniform(levels: Levels) -> Fit:
     step, one = levels.step, reach == 0.0
 
     def parts(half_width: float) -> tuple[Floats, Floats]:
-        """Of the lowest and highest cell of each channel, what the interval covers."""
-        covered = np.minimum(2.0 * half_width - (reach - step), 2.0 * step)  # of both together
+        """The covered parts of the lowest and the highest cell of each channel."""
+        covered = np.minimum(2.0 * half_width - (reach - step), 2.0 * step)  # of both cells together
         low = np.clip(covered * lowest / (lowest + highest), covered - step, step)
         return low, covered - low
 
@@ -153,11 +154,11 @@ def fit_uniform(levels: Levels) -> Fit:
         return float(found.sum() - n.sum() * np.log(2.0 * half_width))
 
     longest = float(reach.max())
-    least, most = 0.5 * max(longest - step, 1e-3 * step), 0.5 * (longest + step)
-    grid = np.linspace(least, most, _GRID)[1:]
+    low, high = 0.5 * max(longest - step, 1e-3 * step), 0.5 * (longest + step)
+    grid = np.linspace(low, high, _GRID)[1:]
     likelihoods = np.array([log_likelihood(half_width) for half_width in grid])
-    best = int(np.flatnonzero(likelihoods >= likelihoods.max() - _TIE)[-1])  # two levels tell no more than a bound
-    bounds = (grid[best - 1] if best else least + 1e-6 * step, grid[min(best + 1, len(grid) - 1)])
+    best = int(np.flatnonzero(likelihoods >= likelihoods.max() - _TIE)[-1])  # two levels only give a bound
+    bounds = (grid[best - 1] if best else low + 1e-6 * step, grid[min(best + 1, len(grid) - 1)])
     found = optimize.minimize_scalar(
         lambda half_width: -log_likelihood(half_width), bounds=bounds, method="bounded", options={"xatol": 1e-6 * step}
     )
@@ -176,12 +177,12 @@ FAMILIES = (
 class Noise:
     """The noise of a sensor.
 
-    family: The likelier of both.
-    parameter: Its standard deviation or half width.
-    interval: Of that, at CONFIDENCE.
-    aic_difference: By how much the other family's criterion is larger; below 2 nobody can tell which it is.
-    p_value: Of a distance as large as that between the fitted and the found distribution, if it is this noise.
-    levels, centres: What was measured, and what each channel would measure without noise.
+    family: The more likely family.
+    parameter: The standard deviation or half width.
+    interval: The interval of the parameter at CONFIDENCE.
+    aic_difference: Excess of the other family's criterion; below 2 the families cannot be distinguished.
+    p_value: Probability of a larger distance between fitted and empirical distribution, if the noise is of this family.
+    levels, centres: The measurements, and what each channel would measure without noise.
     """
 
     family: Family
@@ -194,7 +195,7 @@ class Noise:
 
 
 def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
-    """The noise in what was measured, of which a channel has three levels or more."""
+    """The noise in measurements; a channel must have three levels or more."""
     fits = [(family, family.fit(levels)) for family in FAMILIES]
     family, fit = max(fits, key=lambda each: each[1].log_likelihood)
     (other,) = (each for _, each in fits if each is not fit)
@@ -224,7 +225,7 @@ def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Gener
 
 
 def _distance(levels: Levels, family: Family, fit: Fit) -> float:
-    """Kolmogorov's, between the distributions of noise and measurements, at the middle of their cells."""
+    """Kolmogorov's distance between the distributions of noise and measurements, at the middle of cells."""
     cumulative = family.distribution(fit.parameter).cdf
     low, high = (cumulative(edge - fit.centres[levels.channel]) for edge in (levels.low, levels.high))
     place = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Recordings as scenes: parts of them in which the robot stood still in one place."""
+"""Recordings as scenes: parts in which the robot stood still."""
 
 import math
 from collections import defaultdict
@@ -16,20 +16,20 @@ from mercator_design.robot.logs.log import read
 from mercator_design.robot.protocols.ydlidar import correction
 
 SHORTEST = 5.0
-"""[s] of a scene."""
+"""[s] Minimum duration of a scene."""
 
-_BLOCK = 1.0  # [s] of which means are compared
+_BLOCK = 1.0  # [s] Means of blocks of this duration are compared.
 _MOVES: Mapping[str, float] = {"attitude": 0.02, "position": 0.01, "ground": 20.0}
-"""How much the mean of a sensor changes from one second to the next only if the robot is moved: [rad], [m], of 255."""
-_SIGNIFICANT = 6.0  # standard errors, by which it must change besides
+"""A larger change of a sensor's mean from one second to the next shows that the robot was moved: [rad], [m], of 255."""
+_SIGNIFICANT = 6.0  # standard errors that the change must also exceed
 
 
 class Series(NamedTuple):
-    """What a sensor measured.
+    """The measurements of a sensor.
 
     times: (n,) [s] since the start of the recording.
-    values: (n, channels), not a number where nothing was measured.
-    angles: (n, channels) [rad] at which the lidar measured them, whose channels are beams; of other sensors None.
+    values: (n, channels), NaN where nothing was measured.
+    angles: (n, channels) [rad] of the lidar's measurements, whose channels are beams; None for other sensors.
     """
 
     times: Floats
@@ -37,7 +37,7 @@ class Series(NamedTuple):
     angles: Floats | None = None
 
     def between(self, begin: float, end: float) -> "Series":
-        """The part of a time."""
+        """The part between two times."""
         inside = (begin <= self.times) & (self.times <= end)
         return Series(self.times[inside], self.values[inside], None if self.angles is None else self.angles[inside])
 
@@ -46,8 +46,8 @@ class Series(NamedTuple):
 class StillScene:
     """A robot that stands still.
 
-    name: Of the recording, and the time in it if it has others.
-    sensors: By the names in recordings, and `lidar`.
+    name: The name of the recording, with the times if it has several scenes.
+    sensors: Measurements by the names of sensors in recordings, and `lidar`.
     """
 
     name: str
@@ -55,12 +55,12 @@ class StillScene:
 
 
 class RobotRecording(NamedTuple):
-    """What a recording has.
+    """The contents of a recording.
 
-    start: Its first event.
-    duration: [s]
-    rest: The longest time without a move [s].
-    moves: Where it is cut: begin and end of each time in which the robot was moved [s].
+    start: The first event.
+    duration: The duration [s].
+    rest: The longest time at rest [s].
+    moves: Begin and end of each time in which the robot was moved [s]; the recording is cut there.
     """
 
     path: Path
@@ -75,21 +75,21 @@ def read_recording(path: Path) -> RobotRecording:
     """The scenes of a recording, each at least SHORTEST long.
 
     Raises:
-        RobotError: if it cannot be read, or is none.
+        RobotError: if it cannot be read, or is not a recording.
     """
-    told: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
+    rows: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
     events = read(path, "recording")
     start = next(events)
     assert isinstance(start, RecordingStarted)  # noqa: S101 - as `read` has seen
     for event in events:
         match event:
             case SampleTaken():
-                told[event.sensor].append((event.time, np.array(event.values, dtype=float)))
+                rows[event.sensor].append((event.time, np.array(event.values, dtype=float)))
             case TurnTaken():
-                told["lidar"].append((event.time, np.array(event.readings, dtype=float).reshape(-1, 2)))
+                rows["lidar"].append((event.time, np.array(event.readings, dtype=float).reshape(-1, 2)))
             case WheelsDriven():
-                told["wheels"].append((event.time, np.array([event.left, event.right])))
-    series = {name: _series(name, rows, start) for name, rows in told.items()}
+                rows["wheels"].append((event.time, np.array([event.left, event.right])))
+    series = {name: _series(name, each, start) for name, each in rows.items()}
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")
     duration = max(float(each.times[-1]) for each in series.values())

@@ -1,4 +1,4 @@
-"""Each sensor of a robot model: what of its measurements in recordings counts, and the noise that fits them."""
+"""The noise of each sensor of a robot model, fitted to selected measurements of recordings."""
 
 import itertools
 import math
@@ -19,29 +19,30 @@ from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Ground
 
-LEAST = 100
-"""Measurements of a sensor, besides one for each of its channels in each scene."""
+MIN_SAMPLES = 100
+"""Samples of a sensor, in addition to one for each channel in each scene."""
 
 _MIN_OF_CHANNEL = 20
-_PRESENT = 0.5  # of its measurements a channel must have
-_FAR = 6.0  # standard deviations from what a channel usually measures
-_MARGIN = 4.0  # standard deviations to the ends of the range
-_SLANT = 0.3  # standard deviations from one beam to the next ...
-_SIGNIFICANT = 3.0  # ... or standard errors of that, which are more in a short scene
-_SWEEP = 1e-4  # [rad] of a beam's angles, from which on they matter
-_DRIFT = 1e-9  # chance of a drift where there is none
+_PRESENT = 0.5  # minimum share of valid measurements of a channel
+_FAR = 6.0  # standard deviations of an outlier from a channel's median
+_MARGIN = 4.0  # standard deviations to the ends of the range, at least
+_SLANT = 0.3  # standard deviations from one beam to the next, at most ...
+_SIGNIFICANT = 3.0  # ... or standard errors of the difference, which are larger in a short scene
+_SWEEP = 1e-4  # [rad] Larger variations of a beam's angle matter.
+_DRIFT = 1e-9  # significance level of a drift
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
-_UNDECIDED = 2.0  # of Akaike's criterion
+_UNDECIDED = 2.0  # difference of Akaike's criterion
 _BAD = 0.05  # p-value
-_FINEST = 1e-3  # of the standard deviation, below which a step makes no difference
+_FINEST = 1e-3  # of the standard deviation; a smaller step makes no difference
 
 
 class Sensor(NamedTuple):
-    """A sensor with noise, in the robot model's words.
+    """A sensor with noise.
 
-    recorded: Its name in recordings.
-    unit: Of its measurements; empty if they have none.
-    scale: From those in recordings to those.
+    key: The key of a robot model.
+    recorded: The name in recordings.
+    unit: The unit in robot models; empty if there is none.
+    scale: The factor from values in recordings to this unit.
     """
 
     key: str
@@ -62,16 +63,16 @@ SENSORS = (
     Sensor("locator", "position", "m"),
     Sensor("quaternion", "orientation", ""),
 )
-"""All that robots record. Their axes are others than the simulator's, which makes no difference to noise."""
+"""All recorded sensors. Their axes differ from the simulator's, which makes no difference to noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
-    """What is known of a sensor's noise.
+    """The noise of a sensor.
 
-    samples, channels, scenes: How many measurements counted, of how many channels, which are others in each scene.
-    step: Between measurements next to each other; 0 if all are the same.
-    noise: None if there is none, or less than a step; then `why_none` says which.
+    samples, channels, scenes: The numbers of used samples, of channels, counted in each scene, and of scenes.
+    step: The difference of adjacent values; 0 if all are equal.
+    noise: None if there is none, or it is less than a step; `why_none` has the reason.
     """
 
     sensor: Sensor
@@ -85,12 +86,12 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """What recordings tell of a robot's noise.
+    """The noise of a robot, from recordings.
 
-    base: The robot model that its sensors are of.
-    sensors: Those of which enough is recorded.
-    unknown: Those of which something is, but too little that can be used.
-    notes: What was left out, and what may be wrong.
+    base: The robot model with the sensors.
+    sensors: The sensors with enough samples.
+    unknown: The sensors with samples, but too few that can be used.
+    notes: Notes on samples left out, and on possible mistakes.
     """
 
     base: RobotModel
@@ -104,13 +105,13 @@ def calibrate(paths: Sequence[Path], base: RobotModel, *, seed: int) -> Calibrat
     """Fit the noise of each sensor of a robot model to recordings of the robot at rest.
 
     Args:
-        paths: Of the recordings.
+        paths: The recordings.
         base: The robot model.
-        seed: Of simulated measurements, which tell how exact and how good a fit is.
+        seed: Seed of the simulated measurements, from which accuracy and quality of a fit are estimated.
 
     Raises:
-        RobotError: if a recording cannot be read, or is none.
-        MercatorError: if there is too little to learn from, or a recording is there twice.
+        RobotError: if a file cannot be read, or is not a recording.
+        MercatorError: if there are too few samples, or a recording is given twice.
     """
     recordings = tuple(map(read_recording, paths))
     for one, other in itertools.combinations(recordings, 2):
@@ -158,7 +159,7 @@ def _measured(
     random: np.random.Generator,
     notes: list[str],
 ) -> SensorNoise | None:
-    """What is known of a sensor, to which notes are added; None if too little is recorded."""
+    """The noise of a sensor; None if there are too few samples. Notes are added to `notes`."""
     channels: list[Floats] = []
     n_scenes = 0
     follow: list[tuple[float, float]] = []
@@ -170,10 +171,10 @@ def _measured(
             follow.append(_following(values - _moments(values)[0]))
             n_scenes += values.shape[1] > 0
     samples = sum(map(len, channels))
-    if samples - len(channels) < LEAST:
-        least = f"{LEAST + len(channels)} samples ({LEAST}, and one for each channel)"
+    if samples - len(channels) < MIN_SAMPLES:
+        expected = f"{MIN_SAMPLES + len(channels)} samples ({MIN_SAMPLES}, and one for each channel)"
         notes.append(
-            f"{sensor.key}: expected at least {least} that can be used, found {samples}"
+            f"{sensor.key}: expected at least {expected} that can be used, found {samples}"
             if channels
             else f"{sensor.key}: none of its samples can be used"
         )
@@ -204,7 +205,7 @@ def _warnings(sensor: Sensor, noise: Noise) -> Iterator[str]:
 
 
 def _usable(series: Series, scale: float, limits: tuple[float, float], where: str, notes: list[str]) -> Floats:
-    """What is measured by the channels that can be used (n, channels); notes tell of the others."""
+    """The values (n, channels) of the channels that can be used; notes on the others are added to `notes`."""
     values = scale * series.values
     everything = np.ones(values.shape[1], dtype=bool)
     seen = np.sum(~np.isnan(values), axis=0)
@@ -228,14 +229,14 @@ def _usable(series: Series, scale: float, limits: tuple[float, float], where: st
 
 
 def _kept(use: Flags, good: Flags, why: str, where: str, notes: list[str]) -> Flags:
-    """The channels in use that are good; a note tells how many are not, and why."""
+    """The good channels in use; a note with the number of others and the reason is added to `notes`."""
     if out := np.sum(use & ~good):
         notes.append(f"{where}: {out} of {len(use)} channels left out: {why}")
     return use & good
 
 
 def _moments(values: Floats) -> tuple[Floats, Floats]:
-    """Mean and standard deviation of each channel; of one that measures nothing, not a number."""
+    """Mean and standard deviation of each channel; NaN for a channel without measurements."""
     n = np.sum(~np.isnan(values), axis=0)
     with np.errstate(invalid="ignore"):  # 0 / 0
         means = np.nansum(values, axis=0) / n
@@ -243,10 +244,10 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
 
 
 def _far_out(values: Floats, use: Flags) -> Flags:
-    """What channels in use measure so far from their median that noise of any usual kind would never reach it.
+    """Which values of the channels in use are outliers: so far from their median that they cannot be usual noise.
 
-    A standard deviation is that of a Gaussian with the same median of distances, which may be half a step more than
-    what is found, as they are rounded: that of the channel, or of all if that is larger.
+    The standard deviation is that of a Gaussian with the same median distance, plus half a step because values are
+    rounded: that of the channel, or that of all channels if it is larger.
     """
     far = np.zeros(values.shape, dtype=bool)
     if use.any():
@@ -259,7 +260,7 @@ def _far_out(values: Floats, use: Flags) -> Flags:
 
 
 def _is_flat(values: Floats, use: Flags) -> Flags:
-    """Which beams see what those beside them see, so that it matters little where exactly they go."""
+    """Which beams measure nearly the same as their neighbours, so that their exact angle does not matter."""
     means, sd = _moments(values)
     steps = np.abs(means - np.roll(means, 1))
     n = np.maximum(np.sum(~np.isnan(values), axis=0), 1)
@@ -269,7 +270,7 @@ def _is_flat(values: Floats, use: Flags) -> Flags:
 
 
 def _without_sweep(values: Floats, angles: Floats) -> Floats:
-    """What beams measure whose angles change from turn to turn, without what comes of their angles."""
+    """The values of beams, without the variation due to angles that change from turn to turn."""
     off = angles - _moments(angles)[0]
     sweep = np.nansum(off**2, axis=0)
     slopes = np.nansum(off * (values - _moments(values)[0]), axis=0) / np.maximum(sweep, _SWEEP**2)
@@ -278,12 +279,12 @@ def _without_sweep(values: Floats, angles: Floats) -> Floats:
 
 
 def _is_spread(times: Floats, values: Floats) -> Flags:
-    """Which channels measured something at more than one time."""
+    """Which channels have measurements at more than one time."""
     return np.array([len(np.unique(times[~np.isnan(channel)])) > 1 for channel in values.T], dtype=bool)
 
 
 def _steady(times: Floats, values: Floats, use: Flags) -> tuple[Flags, str]:
-    """Which of the channels in use do not drift by more than their noise in a scene; how much the worst one does."""
+    """Which channels in use do not drift by more than their noise in a scene; and the largest drift, in words."""
     steady, worst = np.ones(values.shape[1], dtype=bool), 0.0
     for k in np.flatnonzero(use):
         there = ~np.isnan(values[:, k])
@@ -302,7 +303,7 @@ def _following(residuals: Floats) -> tuple[float, float]:
 
 
 def _step(channels: Sequence[Floats]) -> float:
-    """The least difference of measurements by the same channel; 0 if there is none."""
+    """The smallest difference of values of the same channel; 0 if all are equal."""
     gaps = np.concatenate([np.diff(np.unique(channel)) for channel in channels])
     if not len(gaps):
         return 0.0
@@ -311,7 +312,7 @@ def _step(channels: Sequence[Floats]) -> float:
 
 
 def _counted(channels: Sequence[Floats], step: float) -> Levels | None:
-    """What channels measured, each from its least level on; None if none has three levels."""
+    """The counted values of channels, each minus its minimum; None if no channel has three levels."""
     numbers = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
     levels = levels_of(numbers, np.concatenate([channel - channel.min() for channel in channels]), step)
     return levels if np.bincount(levels.channel).max() >= 3 else None

@@ -1,4 +1,4 @@
-"""Logs of robots as one table, of CSV: those of several robots side by side, in the order of their clock."""
+"""Logs of robots as one CSV table; rows of several robots are in the order of their clock."""
 
 import codecs
 import csv
@@ -13,15 +13,15 @@ from mercator_design.robot.logs.log import understanding
 
 
 def write_csv(paths: Sequence[Path], file: BinaryIO, warn: Callable[[str], None]) -> list[str]:
-    """Write logs as CSV: a row for each control cycle, or each sample; of each log, what there was, in words.
+    """Write logs as CSV with a row for each control cycle, or each sample; return the summary of each log.
 
     Args:
-        paths: Of the logs, all of runs or all of recordings; rows of several are in the order of their clock.
-        file: To write to.
-        warn: Called with what is wrong with the order.
+        paths: The logs, all of runs or all of recordings; rows of several are in the order of their clock.
+        file: The output.
+        warn: Called with a warning if the order may be wrong.
 
     Raises:
-        RobotError: if one is no log of these kinds, is of another kind than the first, or is damaged before its end.
+        RobotError: if a file is not such a log, is of another kind than the first, or is damaged before its end.
     """
     logs = []
     for path in paths:

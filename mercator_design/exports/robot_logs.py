@@ -1,6 +1,7 @@
 """Logs of runs and recordings for other programs: rows of tables (robot_log_table.py), and MCAP for Foxglove.
 
-Event by event, so that a log may be longer than memory. What each column and channel is: docs/reference/robot-logs.md.
+Logs are read event by event, so a log may be larger than memory. docs/reference/robot-logs.md describes each column and
+channel.
 """
 
 import json
@@ -31,17 +32,17 @@ from mercator_design.robot.logs.events import (
 from mercator_design.robot.logs.log import NO_END, condition_met, controller_of, read, understanding
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
-"""A topic, and what is said there."""
+"""A topic and its message."""
 Row: TypeAlias = dict[str, object]
-"""Cells by their columns; those that are left out are empty."""
+"""Cells by column; missing ones are empty."""
 
 _SENSED: Mapping[str, tuple[str, ...]] = {**FIELDS, "lidar": ()}
-"""The values of each sensor's samples in a log, by name."""
+"""The names of the values in samples of each sensor."""
 
 _INFO = 2
-"""A level of foxglove.Log."""
+"""The level of foxglove.Log."""
 _CYCLE = ("cycle", "state", "next_state", "behaviour", "condition", "cpu")
-"""What is told of each cycle under the same names."""
+"""Columns of a cycle that are also keys of the message."""
 
 _NUMBER, _INTEGER, _STRING = ({"type": kind} for kind in ("number", "integer", "string"))
 
@@ -106,16 +107,17 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     },
     **{f"/lines/{name}": (f"mercator.{name.title()}Line", _numbers(values)) for name, values in LINES.items()},
 }
-"""Of each topic, the name of its schema and the JSON Schema, in which everything has one type."""
+"""For each topic the name of its schema, and the JSON Schema, in which every value has one type."""
 
 
 class ExportedLog:
-    """A log event by event, with what follows from its start.
+    """A log, read event by event.
 
-    columns: Of its table.
-    counted, unit: Events that are counted, and as what.
-    time: Of the latest event [s since 1970], by the reference's clock if the robot's was measured, else by the robot's.
-    reference: Whose clock that is; empty if it is the robot's.
+    columns: The columns of its table.
+    counted, unit: The classes of events that are counted, and their name.
+    time: Time of the latest event [s since 1970], by the reference's clock if the offset was measured, else by the
+        robot's.
+    reference: The owner of the reference clock; empty if it is the robot's own clock.
     """
 
     columns: Sequence[str]
@@ -132,7 +134,7 @@ class ExportedLog:
         self._count, self._why = 0, NO_END
 
     def events(self) -> Iterator[LogEvent]:
-        """Those after the start."""
+        """The events after the start."""
         for event in self._events:
             if isinstance(event, LogEnded):
                 self._why = event.why
@@ -143,11 +145,11 @@ class ExportedLog:
             yield event
 
     def rows(self, event: LogEvent) -> Iterator[Row]:
-        """What the table has of an event."""
+        """The rows of an event in the table."""
         raise NotImplementedError
 
     def messages(self, event: LogEvent) -> Iterator[Message]:
-        """What is said of an event."""
+        """The messages of an event."""
         if isinstance(event, NoteTaken | LogEnded):
             text = event.text if isinstance(event, NoteTaken) else f"The end: {event.why}"
             stamp = _stamp(self.time)
@@ -155,7 +157,7 @@ class ExportedLog:
             yield "/notes", note
 
     def summary(self) -> str:
-        """How much there was, and why it ended."""
+        """The number of counted events, and the reason of the end."""
         return f"{self._count} {self.unit}; {self._why}"
 
 
@@ -177,7 +179,7 @@ class _Run(ExportedLog):
         self._pfsm, self._controller = controller_of(start)
 
     def _state(self, event: CycleDone) -> dict[str, object]:
-        """What _CYCLE names."""
+        """The values of _CYCLE."""
         found = {
             "behaviour": self._pfsm.states[event.state].behaviour,
             "condition": condition_met(self._controller, event),
@@ -278,10 +280,10 @@ _KINDS: Mapping[str, type[ExportedLog]] = {"run": _Run, "recording": _Recording}
 
 
 def write_mcap(path: Path, file: BinaryIO) -> str:
-    """Write a log as MCAP, with messages at the times of cycles or samples; what there was, in words.
+    """Write a log as MCAP, with messages at the times of cycles or samples; return its summary.
 
     Raises:
-        RobotError: if it is no log of these kinds, or is damaged before its end.
+        RobotError: if it is not a log of these kinds, or is damaged before its end.
     """
     from mcap.writer import Writer
 
@@ -315,12 +317,12 @@ def open_log(path: Path) -> ExportedLog:
 
 
 def _sensed(event: CycleDone) -> dict[str, dict[str, float | None]]:
-    """By sensor, the age and the values of its latest sample by name."""
+    """Age and values of the latest sample of each sensor, by name."""
     return {name: {"age": age, **_named(name, values)} for name, (age, *values) in event.sensed.items()}
 
 
 def _lines(event: CycleDone) -> dict[str, dict[str, float]]:
-    """By device, the numbers of its line by name."""
+    """The numbers of each device's line, by name."""
     return {name: dict(zip(LINES[name], each, strict=False)) for name, each in (event.lines or {}).items()}
 
 
@@ -329,17 +331,17 @@ def _named(sensor: str, values: Sequence[float | None]) -> dict[str, float | Non
 
 
 def _cell(value: float | None) -> float:
-    """A value as a table has it: infinite where nothing is in sight."""
+    """The value of a cell: infinity where nothing is in sight."""
     return math.inf if value is None else value
 
 
 def _present(values: Mapping[str, float | None]) -> dict[str, float]:
-    """Values as a message has them: without those of nothing."""
+    """The values of a message: None is omitted."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _stands(time: float, x: float, y: float, heading: float) -> Iterator[Message]:
-    """Where the robot says that it is, as a pose to look at, and so that what it sees is shown there."""
+    """The robot's own estimate of its pose, as a pose and as a transform, so that scans are shown there."""
     stamp, pose = _stamp(time), _pose(x, y, heading)
     yield "/odometry", {"timestamp": stamp, "frame_id": "start", "pose": pose}
     yield (
@@ -361,7 +363,7 @@ def _pose(x: float, y: float, heading: float) -> dict[str, Any]:
 
 
 def _even(readings: Iterable[tuple[float, float]]) -> list[float]:
-    """Ranges of a turn at the even angles of a foxglove.LaserScan: the nearest of several, 0 where there is none."""
+    """Ranges of a turn at the uniform angles of a foxglove.LaserScan: the nearest one, or 0 if there is none."""
     ranges = [0.0] * BINS
     for angle, distance in readings:
         k = round(angle / STEP) % BINS
@@ -376,5 +378,5 @@ def _stamp(time: float) -> dict[str, int]:
 
 
 def _nanoseconds(time: float) -> int:
-    """A time [s since 1970], of which microseconds are known."""
+    """A time [s since 1970] in nanoseconds, rounded to microseconds."""
     return round(1e6 * time) * 1000

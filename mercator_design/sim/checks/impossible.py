@@ -23,7 +23,7 @@ from mercator_design.sim.robot_model import RobotModel
 
 _MAX_OUTSIDE_COUNTED = 0.1
 _MAX_OUTSIDE = 0.5
-"""Shares of a zone's area: for a zone that the objective uses, and for another zone, which may extend beyond a wall."""
+"""Shares of a zone's area outside the walls: for a zone that the objective uses, and for another zone."""
 _MUCH_SHARED = 0.1
 """Share of a nest's area."""
 _POINTS = 10_000

@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
-from mercator_design.fleet.ssh import Conversation, RemoteRobot, hear
+from mercator_design.fleet.ssh import RemoteRobot, conversing, hear
 from mercator_design.robot.devices.findings import Finding
 from mercator_design.robot.protocols.clocks import PROBE, Clock, from_line, probe
 
@@ -67,13 +67,9 @@ def check(fleet: Fleet, timeout: float, options: Iterable[str] = ()) -> list[Che
     Raises:
         RobotError: if there is no ssh.
     """
-    options = [*options]
     checked = {robot.name: Checked(robot) for robot in fleet.robots}
     end = time.monotonic() + timeout
-    with ExitStack() as stack:
-        robots = {
-            robot.name: stack.enter_context(closing(Conversation(robot, _CHECK, options))) for robot in fleet.robots
-        }
+    with conversing(fleet.robots, _CHECK, [*options]) as robots:
         due = 0.0
         while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
             if time.monotonic() >= due:

@@ -110,6 +110,18 @@ class Conversation:
         return pipe
 
 
+@contextlib.contextmanager
+def conversing(
+    robots: Iterable[RemoteRobot], script: str, arguments: Sequence[str]
+) -> Iterator[dict[str, Conversation]]:
+    """Conversations with robots at the same time, by name, which end on leaving; errors are those of `Conversation`."""
+    with contextlib.ExitStack() as stack:
+        yield {
+            robot.name: stack.enter_context(contextlib.closing(Conversation(robot, script, arguments)))
+            for robot in robots
+        }
+
+
 def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[tuple[str, list[bytes] | None]]:
     """The lines of conversations that have not ended, by name; None if one ends now.
 

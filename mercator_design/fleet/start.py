@@ -3,11 +3,10 @@
 import socket
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
 from mercator_design.fleet.deploy import BE_IDLE, FSM, PROGRAM, Fleet, RobotOutcome, stop
-from mercator_design.fleet.ssh import Conversation, hear
+from mercator_design.fleet.ssh import Conversation, conversing, hear
 from mercator_design.robot.protocols.joint_start import SILENCE, Leader
 
 _TICK = 0.01  # [s]
@@ -59,13 +58,8 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
     Raises:
         RobotError: if there is no ssh.
     """
-    options = [*options]
-    names = [robot.name for robot in fleet.robots]
-    with ExitStack() as stack:
-        robots = {
-            robot.name: stack.enter_context(closing(Conversation(robot, _START, options))) for robot in fleet.robots
-        }
-        leader = Leader(names, time.monotonic(), patience=timeout, cycle=cycle, host=socket.gethostname())
+    with conversing(fleet.robots, _START, [*options]) as robots:
+        leader = Leader([*robots], time.monotonic(), patience=timeout, cycle=cycle, host=socket.gethostname())
         try:
             while not leader.is_over:
                 _turn(leader, robots)

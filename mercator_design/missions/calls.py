@@ -1,19 +1,66 @@
-"""Calls of registered functions in missions: objectives and dynamics with their parameters."""
+"""Calls of registered functions in missions: objectives and dynamics with their parameters, and files named there.
 
+The contents of these files belong to the mission, like the pixels of a floor's image: they are read with the mission,
+are part of its digest, and are copied to run folders and workers. A function receives the path of a copy, so its
+contents are the same wherever and whenever it runs.
+"""
+
+import atexit
 import contextlib
+import hashlib
 import inspect
+import shutil
+import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from mercator_design.config.building import is_name
 from mercator_design.config.schema import FieldError, FilePath, Kind, mapped, parameters_of, values_in
 from mercator_design.errors import described
-from mercator_design.missions.named_files import MAX_SIZE, NamedFile
 from mercator_design.missions.plugins import ZoneReference, first_line, line_of
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import Unreadable, read_small, write_bytes
 from mercator_design.system.interruptions import signals_first
+
+_MAX_SIZE = 16 << 20
+"""[bytes] of a file."""
+
+
+class NamedFile(NamedTuple):
+    """A file as it was read."""
+
+    path: str
+    data: bytes
+
+    @property
+    def digest(self) -> str:
+        """The digest of its contents."""
+        return hashlib.sha256(self.data).hexdigest()[:16]
+
+    @property
+    def copy(self) -> str:
+        """The path of its copy in a run folder."""
+        return f"files/{self.digest}/{Path(self.path).name}"
+
+
+_lock = threading.Lock()
+_folder: list[Path] = []  # the folder of copies, once it is made
+
+
+def copied(file: NamedFile) -> str:
+    """The path of a read-only copy that belongs to this process; it has the name of the file."""
+    with _lock:
+        if not _folder:
+            _folder.append(Path(tempfile.mkdtemp(prefix="mercator_design-")))
+            atexit.register(shutil.rmtree, _folder[0], ignore_errors=True)
+        copy = _folder[0] / file.digest / Path(file.path).name
+        if not copy.exists():
+            copy.parent.mkdir(exist_ok=True)
+            write_bytes(copy, file.data)
+            copy.chmod(0o400)
+        return str(copy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +95,7 @@ class Call:
         for kind, value, place in self.values():
             if _is_file(kind, value) and value not in found:
                 try:
-                    found[value] = NamedFile(value, read_small(Path(value), MAX_SIZE))
+                    found[value] = NamedFile(value, read_small(Path(value), _MAX_SIZE))
                 except Unreadable as error:
                     raise FieldError(place, f"{error}: {value}") from None
         return found

@@ -32,8 +32,7 @@ from mercator_design.config.schema import (
 )
 from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
-from mercator_design.missions.calls import Call
-from mercator_design.missions.named_files import copied
+from mercator_design.missions.calls import Call, copied
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))

@@ -30,9 +30,8 @@ from mercator_design.config.writing import digest_of, plain
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.missions.arena import Arena, Light, walls_meet
-from mercator_design.missions.calls import Call
+from mercator_design.missions.calls import Call, NamedFile, copied
 from mercator_design.missions.floor import Floor, FloorTable
-from mercator_design.missions.named_files import NamedFile, copied
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
 from mercator_design.missions.plugins import first_line

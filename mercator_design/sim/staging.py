@@ -15,9 +15,21 @@ from mercator_design.sim.kernels.noise import GAUSSIAN, NO_NOISE, UNIFORM
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.labels import level_row, simulated_labels
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.robot_parts import DiscBody, Gaussian, LightCamera, LightRing, Neighbours, Noise, Uniform
+from mercator_design.sim.robot_parts import (
+    DiscBody,
+    Gaussian,
+    Lidar,
+    LightCamera,
+    LightRing,
+    Neighbours,
+    Noise,
+    Proximity,
+    Uniform,
+)
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
+_NO_PROXIMITY = Proximity(ring_radius=0.0, angles=(), range=(0.0, 0.0))
+_NO_LIDAR = Lidar(beams=0, first_angle=0.0, height=math.inf, head_radius=0.0, range=(0.0, 0.0))
 
 
 def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
@@ -79,20 +91,20 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 
 
 def _proximity(model: RobotModel) -> scene.Proximity:
-    device = model.proximity
-    nearest, furthest = device.range if device else (0.0, 0.0)
-    rays_x, rays_y = _directions(device.angles if device else ())
-    counts_x, counts_y = _directions((device.reported or device.angles) if device else ())
+    device = model.proximity or _NO_PROXIMITY
+    nearest, furthest = device.range
+    rays_x, rays_y = _directions(device.angles)
+    counts_x, counts_y = _directions(device.reported or device.angles)
     return scene.Proximity(
-        ring=device.ring_radius if device else 0.0,
+        ring=device.ring_radius,
         directions_x=rays_x,
         directions_y=rays_y,
         counts_x=counts_x,
         counts_y=counts_y,
         nearest=nearest,
         furthest=furthest,
-        noise=noise_row(device.noise if device else None),
-        weight_noise=noise_row(device.weight_noise if device else None),
+        noise=noise_row(device.noise),
+        weight_noise=noise_row(device.weight_noise),
     )
 
 
@@ -158,27 +170,23 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
 
 
 def _lidar(mission: Mission, model: RobotModel) -> scene.Lidar:
-    device, arena = model.lidar, mission.arena
-    outlines: list[Floats] = []
-    if device is not None:
-        outlines += [box.corners() for box in arena.obstacles if box.height > device.height]
-        outlines += [arena.corners()] if arena.wall_height > device.height else []
-        outlines += [arena.room.corners()] if arena.room is not None else []
-    beams = device.beams if device else 0
-    first = device.first_angle if device else 0.0
-    step = 2.0 * math.pi / max(1, beams)
-    beams_x, beams_y = _directions([first + step * k for k in range(beams)])
-    nearest, furthest = device.range if device else (0.0, 0.0)
+    device, arena = model.lidar or _NO_LIDAR, mission.arena
+    outlines = [box.corners() for box in arena.obstacles if box.height > device.height]
+    outlines += [arena.corners()] if arena.wall_height > device.height else []
+    outlines += [arena.room.corners()] if arena.room is not None else []
+    step = 2.0 * math.pi / max(1, device.beams)
+    beams_x, beams_y = _directions([device.first_angle + step * k for k in range(device.beams)])
+    nearest, furthest = device.range
     return scene.Lidar(
         beams_x=beams_x,
         beams_y=beams_y,
-        first_angle=first,
+        first_angle=device.first_angle,
         angle_step=step,
-        ring=device.ring_radius if device else 0.0,
-        head=device.head_radius if device else 0.0,
+        ring=device.ring_radius,
+        head=device.head_radius,
         nearest=nearest,
         furthest=furthest,
         outlines=np.vstack([np.zeros((0, 6)), *(edges(corners) for corners in outlines)]),
-        sees_bodies=device is not None and model.body.height > device.height,
-        noise=noise_row(device.noise if device else None),
+        sees_bodies=model.body.height > device.height,
+        noise=noise_row(device.noise),
     )

@@ -86,7 +86,7 @@ def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach)
             consequence = ", and the objective counts on it" if is_counted else ""
             message = f"{place}: {called} lies outside the walls{consequence}"
             yield MissionWarning(message, is_impossible=is_counted, explains_score=is_counted)
-        elif not any(_is_reached(reach, floor, row) for row in rows):
+        elif not any(reach.is_reached(floor, row) for row in rows):
             yield MissionWarning(
                 f"{place}: no robot can reach {called}: from where they start, there is no way for the centre of a "
                 f"robot that is {size:.3g} m wide",
@@ -146,7 +146,3 @@ def _with_score(mission: Mission, places: list[MissionWarning]) -> list[MissionW
         else warning
         for warning in places
     ]
-
-
-def _is_reached(reach: Reach, floor: FloorTable, row: int) -> bool:
-    return bool((reach.touched(floor, row) & reach.reached).any())

@@ -62,6 +62,10 @@ class Reach:
         """The cells (rows, columns) that may have a point of a zone in them."""
         return self.cells_of(floor, row, within=self.cell * math.sqrt(0.5))
 
+    def is_reached(self, floor: FloorTable, row: int) -> bool:
+        """Whether a robot can reach a cell that may have a point of a zone in it."""
+        return bool((self.touched(floor, row) & self.reached).any())
+
     def part(self, points: Floats, distance: float) -> tuple[slice, slice]:
         """The rows and columns of all that is at most so far [m] from what has these points for its corners."""
         first = np.floor((points.min(axis=0) - distance - self.low) / self.cell).astype(int)

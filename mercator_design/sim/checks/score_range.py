@@ -56,7 +56,7 @@ def _pools(floor: FloorTable, reach: Reach) -> list[Floats]:
     for row, weight in enumerate(weights):
         cells = reach.cells_of(floor, row)
         kinds[cells] ^= weight
-        if not (cells & reach.reached).any() and (reach.touched(floor, row) & reach.reached).any():
+        if not (cells & reach.reached).any() and reach.is_reached(floor, row):
             pools.append(border_points(floor, row))  # it is smaller than a cell
         elif cells[reach.reached].all():
             corners = reach.corners(reach.reached)
@@ -72,7 +72,7 @@ def _zones(mission: Mission, floor: FloorTable, reach: Reach) -> list[Floats]:
     for _, name in mission.objective.zones():
         for row in zone_rows[name]:
             places = reach.centres(reach.cells_of(floor, row) & reach.reached)
-            if not len(places) and (reach.touched(floor, row) & reach.reached).any():
+            if not len(places) and reach.is_reached(floor, row):
                 places = border_points(floor, row)
             pools.append(places)
     return [pool for pool in pools if len(pool)]

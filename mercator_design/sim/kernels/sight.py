@@ -22,15 +22,9 @@ _PARALLEL = 1e-12
 
 @jittable
 def distance_to_wall(x: float, y: float, ray_x: float, ray_y: float, walls: Floats, i: int) -> float:
-    """Distance [m] from (x, y) along a unit vector to a wall, or infinity.
+    """Distance [m] from (x, y) along the unit vector (ray_x, ray_y) to wall i, or infinity.
 
-    Args:
-        x: Start of the ray [m].
-        y: The same.
-        ray_x: Unit vector.
-        ray_y: The same.
-        walls: (walls, 6) start x, y; vector to the end x, y; unit normal x, y.
-        i: Number of the wall.
+    A row of walls (walls, 6) is: start x, y; vector to the end x, y; unit normal x, y.
     """
     across = ray_x * walls[i, 3] - ray_y * walls[i, 2]
     if across < _PARALLEL:  # the arena is to the left of its walls; a ray to their right meets nothing
@@ -81,17 +75,9 @@ def distance_to_disc(x: float, y: float, ray_x: float, ray_y: float, radius: flo
 def _cast_at_walls(
     sensors: Proximity, walls: Floats, x: float, y: float, c: float, s: float, reach: float, found: Floats
 ) -> None:
-    """Shorten the distances of a ring of proximity sensors to those of the walls.
+    """Shorten the distances [m] found (sensors,) by a ring of proximity sensors to those of the walls.
 
-    Args:
-        sensors: The ring.
-        walls: As in `distance_to_wall`.
-        x: Where the robot is [m].
-        y: The same.
-        c: Cosine of its heading.
-        s: Sine of its heading.
-        reach: Largest distance from the robot's centre [m] at which a ray ends.
-        found: (sensors,) the distances [m].
+    The robot is at (x, y); c and s are cosine and sine of its heading. Rays end within `reach` of its centre.
     """
     for i in range(len(walls)):
         # Few walls are in reach: the distance to a wall's line is a lower bound of that to the wall.

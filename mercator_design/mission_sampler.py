@@ -8,7 +8,6 @@ robots; MG1 has sizes for the e-puck.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -55,14 +54,6 @@ def sample_mission(class_: MissionClass, *, seed: int, number: int = 1) -> Missi
     raise MissionError(f"{class_}, seed {seed}: no mission was found in which the robots fit")
 
 
-@dataclass(frozen=True, slots=True)
-class _Patch:
-    """An occupied circle."""
-
-    center: tuple[float, float]
-    radius: float
-
-
 class _Draw:
     """One attempt; draws and placements follow the order of the methods."""
 
@@ -76,7 +67,7 @@ class _Draw:
         self.walls = RegularPolygon(sides=self.sides, apothem=apothem)
         self.corners = self.walls.corners()
         self.zones: list[Disc | Rectangle] = []
-        self.patches: list[_Patch] = []
+        self.occupied: list[tuple[float, float, float]] = []  # circles: x, y, radius [m]
         self.obstacles: list[Box] = []
 
     def one_of(self, values: Sequence[int], chances: Sequence[float] | None = None) -> int:
@@ -159,9 +150,9 @@ class _Draw:
         reach = float(np.abs(self.corners).max())
         for _ in range(_MAX_TRIALS):
             x, y = (_rounded(value) for value in self.random.uniform(-reach, reach, 2))
-            far = all(math.dist((x, y), p.center) >= radius + p.radius + apart for p in self.patches)
+            far = all(math.hypot(x - a, y - b) >= radius + r + apart for a, b, r in self.occupied)
             if far and _distance_to_walls(self.corners, x, y) >= radius + wall:
-                self.patches.append(_Patch((x, y), radius))
+                self.occupied.append((x, y, radius))
                 return x, y
         raise _NoRoom
 

@@ -6,7 +6,6 @@ path of the key, what was expected with its unit, what was found, and a suggesti
 """
 
 import dataclasses
-import difflib
 import math
 import re
 import types
@@ -291,7 +290,7 @@ def _entries(
     for word, item in node.content.items():
         key = spelling.find(word, specification)
         if key is None:
-            near = _nearest(word, [*specification])
+            near = spelling.nearest(word, [*specification])
             if complete:
                 known = f"did you mean '{near}'?" if near else f"known: {', '.join(specification)}"
                 wrong.note(message(item, Way(way, word), f"unknown key; {known}"))
@@ -330,7 +329,7 @@ def _tagged(
     expected, spelt = f"expected {schema.one_of(list(words))}", node.key(key)
     if spelt not in node.content:
         unknown = [word for word in node.content if spelling.find(word, keys) is None]
-        spelt = next((word for word in unknown if _nearest(word, keys) == key), "")
+        spelt = next((word for word in unknown if spelling.nearest(word, keys) == key), "")
         if not spelt:
             wrong.note(message(node, Way(way, key), f"missing key; {expected}"))
             return "", node
@@ -342,7 +341,7 @@ def _tagged(
         wrong.note()
     elif word is None:
         wrong.note(message(item, Way(way, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
-    word = word or _nearest(text, words)
+    word = word or spelling.nearest(text, words)
     item = dataclasses.replace(item, content=word or item.content)
     content = {key if each == spelt else each: item if each == spelt else node.content[each] for each in node.content}
     return word, dataclasses.replace(node, content=content)
@@ -353,14 +352,8 @@ def _expected(kind: Kind, way: Way | None) -> str:
     return f"expected {schema.describe(kind)}{f' [{unit}]' * bool(unit)}"
 
 
-def _nearest(word: str, known: Collection[str]) -> str:
-    """The known word that is most like another; empty if none is."""
-    near = difflib.get_close_matches(word[:100], known, n=1)
-    return near[0] if near else ""
-
-
 def _did_you_mean(node: Node, known: Collection[str]) -> str:
-    near = _nearest(node.content, known) if isinstance(node.content, str) else ""
+    near = spelling.nearest(node.content, known) if isinstance(node.content, str) else ""
     return f"; did you mean '{near}'?" if near else ""
 
 

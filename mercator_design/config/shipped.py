@@ -1,7 +1,6 @@
 """The missions and robot models that come with the package, and how a name or a path finds its file."""
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 
 from mercator_design.config import spelling
@@ -31,8 +30,8 @@ def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
         return Path(text)
     name = spelling.find(text, shipped)
     if name is None:
-        near = get_close_matches(text[:100], shipped, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(shipped)}"
+        near = spelling.nearest(text, shipped)
+        hint = f"did you mean '{near}'?" if near else f"shipped are: {', '.join(shipped)}"
         raise MissionError(f"{excerpt(text)}: no such {kind}; {hint}")
     return shipped[name]
 

@@ -1,5 +1,6 @@
 """British and American spelling: files and options may have either; the program writes its own."""
 
+import difflib
 from collections.abc import Collection
 
 _PAIRS = (
@@ -19,6 +20,11 @@ def find(word: str, known: Collection[str]) -> str | None:
         return word
     wanted = folded(word)
     return next((each for each in known if folded(each) == wanted), None)
+
+
+def nearest(word: str, known: Collection[str]) -> str:
+    """The known word that is most similar to a word; empty if none is."""
+    return next(iter(difflib.get_close_matches(word[:100], known, n=1)), "")
 
 
 def folded(word: str) -> str:

@@ -67,12 +67,9 @@ def _modules() -> set[Path]:
         for path in (folder / "__init__.py", folder.with_suffix(".py")):
             if path.is_file() and path not in found:
                 found.add(path)
-                waiting += filter(_is_ours, (name.rpartition(".")[0], *_imports(path)))
+                names = (name.rpartition(".")[0], *_imports(path))
+                waiting += [each for each in names if each.partition(".")[0] == _PACKAGE.name]
     return found
-
-
-def _is_ours(module: str) -> bool:
-    return module.partition(".")[0] == _PACKAGE.name
 
 
 def _imports(path: Path) -> Iterator[str]:

@@ -12,7 +12,6 @@ import typing
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats, Numbers
+from mercator_design.config import spelling
 from mercator_design.config.colours import RGB, Colour, ColourName, rgb
 from mercator_design.config.schema import (
     FieldError,
@@ -281,8 +281,8 @@ class Floor:
         known = list(self.zone_rows())
         for place, zone in call.zones():
             if zone not in known:
-                near = get_close_matches(zone[:100], known, n=1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
+                near = spelling.nearest(zone, known)
+                hint = f"did you mean '{near}'?" if near else f"known: {excerpt(', '.join(known)) or 'none'}"
                 yield FieldError(f"{field}.{place}", f"no zone is called '{excerpt(zone)}'; {hint}")
 
     def realise(self, rng: np.random.Generator) -> FloorTable:

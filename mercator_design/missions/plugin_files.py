@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from importlib.abc import MetaPathFinder, SourceLoader
 from importlib.machinery import ModuleSpec
 from pathlib import Path, PurePosixPath
-from types import ModuleType
 
 from mercator_design.errors import MissionError
 from mercator_design.system.files import Unreadable, read_small
@@ -185,9 +184,3 @@ def _enter(name: str, path: str, source: bytes) -> None:
     if name not in IMPORTER.paths:
         IMPORTER.paths[name] = path
         IMPORTER.sources[path] = source
-
-
-def imported() -> dict[str, ModuleType]:
-    """The modules that were imported from the sources that were read."""
-    modules = [(name, sys.modules.get(name)) for name in IMPORTER.paths]
-    return {name: module for name, module in modules if module is not None}

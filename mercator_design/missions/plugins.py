@@ -25,7 +25,7 @@ from mercator_design.arrays import Floats
 from mercator_design.config.loading import check_parameter
 from mercator_design.config.schema import FieldError, Length, parameters_of
 from mercator_design.errors import MissionError, described
-from mercator_design.missions.plugin_files import IMPORTER, Plugin, imported, offer, read_plugin
+from mercator_design.missions.plugin_files import IMPORTER, Plugin, offer, read_plugin
 from mercator_design.system.interruptions import signals_first
 
 OBJECTIVES: dict[str, Callable[..., float]] = {}
@@ -257,7 +257,7 @@ def snapshot() -> Callable[[], None]:
         defined = {*OBJECTIVES.values(), *DYNAMICS.values()} - {*entries[0].values(), *entries[1].values()}
         foreign = [each for each in {*(jit.marked() - marked), *defined} if not is_ours(each)]
         jit.forget(foreign)
-        own = imported()
+        own = {*IMPORTER.paths}
         for registry, entry in zip(registries, entries, strict=True):
             registry.clear()
             registry.update(entry)

@@ -1,6 +1,5 @@
 """The labels of ground sensors: the colours that the robots of a mission distinguish on its floor."""
 
-import itertools
 from collections.abc import Collection
 
 import numpy as np
@@ -81,7 +80,7 @@ def misread(labels: tuple[ColourName, ...], device: Ground, colours: NDArray[np.
 
 def level_row(names: tuple[ColourName, ...]) -> Floats:
     """Red, green and blue of each name (3 * names,), for `nearest_label`."""
-    return np.array(list(itertools.chain.from_iterable(COLOURS[name] for name in names)))
+    return np.array([COLOURS[name] for name in names]).ravel()
 
 
 def _nearest(levels: NDArray[np.generic]) -> set[ColourName]:

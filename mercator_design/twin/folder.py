@@ -5,9 +5,8 @@ import fcntl
 import json
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TextIO
 
 import platformdirs
 
@@ -83,7 +82,7 @@ def open_log(folder: Path) -> Iterator[Log]:
         except BlockingIOError:
             raise RobotError(f"{folder}: another twin is running there; end it, or choose another folder") from None
         stream.truncate(0)
-        yield lambda event: _write(stream, event)
+        yield lambda event: print(json.dumps(event), file=stream, flush=True)
 
 
 def check_free(path: Path) -> None:
@@ -105,8 +104,3 @@ def _is_left(path: Path) -> bool:
     begins = BEGINS[path.name]
     with path.open("rb") as file:
         return file.read(len(begins)) in (begins, b"")
-
-
-def _write(stream: TextIO, event: Mapping[str, Any]) -> None:
-    stream.write(json.dumps(event) + "\n")
-    stream.flush()

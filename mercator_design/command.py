@@ -219,5 +219,5 @@ def naming_header(fsm: Path) -> Iterator[None]:
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:
-    """Read an fsm.txt; warn of what is tolerated in it."""
+    """Read an fsm.txt; warn of deviations that are tolerated."""
     return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)

@@ -195,5 +195,5 @@ def _counted(names: tuple[str, ...], what: str) -> str:
 
 
 def _rounded(value: float) -> float:
-    """To a centimetre, or a hundredth of a radian."""
+    """Round to a centimetre, or to a hundredth of a radian."""
     return round(float(value), 2)

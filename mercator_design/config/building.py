@@ -36,7 +36,7 @@ class Way(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Of the values there; empty if they have none."""
+        """The unit of the values there; empty if they have none."""
         if self.holder is not None:
             return schema.unit_of(self.holder, self.key)
         return self.before.unit if self.before is not None and isinstance(self.step, int) else ""
@@ -49,7 +49,7 @@ class Way(NamedTuple):
 
 
 _WRONG: Any = object()
-"""What a builder returns for a node that is not of its kind; `build` then says what was expected."""
+"""A builder returns this for a node that is not of its kind; `build` then reports the expected kind."""
 
 
 def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN401 - what `kind` says
@@ -105,7 +105,7 @@ def _scalar(node: Node, base: Kind, _: Way | None) -> Any:  # noqa: ANN401 - wha
 
 
 def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
-    """Of a text without quotes."""
+    """The value of a text without quotes."""
     if base is bool:
         return {"true": True, "false": False}.get(text, _WRONG)
     if base is int:
@@ -124,7 +124,7 @@ class _Mistakes(list[str]):
     any = False
 
     def build(self, node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
-        """What `build` gives, or _WRONG."""
+        """As `build`; _WRONG if there are mistakes, which are noted."""
         try:
             return build(node, kind, way)
         except Fault as fault:

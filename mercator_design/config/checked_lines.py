@@ -18,7 +18,7 @@ def to_line(event: Mapping[str, Any]) -> str:
 
 
 def checksum(line: str | bytes) -> str:
-    """That of a line that `to_line` made."""
+    """The checksum of a line from `to_line`."""
     end = line[-11:-3]
     return end if isinstance(end, str) else end.decode()
 
@@ -27,7 +27,7 @@ def from_line(line: bytes) -> Event:
     """The event of a line.
 
     Raises:
-        ValueError: saying what was expected of the line.
+        ValueError: if it is not such a line, with what was expected.
     """
     if not line.endswith(b'"}\n') or line[-_TAIL - 1 : -11] != _CRC.encode():
         raise ValueError('expected an event that ends in its checksum ("crc") and a newline')

@@ -33,7 +33,7 @@ def from_json(
     """The value that JSON data describe.
 
     Args:
-        data: As `json.loads` gives them.
+        data: Data from `json.loads`.
         kind: A dataclass, or any other annotation of config/building.py; `object` is whatever JSON can hold.
         error: The class of errors to raise.
         label: The name of the data in errors.
@@ -168,7 +168,7 @@ def _int(data: Any) -> Any:  # noqa: ANN401
 def _float(data: Any) -> Any:  # noqa: ANN401
     if type(data) is float:
         return data if math.isfinite(data) else WRONG
-    return _int(data)  # which is a number, too, and stays as it was written
+    return _int(data)  # a whole number stays an int
 
 
 def _str(data: Any) -> Any:  # noqa: ANN401

@@ -171,10 +171,10 @@ def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
 
 
 def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
-    """Make sure that a file can give a value of a kind, and could have given the default.
+    """Check that a file can have a value of a kind, and the default.
 
     Raises:
-        TypeError: saying what is wrong.
+        TypeError: with the mistake.
     """
     schema.check_annotation(kind)
     if default is dataclasses.MISSING:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeAlias, Union
 
 Kind: TypeAlias = Any
-"""An annotation as typing gives it: a type, a union, Annotated, Literal, tuple[...], Mapping[...]."""
+"""An annotation: a type, a union, Annotated, Literal, tuple[...], Mapping[...]."""
 
 Specification: TypeAlias = dict[str, tuple[Kind, Any]]
 """Name -> (annotation, default or dataclasses.MISSING)."""
@@ -35,7 +35,7 @@ class FieldError(ValueError):
 
 
 def checked(errors: Iterable[FieldError]) -> None:
-    """Raise what was found wrong, if anything was, as one error."""
+    """Raise all errors as one, if there are any."""
     found = [*errors]
     if not found:
         return
@@ -145,7 +145,7 @@ class Pattern:
 class FilePath:
     """A path, relative to the folder of the file that names it; it becomes absolute.
 
-    With `unless_name`, a text that does not look like a path is a name, and stays as it is.
+    With `unless_name`, a text that does not look like a path is a name, and is not changed.
     """
 
     unless_name: bool = False
@@ -164,9 +164,9 @@ class Radians:
 
 @dataclass(frozen=True, slots=True)
 class KeywordsOf:
-    """On a field of type Mapping: it holds the keyword-only arguments of the function that field `key` names.
+    """Marks a field of type Mapping that has the keyword-only arguments of the function that the field `key` names.
 
-    In the file they stand beside `key`, and are read by the annotations of `functions[name]`.
+    In the file they are keys beside `key`, and are read by the annotations of `functions[name]`.
     """
 
     functions: Mapping[str, Callable[..., Any]]
@@ -249,7 +249,7 @@ def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
     """Make sure that config/loading.py understands an annotation, which may be part of some records.
 
     Raises:
-        TypeError: naming the part that it does not understand, and what there is.
+        TypeError: naming the part that it does not understand, and the supported ones.
     """
     base, _ = unwrapped(kind)
     parts = typing.get_args(base)

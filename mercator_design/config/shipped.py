@@ -44,7 +44,7 @@ def _is_file(text: str) -> bool:
 
 
 def _folder() -> Path:
-    """In the package, or beside it in a checkout."""
+    """The folder of shipped files: in the package, or beside it in a clone."""
     packaged = _PACKAGE / "scenarios"
     return packaged if packaged.is_dir() else _PACKAGE.parent / "scenarios"
 

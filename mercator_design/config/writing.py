@@ -34,7 +34,7 @@ def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
 
 
 class Dumper(yaml.SafeDumper):
-    """Mappings in block style, lists of scalars in one line, long texts as they were written."""
+    """Mappings in block style, lists of scalars in one line, long texts with their line breaks."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002 - yaml's signature
         return True

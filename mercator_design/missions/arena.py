@@ -92,7 +92,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arena:
-    """The walls and what stands between them; what is lower than a sensor is not in its way."""
+    """The walls and obstacles; those lower than a sensor do not affect it."""
 
     walls: RegularPolygon | Polygon  # around the arena; numbers are those of their inner faces
     wall_height: Height = 0.08  # [m] of the walls above the floor

@@ -1,4 +1,4 @@
-"""Where robots may start.
+"""The places where robots may start.
 
 A placement is the distribution of proposals for a robot's first pose. The simulator asks for proposals until one is
 free of walls and other robots.

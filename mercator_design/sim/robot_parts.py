@@ -28,8 +28,8 @@ class Gaussian:
     """Normally distributed noise."""
 
     distribution: Literal["gaussian"] = "gaussian"
-    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # of what is added, in the unit of what is disturbed
-    sd: Spread  # standard deviation, in the unit of what is disturbed
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # mean of the noise, in the unit of the value
+    sd: Spread  # standard deviation, in the unit of the value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +37,8 @@ class Uniform:
     """Noise uniform within `half_width` of its mean."""
 
     distribution: Literal["uniform"] = "uniform"
-    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # of what is added, in the unit of what is disturbed
-    half_width: Spread  # of the interval around the mean, in the unit of what is disturbed
+    mean: Annotated[float, Range(-1000.0, 1000.0)] = 0.0  # mean of the noise, in the unit of the value
+    half_width: Spread  # half width of the interval around the mean, in the unit of the value
 
 
 Noise = Gaussian | Uniform | None
@@ -74,7 +74,7 @@ class BoxBody:
 
     @property
     def area(self) -> float:
-        """Of the floor that it covers [m2]."""
+        """The area of the floor that it covers [m2]."""
         return self.length * self.width
 
     @property
@@ -116,7 +116,7 @@ class DiscBody:
 
     @property
     def area(self) -> float:
-        """Of the floor that it covers [m2]."""
+        """The area of the floor that it covers [m2]."""
         return math.pi * self.radius**2
 
     @property

@@ -1,4 +1,4 @@
-"""Runs one experiment: a PFSM on a mission with a seed gives a score and a trace."""
+"""Runs one experiment: from a PFSM, a mission and a seed to a score and a trace."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class Simulator:
 
     @cached_property
     def warnings(self) -> "tuple[MissionWarning, ...]":
-        """Warnings of what is impossible or probably a mistake in the mission, for these robots."""
+        """Warnings of impossible parts and probable mistakes in the mission, for these robots."""
         from mercator_design.sim.checks.impossible import mission_warnings  # slow: scipy.ndimage
 
         return tuple(mission_warnings(self.mission, self.robot_model))

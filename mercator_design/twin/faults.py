@@ -87,7 +87,7 @@ class Insert(_LineFault):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silence(_LineFault):
-    """Nothing comes through."""
+    """No bytes arrive."""
 
     kind: Literal["silence"] = "silence"
 
@@ -149,7 +149,7 @@ class Script(FromFile):
     KIND: ClassVar = "script of faults"
 
     schema: Literal[1] = 1  # version of this format
-    seed: Annotated[int, Range(0, 2**63 - 1)] = 1  # of which bytes are hit, and how
+    seed: Annotated[int, Range(0, 2**63 - 1)] = 1  # of the random effects on bytes
     faults: Annotated[tuple[Fault, ...], Length(0, 10_000)] = ()  # in any order
 
 

@@ -56,7 +56,7 @@ def schedule(
     colors: Annotated[tuple[Colour, ...], Length(1, 1000)],  # colours that the zones take, one for each time
     every: Positive | None = None,  # [s] after which all comes again; null: never
 ) -> list[tuple[float, ...]]:
-    """At each of `times` [s] the zones take the colour at its place in `colors`; all again `every` so many s."""
+    """At each of `times` [s] the zones take the corresponding colour; repeated with the period `every` [s]."""
     rows = site.of(zones)
     checked(_mistakes(times, colors, every, len(rows)))
     again = math.inf if every is None else every

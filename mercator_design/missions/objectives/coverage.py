@@ -87,9 +87,9 @@ def surface_and_perimeter(
 ) -> float:
     """SPC of Chocolate: how badly a square's surface and a circle's line are covered at the end; a cost.
 
-    To the mean distance from a point of the square to the nearest robot in it, over `square_unit`, is added the mean
-    distance from a point of the circle to the nearest robot within `margin` of it, over `circle_unit`. Distances are
-    at most the farthest. Points: 40 x 40 and 720; error below 0.1 %.
+    The score is the mean distance from a point of the square to the nearest robot in it, over `square_unit`, plus the
+    mean distance from a point of the circle to the nearest robot within `margin` of it, over `circle_unit`. Distances
+    are at most the farthest. Points: 40 x 40 and 720; error below 0.1 %.
     """
     robots = trace.final_positions
     from_square = _surface_distance(robots, square_center, square_side, farthest_in_square)

@@ -36,8 +36,8 @@ def seen_area(
 ) -> float:
     """The area [m2] that some beam of a lidar has crossed by the end, no farther than `reach` from its robot.
 
-    It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, in every so many-th
-    cycle and the last. A beam that meets nothing says nothing of what lies before it, as for the real device.
+    It is counted in `cells` x `cells` squares over a square of `side` metres around the origin, at every `every`-th
+    cycle and the last. A beam that meets nothing marks no cells, as with the real device.
     """
     seen = np.zeros((cells, cells), dtype=np.bool_)
     positions = trace.positions[every_nth(trace.cycles, every)]

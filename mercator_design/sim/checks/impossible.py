@@ -1,8 +1,8 @@
-"""Warnings of what is impossible or probably a mistake in a mission: zones outside the walls or out of reach, angles in
+"""Warnings of impossible parts and probable mistakes in a mission: zones outside the walls or out of reach, angles in
 degrees, a constant score.
 
-Races and `mdesign validate` refuse what is impossible (`Simulator.refuse_impossible`); all else is a warning. Each
-cause has one message, with its consequence.
+Races and `mdesign validate` refuse an impossible mission (`Simulator.refuse_impossible`); other findings are warnings.
+Each cause has one message, with its consequence.
 """
 
 import math

@@ -49,7 +49,7 @@ class Reach:
         return np.asarray((self.centres(cells)[:, np.newaxis] + ways).reshape(-1, 2))
 
     def cells_of(self, floor: FloorTable, row: int, *, within: float = 0.0) -> Flags:
-        """The cells (rows, columns) whose centres are in a zone of a floor, or at most so far [m] from it."""
+        """The cells (rows, columns) whose centres are in a zone of a floor, or within a distance [m] of it."""
         cells = np.ones_like(self.inside)
         border = border_points(floor, row)
         if len(border):
@@ -67,7 +67,7 @@ class Reach:
         return bool((self.touched(floor, row) & self.reached).any())
 
     def part(self, points: Floats, distance: float) -> tuple[slice, slice]:
-        """The rows and columns of all that is at most so far [m] from what has these points for its corners."""
+        """The rows and columns of the cells within a distance [m] of a shape with these corners."""
         first = np.floor((points.min(axis=0) - distance - self.low) / self.cell).astype(int)
         last = np.ceil((points.max(axis=0) + distance - self.low) / self.cell).astype(int) + 1
         columns, rows = (slice(max(0, a), max(0, b)) for a, b in zip(first, last, strict=True))
@@ -128,7 +128,7 @@ def _blocked(arena: Arena, grid: Reach, distance: float) -> Flags:
 
 
 def _starts(placement: Placement, grid: Reach) -> Flags:
-    """The cells in which, or beside which, a robot may start."""
+    """The cells where a robot may start, and their neighbours."""
     starts = np.zeros_like(grid.inside)
     if isinstance(placement, FixedPlacement):
         points = np.array(placement.poses, dtype=float)[:, :2]

@@ -17,7 +17,7 @@ from mercator_design.sim.checks.reach import Reach
 
 TRACES = 49
 _CYCLES = 60
-"""Of a trace at most, which are spread over the duration of the mission."""
+"""Maximum number of cycles of a trace; they are spread over the duration of the mission."""
 _NEAR = 0.3
 """[m] around a place, for robots that keep together."""
 
@@ -86,7 +86,7 @@ def _places(
     pools: list[Floats],
     zones: list[Floats],
 ) -> Floats:
-    """Where robots are (cycles, robots, 2), in one of several ways."""
+    """Positions of robots (cycles, robots, 2), in one of several ways."""
     way = number % 7
     cycles, robots = shape
     if way == 0:  # anywhere

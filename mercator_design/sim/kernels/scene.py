@@ -17,7 +17,7 @@ class Proximity(NamedTuple):
     nearest: float  # [m] nearer is too near to be measured
     furthest: float  # [m]
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
-    weight_noise: Floats  # of what they count
+    weight_noise: Floats  # of the weights
 
 
 class Ground(NamedTuple):

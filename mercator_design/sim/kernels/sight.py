@@ -51,7 +51,7 @@ def distance_to_box(x: float, y: float, ray_x: float, ray_y: float, half_length:
 
 @jittable
 def _slab(x: float, ray_x: float, half: float) -> tuple[float, float]:
-    """Where |x| <= half begins and ends along a ray [m]; infinity and minus infinity if it is nowhere."""
+    """The distances along a ray [m] between which |x| <= half; infinity and minus infinity if there are none."""
     if abs(ray_x) < _PARALLEL:
         return (-math.inf, math.inf) if abs(x) <= half else (math.inf, -math.inf)
     first = (-half - x) / ray_x

@@ -30,7 +30,7 @@ class Swarm(NamedTuple):
     moved: Flags  # (robots,) whether it was moved out of a wall at the end of this cycle
     former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
     reach: Floats  # (robots,) scratch of motion.mark_close
-    # Scratch of one robot: what it senses.
+    # Scratch for the senses of one robot.
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
     scan: Floats  # (beams,) of the lidar

@@ -24,8 +24,8 @@ def stop_when_found(
 
     The score is two for each robot and cycle, minus one for each robot and cycle until a robot is in a zone, minus one
     for each cycle until then in which a robot outside the zones stands still, and minus one for each cycle after it in
-    which a robot moves. A robot moves if it goes farther than `still` [m] in a cycle. (The original compares along x and
-    y: still is less than 5 mm along both, moving is more along both.)
+    which a robot moves. A robot moves if it goes farther than `still` [m] in a cycle. (The original compares along x
+    and y: still is less than 5 mm along both, moving is more along both.)
     """
     found = trace.inside(zones, "always")
     moving = _moving(trace, still)

@@ -134,13 +134,14 @@ def test_of_a_mission_costs_are_minus_the_scores():
     record.note(IterationEnded(iteration=1, postselection=False, budget=9, used=2, configurations=1, instances=2,
                           alive=1, elites=(0,), stagnant=0, note=""))  # fmt: skip
     found = irace_results(designer, record)
-    assert found["experiments"].cells.tolist() == [[-3.0], [math.inf]]
+    assert found["experiments"].value.tolist() == [-3.0, math.inf]
+    assert found["experiments"].attributes["dim"].tolist() == [2, 1]
     assert found["state"]["completed"] == "Incomplete"
     record.note_end(RaceEnded(budget=2000, experiments=2, winner=0))
     record.note(events.TestDone(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
     found = irace_results(designer, record)
     assert found["state"]["completed"] == "Ended"
-    assert found["testing"]["experiments"].cells.tolist() == [[-2.0]]
+    assert found["testing"]["experiments"].value.tolist() == [-2.0]
 
 
 def test_a_race_without_experiments_is_refused(race, tmp_path):

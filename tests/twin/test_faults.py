@@ -159,7 +159,7 @@ class TestInATwin:
     def test_a_wrong_baud_rate(self):
         talk = Talk(script=Script(faults=(WrongBaud(at=0.0, robot=0, device="proximity"),)))
         assert talk.wait(2.0)["proximity"] == []
-        assert talk.ends["proximity"].lost > 200
+        assert talk.ends["proximity"].counts.lost > 200
 
     def test_the_battery_falls_and_is_charged(self):
         talk = Talk(script=Script(faults=(Battery(at=1.0, duration=1.0, robot=0, level=3),)))

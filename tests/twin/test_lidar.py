@@ -70,7 +70,7 @@ class TestScans:
         assert {len(packet.samples) for packet in packets} == {1, 40, (SAMPLES - 1) % 40}
         assert packets[0].is_ring_start
         assert packets[0].first == 0
-        assert talk.decoder.lost == 0
+        assert talk.decoder.counts.lost == 0
 
     @pytest.mark.parametrize("ranges", [0.12, 0.3, 1.0, 10.0])
     def test_a_round_wall(self, ranges):

@@ -106,7 +106,7 @@ def test_a_session_with_all_three_devices(tmp_path):
         ]
         ports["proximity"].write(multiflex.use_sensors(0xFF).encode())
         hear(ports["proximity"], hub, lambda said: len(said) > 3)
-        assert host.counts.lost == lidar.lost == hub.lost == 0
+        assert host.counts.lost == lidar.counts.lost == hub.counts.lost == 0
     told = [(event["left"], event["by"]) for event in events(tmp_path, "wheels") if event["robot"] == 0]
     assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
     (clock,) = events(tmp_path, "clock")

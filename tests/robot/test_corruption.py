@@ -55,7 +55,7 @@ def test_frames_arrive_as_they_were_sent(name):
     events = decoder.receive(b"".join(line.frames))
     assert len(events) == len(line.frames)
     assert [event for frame in line.frames for event in received(line, frame)] == events
-    assert decoder.lost == 0
+    assert decoder.counts.lost == 0
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -75,7 +75,7 @@ def test_bytes_of_no_frame_are_counted(name):
     decoder = line.decoder()
     frame = line.frames[-1]
     assert decoder.receive(b"\x01\x02\x03" + frame + b"\x04\x05" + frame + b"\x06") != []
-    assert decoder.lost == 6
+    assert decoder.counts.lost == 6
     assert decoder.counts == (6 + 2 * len(frame), 6, 0)
 
 

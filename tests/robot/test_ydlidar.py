@@ -130,4 +130,4 @@ def test_packets_among_what_is_not_expected_are_found():
     for other in (time_stamp, cut_answer, b"\xaa", b"\xaa\x55", sent[:-1]):
         decoder = ydlidar.decoder()
         assert decoder.receive(sent + other + sent) == [packet, packet]
-        assert decoder.lost == len(other)
+        assert decoder.counts.lost == len(other)

@@ -40,8 +40,6 @@ link._LOOK, link._TRIES = 0.0002, 3
 And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
-OFTEN = "from mercator_design.robot.run import mercator; mercator.QUERY_EVERY = 0.2\n"
-"""Lets a program ask after the battery more often."""
 SLOW = """
 import time
 from mercator_design.robot.run.mercator import Mercator

@@ -13,10 +13,11 @@ import sys
 import threading
 from pathlib import Path
 
+import click
 import pytest
 
 from mercator_design.errors import MercatorError, Signalled
-from mercator_design.robot.cli import cli
+from mercator_design.robot.cli import VERBS, cli
 from mercator_design.robot.cli.options import new_file
 from mercator_design.robot.devices.ports import DEVICES, OPTIONAL_DEVICES
 from mercator_design.robot.run import network
@@ -239,8 +240,28 @@ class TestStop:
 
 def test_no_verb_s_help_is_cut_short(robot_command):
     _, out, _ = robot_command("--help")
-    assert len(out.partition("Commands:")[2].splitlines()) > len(cli.commands)
+    assert len(out.partition("Commands:")[2].splitlines()) > len(VERBS)
     assert "..." not in out.partition("Commands:")[2]
+
+
+def test_each_verb_has_the_line_of_the_page_of_all_verbs():
+    context = click.Context(cli)
+    assert list(VERBS) == sorted(VERBS)
+    for name, row in VERBS.items():
+        verb = cli.get_command(context, name)
+        assert (verb.name, verb.get_short_help_str(100)) == (name, row.help)
+        assert row.is_light == (name != "twin")
+
+
+def test_a_run_loads_no_other_verb():
+    script = (
+        "import sys; from mercator_design.robot.cli import cli; cli(['run', '--help'], standalone_mode=False);"
+        "print(*(name for name in sys.modules if name.startswith('mercator_design.robot.')))"
+    )
+    line = [sys.executable, "-c", script]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[2] for name in done.stdout.splitlines()[-1].split()}
+    assert loaded == {"cli", "devices", "logs", "protocols", "run"}
 
 
 def test_no_robot_runs_before_all_hosts_are_known(robot_command, robot):

@@ -20,7 +20,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
 from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
-from mercator_design.robot.cli import cli
+from mercator_design.robot.cli import VERBS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted
 from mercator_design.robot.logs.log import Log, controller_of, replay, to_lines
@@ -301,7 +301,7 @@ def test_why_it_ended(tmp_path):
 
 
 def test_every_verb_has_help(robot_command):
-    for verb in cli.commands:
+    for verb in VERBS:
         code, out, _ = robot_command(verb, "-h")
         assert (code, out.startswith(f"Usage: mercator-robot {verb}")) == (0, True)
 

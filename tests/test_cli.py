@@ -168,6 +168,7 @@ class TestRace:
 
     @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
     def test_a_journal_has_whole_lines_only(self, mdesign, tmp_path):
+        assert mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "q", *QUICK)[0] == 0  # and is compiled
         limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
         ignore = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         script = f"{limit}{ignore}from mercator_design.cli import main; main()"
@@ -179,7 +180,6 @@ class TestRace:
         assert lines
         assert all(line.endswith("}\n") for line in lines)
         assert mdesign("race", "--resume", tmp_path / "r")[0] == 0
-        assert mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "q", *QUICK)[0] == 0
         assert (tmp_path / "q" / "fsm.txt").read_bytes() == (tmp_path / "r" / "fsm.txt").read_bytes()
 
     def test_default_folder(self, mdesign, tmp_path, monkeypatch):

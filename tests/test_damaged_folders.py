@@ -9,7 +9,6 @@ import re
 import shlex
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from datetime import UTC, datetime
@@ -34,6 +33,7 @@ from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.runs.verification import verify
 from mercator_design.sim.simulate import Simulator
+from tests.processes import LIMIT, started
 from tests.race.damage import WRONG, damaged
 from tests.race.lines import events_in, journal_of
 
@@ -43,11 +43,10 @@ RESULTS = ("fsm.txt", "results.csv", "mission.yaml", "robot_model.yaml")
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(tmp_path_factory, mdesign_once):
     """The folder of a race that nothing stopped."""
-    Simulator(load_mission("aggregation")).rehearse(lambda _: None)
     folder = tmp_path_factory.mktemp("runs") / "whole"
-    subprocess.run([*MDESIGN, *RACE, "-o", str(folder), "--test-runs", "2"], check=True, capture_output=True)
+    mdesign_once(*RACE, "-o", folder, "--test-runs", 2)
     return folder
 
 
@@ -310,9 +309,9 @@ class TestStrangers:
             assert is_harmless(out + err)
         assert mdesign("missions", "show", file)[1] == text  # to make another file of
 
-    def test_a_file_that_is_shown_on_a_terminal(self, tmp_path):
+    def test_a_file_that_is_shown_on_a_terminal(self, mdesign, tmp_path):
         file = tmp_path / "m.yaml"
-        file.write_text(load_text("aggregation") + "# \u202e\n")
+        file.write_text(mdesign("missions", "show", "aggregation")[1] + "# \u202e\n")
         assert "\u202e" not in on_terminal(["missions", "show", str(file)])
 
 
@@ -320,19 +319,16 @@ def is_harmless(text):
     return all(line.isprintable() for line in text.split("\n"))
 
 
-def load_text(mission):
-    return subprocess.run([*MDESIGN, "missions", "show", mission], check=True, capture_output=True, text=True).stdout
-
-
 def on_terminal(arguments):
     """What a command prints on a terminal."""
     ours, theirs = os.openpty()
-    with subprocess.Popen([*MDESIGN, *arguments], stdout=theirs, stderr=theirs, stdin=theirs) as process:
+    with started(*MDESIGN, *arguments, stdout=theirs, stderr=theirs, stdin=theirs) as process:
         os.close(theirs)
         said = b""
         with contextlib.suppress(OSError):  # which Linux says at the end
             while data := os.read(ours, 65536):
                 said += data
+        process.wait(timeout=LIMIT)
     os.close(ours)
     assert process.returncode == 0
     return said.decode()

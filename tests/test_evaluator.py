@@ -27,11 +27,12 @@ configuration=$1 seed=$3 n=$5
 shift 5
 worst=0
 for other in "$@"; do
-  found=$(cat result-$other-$seed) || exit 1
+  read found < result-$other-$seed || exit 1
   [ $found -gt $worst ] && worst=$found
 done
 echo "evaluate $configuration-$seed $n $*" >> log
-echo $(( $(cat result-$configuration-$seed) - worst ))
+read found < result-$configuration-$seed
+echo $(( found - worst ))
 """
 SCENARIO = """
 instances = c("a", "b")

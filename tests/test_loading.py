@@ -499,7 +499,7 @@ def test_the_parser_written_in_python_serves_as_well(text, monkeypatch):
             return str(error).partition("not valid YAML")[:2]
 
     with_c = outcome()
-    monkeypatch.setattr(yaml_tree, "_Loader", yaml.SafeLoader)
+    monkeypatch.setattr(yaml_tree, "LOADER", yaml.SafeLoader)
     assert outcome() == with_c
 
 

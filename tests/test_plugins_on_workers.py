@@ -19,6 +19,7 @@ from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import load_plugin
 from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, in_order
 from mercator_design.sim.simulate import Simulator
+from tests.race.work import process_of
 
 OBJECTIVE = """
 from mercator_design.missions.plugins import objective
@@ -62,12 +63,8 @@ ITEMS = [(STAY, seed) for seed in range(1, 5)]
 
 
 @pytest.fixture(autouse=True)
-def no_tests_on_workers(monkeypatch, registries):
+def no_tests_on_workers(monkeypatch, registries, as_for_users):
     """Kernels of tests, which a worker does not know, do not count; what a test loads is gone afterwards."""
-    foreign = jit._foreign
-    monkeypatch.setattr(
-        jit, "_foreign", lambda: [f for f in foreign() if f.__module__.partition(".")[0] not in ("tests", "benchmarks")]
-    )
     monkeypatch.setattr(jit, "compiling_began", lambda: False)
 
 
@@ -89,10 +86,10 @@ class TestProcesses:
         load_plugin(tmp_path / "my.py")
         function = function_of()
         with ProcessExecutor(1) as executor:
+            (process,) = in_order(executor, process_of, [0])
             results = executor.run(function, ITEMS)
             assert next(results)[1].score == 1.0
             (tmp_path / "my.py").write_text(OBJECTIVE.replace("1.0", "1000.0"))
-            (process,) = executor._workers[0]._processes
             os.kill(process, signal.SIGKILL)
             assert {one.score for _, one in results} == {1.0}
             (tmp_path / "my.py").unlink()
@@ -136,6 +133,7 @@ with DaskExecutor(sys.argv[1]) as executor:
 """
 
 
+@pytest.mark.timing
 class TestDask:
     @pytest.fixture
     def cluster(self):

@@ -28,7 +28,6 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.missions.mission import load_mission
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.racing.summary import Elite, Progress
 from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone, IterationEnded, SessionStopped
@@ -41,24 +40,14 @@ from mercator_design.report.progress import RaceDisplay
 from mercator_design.runs import tables
 from mercator_design.runs.files import JOURNAL
 from mercator_design.runs.tables import configurations_table, experiments_table
-from mercator_design.sim.simulate import Simulator
+from tests.processes import LIMIT, started, wait_until
 from tests.race.lines import events_in, journal_of
 
+pytestmark = pytest.mark.together
+
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
-RACE = [
-    "race",
-    "aggregation",
-    "--budget",
-    "120",
-    "--method",
-    "irace",
-    "--set",
-    "robots=2",
-    "--set",
-    "duration=3",
-    "-j",
-    "2",
-]
+QUICK = ["--method", "irace", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
+RACE = ["race", "aggregation", "--budget", "120", *QUICK]
 SLOW = ["race", "aggregation", "--budget", "120", "--set", "robots=20", "--set", "duration=60", "-j", "2"]
 FAILING = """
 from mercator_design.missions.plugins import objective
@@ -73,11 +62,10 @@ def nervous(trace, *, least: float) -> float:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
+def undisturbed(tmp_path_factory, mdesign_once):
     """The folder of a race that nothing stopped."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
-    subprocess.run([*MDESIGN, *RACE, "-o", str(folder)], check=True, capture_output=True)
-    Simulator(load_mission("aggregation")).rehearse(lambda _: None)  # so that no test here tells of compiling
+    mdesign_once(*RACE, "-o", folder)  # and is compiled, so that no test here tells of that
     return folder
 
 
@@ -112,20 +100,15 @@ def stop(folder, number):
 
 def wait_for_an_experiment(folder):
     journal = folder / JOURNAL
-    deadline = time.monotonic() + 120
-    while not (journal.exists() and b'"event":"experiment"' in journal.read_bytes()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_until(lambda: journal.exists() and b'"event":"experiment"' in journal.read_bytes())
 
 
 def interrupted(folder, number, command=SLOW):
     """Start a race, send it a signal when it has some experiments, and see it end."""
-    with subprocess.Popen(
-        [*MDESIGN, *command, "-o", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started(*MDESIGN, *command, "-o", folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         wait_for_an_experiment(folder)
         process.send_signal(number)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=LIMIT)
     return process.returncode, out, err
 
 
@@ -183,32 +166,19 @@ class TestResume:
         assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0
         assert digest(folder) == digest(undisturbed)
 
+    @pytest.mark.timing
     def test_by_dask(self, mdesign, folder, undisturbed, tmp_path):
         """By a scheduler and a worker as one starts them, found by their file."""
         pytest.importorskip("distributed")
         file = tmp_path / "scheduler.json"
         stop(folder, 70)
-        dask = [sys.executable, "-m", "distributed.cli."]
-        arguments = {
-            "dask_scheduler": ["--port", "0", "--no-dashboard"],
-            "dask_worker": ["--nthreads", "1", "--no-dashboard"],
-        }
-        started = [
-            subprocess.Popen(
-                [*dask[:2], f"{dask[2]}{name}", "--scheduler-file", str(file), *options],
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )
-            for name, options in arguments.items()
-        ]  # fmt: skip
-        try:
-            while not file.exists():
-                assert started[0].poll() is None
-                time.sleep(0.05)
+        common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny"]
+        options = ["--no-dashboard", "--scheduler-file", file]
+        with started(*scheduler, *options, **common), started(*worker, *options, **common):
+            wait_until(file.exists)
             assert mdesign("race", "--resume", folder, "--executor", "dask", "--scheduler", file)[0] == 0
-        finally:
-            for process in reversed(started):
-                process.terminate()
-                process.wait()
         assert digest(folder) == digest(undisturbed)
 
     def test_with_a_larger_budget(self, mdesign, folder, undisturbed, tmp_path):
@@ -312,7 +282,7 @@ class TestResume:
     def test_plugins_are_in_the_folder(self, mdesign, tmp_path):
         plugin = tmp_path / "nervous.py"
         plugin.write_text(FAILING)
-        options = ["--plugin", plugin, "--set", "objective={name: nervous, least: -9, direction: maximise}", *RACE[4:]]
+        options = ["--plugin", plugin, "--set", "objective={name: nervous, least: -9, direction: maximise}", *QUICK]
         assert mdesign("race", "aggregation", "--budget", 60, *options, "-o", tmp_path / "r")[0] == 0
         plugin.unlink()
         expected = digest(tmp_path / "r")
@@ -474,6 +444,7 @@ class TestProgress:
         assert "Note: of something" in shown(80, 8, 9, "Note: of something")
 
 
+@pytest.mark.timing
 class TestSignals:
     @pytest.mark.parametrize(
         ("number", "code", "word"),
@@ -501,14 +472,13 @@ class TestSignals:
     def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
         """All its processes get the signal, as of a scheduler, and none is left."""
         folder = tmp_path / "r"
-        command = [*MDESIGN, *SLOW, "--executor", "processes", "-o", str(folder)]
-        with subprocess.Popen(
-            ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh", *command], stdout=subprocess.PIPE, start_new_session=True
-        ) as process:
+        command = [*MDESIGN, *SLOW, "--executor", "processes", "-o", folder]
+        closed = ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh"]
+        with started(*closed, *command, stdout=subprocess.PIPE, start_new_session=True) as process:
             try:
                 wait_for_an_experiment(folder)
                 os.killpg(process.pid, signal.SIGTERM)
-                assert process.communicate(timeout=60) == (b"", None)  # which a worker would hold open
+                assert process.communicate(timeout=LIMIT) == ("", None)  # which a worker would hold open
             except BaseException:
                 os.killpg(process.pid, signal.SIGKILL)
                 raise
@@ -521,7 +491,7 @@ class TestSignals:
         plugin = tmp_path / "plugin.py"
         plugin.write_text(f"import os\nos.kill(os.getpid(), {int(number)})\n")
         command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
         assert (done.returncode, done.stdout, done.stderr) == (75, "", "Terminated.\n")
 
     def test_nohup(self, tmp_path):
@@ -530,7 +500,7 @@ class TestSignals:
         plugin.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGHUP)\n")
         command = [*MDESIGN, *RACE, "--plugin", str(plugin), "-o", str(tmp_path / "r")]
         command = ["/bin/sh", "-c", 'trap "" HUP; exec "$@"', "sh", *command]
-        assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 3
+        assert subprocess.run(command, capture_output=True, check=False, timeout=LIMIT).returncode == 3
 
     def test_killed(self, mdesign, tmp_path, undisturbed):
         folder = tmp_path / "r"
@@ -543,17 +513,16 @@ class TestSignals:
         """50 x 3 times, at any time from its first byte on; each race is killed ten times before it may end."""
         draws = random.Random(1)
         for seed in (1, 2, 3):
-            race = [*RACE[:3], "1000", *RACE[4:], "--seed", str(seed)]
+            race = ["race", "aggregation", "--budget", "1000", *QUICK, "--seed", str(seed)]
             subprocess.run([*MDESIGN, *race, "-o", str(tmp_path / f"whole-{seed}")], check=True, capture_output=True)
             for k in range(5):
                 folder = tmp_path / f"{seed}-{k}"
                 command = [*race, "-o", str(folder)]
                 for _ in range(10):
-                    with subprocess.Popen([*MDESIGN, *command], stdout=subprocess.DEVNULL) as process:
+                    with started(*MDESIGN, *command, stdout=subprocess.DEVNULL) as process:
                         while process.poll() is None and not (folder / "provenance.json").exists():
                             time.sleep(0.01)
                         time.sleep(draws.uniform(0, 4))
-                        process.kill()
                     command = ["race", "--resume", str(folder)]
                 subprocess.run([*MDESIGN, *command], check=True, capture_output=True)
                 assert digest(folder) == digest(tmp_path / f"whole-{seed}")
@@ -852,11 +821,11 @@ def test_rounding_is_no_difference():
 
 
 @pytest.fixture(scope="module")
-def raced(tmp_path_factory):
+def raced(tmp_path_factory, mdesign_once):
     """The folder of a race long enough to learn something from."""
     folder = tmp_path_factory.mktemp("analysis") / "r"
-    command = ["race", "aggregation", "--budget", "1000", "--method", "irace", "-o", str(folder)]
-    subprocess.run([*MDESIGN, *command], check=True, capture_output=True)
+    shorter = ["--set", "duration=40"]
+    mdesign_once("race", "aggregation", "--budget", 1000, "--method", "irace", *shorter, "-o", folder)
     return folder
 
 
@@ -871,7 +840,9 @@ class TestAnalysis:
         assert leading.share > 2 * leading.error
         assert {"stop", "exploration", "black floor"} <= set(table.index)
 
-    def test_importance_of_parameters(self, mdesign, raced):
+    def test_importance_of_parameters(self, mdesign, raced, tmp_path):
+        raced = shutil.copytree(raced, tmp_path / "r")
+        stop(raced, 300)  # as its time grows with the cube of the configurations
         code, out, _ = mdesign("runs", "importance", raced, "--of", "parameters", "--csv")
         assert code == 0
         table = pd.read_csv(io.StringIO(out), index_col="name")
@@ -892,9 +863,12 @@ class TestAnalysis:
     def test_importance_of_a_race_of_another_version(self, mdesign, raced, tmp_path):
         """Nothing is run, so it need not be run as it was; ablation is refused."""
         folder = shutil.copytree(raced, tmp_path / "r")
+        stop(folder, 300)
+        expected = mdesign("runs", "importance", folder)
+        assert expected[0] == 0
         provenance = (folder / "provenance.json").read_text()
         (folder / "provenance.json").write_text(provenance.replace('"kernels": "', '"kernels": "0', 1))
-        assert mdesign("runs", "importance", folder) == mdesign("runs", "importance", raced)
+        assert mdesign("runs", "importance", folder) == expected
         code, _, err = mdesign("runs", "ablation", folder)
         assert code == 1
         assert "kernels: raced with 0" in err

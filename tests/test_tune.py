@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import pandas as pd
 import pytest
@@ -17,6 +16,7 @@ import pytest
 from mercator_design.race.running.journal import read
 from mercator_design.runs.files import JOURNAL
 from mercator_design.runs.tables import experiments_table
+from tests.processes import LIMIT, started, wait_until
 from tests.race.test_target import gone, waiting_for
 
 MDESIGN = [sys.executable, "-m", "mercator_design"]
@@ -44,10 +44,8 @@ seed = 3
 """
 WAITING = "#!/bin/sh\nif [ -e go ]; then echo 1; else sleep 600 & echo $! > child; wait; fi\n"
 SHORT = 'instances = "i"\nmaxExperiments = 60\nnbIterations = 1\ntargetRunnerRetries = 3\n'
-ENDINGS = pytest.mark.parametrize(
-    ("number", "code", "word"),
-    [(signal.SIGINT, 130, "Interrupted."), (signal.SIGTERM, 75, "Terminated."), (signal.SIGHUP, 75, "Terminated.")],
-)
+INTERRUPTED = signal.SIGINT, 130, "Interrupted."
+TERMINATED = signal.SIGTERM, 75, "Terminated."
 
 
 @pytest.fixture
@@ -66,11 +64,11 @@ def written(folder, runner=RUNNER, scenario=SCENARIO):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
+def undisturbed(tmp_path_factory, mdesign_once):
     """The folder of a scenario whose race nothing stopped, and that of the race."""
     folder = written(tmp_path_factory.mktemp("tuning") / "sharpen")
     run = folder / "r"
-    subprocess.run([*MDESIGN, "tune", folder / "scenario.txt", "-o", run], check=True, capture_output=True)
+    mdesign_once("tune", folder / "scenario.txt", "-o", run)
     return folder, run
 
 
@@ -130,14 +128,10 @@ class TestTune:
     def test_killed_and_resumed(self, mdesign, undisturbed, tmp_path):
         folder, whole = undisturbed
         run = tmp_path / "r"
-        with subprocess.Popen(
-            [*MDESIGN, "tune", folder / "scenario.txt", "-o", run], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        ) as process:
-            deadline = time.monotonic() + 120
-            while not (run / JOURNAL).exists() or (run / JOURNAL).read_bytes().count(b'"experiment"') < 20:
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
-            process.kill()
+        command = [*MDESIGN, "tune", folder / "scenario.txt", "-o", run]
+        with started(*command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
+            journal = run / JOURNAL
+            wait_until(lambda: journal.exists() and journal.read_bytes().count(b'"experiment"') >= 20)
         assert mdesign("tune", "--resume", run)[0] == 0
         assert digest(run) == digest(whole)
         for name in ("best.txt", "results.csv"):
@@ -355,18 +349,16 @@ class TestFailures:
         assert len(failed)
         assert all(record.configurations[configuration]["x"] > 20 for configuration in failed.configuration)
 
-    @ENDINGS
+    @pytest.mark.parametrize(("number", "code", "word"), [INTERRUPTED, TERMINATED, (signal.SIGHUP, 75, "Terminated.")])
     def test_a_signal_ends_what_runs(self, mdesign, tmp_path, number, code, word):
         """A run may take hours: it is not waited for; nor is it noted as failed."""
         folder = written(tmp_path / "s", WAITING, SHORT)
         run = tmp_path / "r"
-        with subprocess.Popen(
-            [*MDESIGN, "tune", folder / "scenario.txt", "-o", run, "--on-failure", "reject"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        ) as process:  # fmt: skip
+        command = [*MDESIGN, "tune", folder / "scenario.txt", "-o", run, "--on-failure", "reject"]
+        with started(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             child = int(waiting_for(folder / "child"))
             os.kill(process.pid, number)
-            out, err = process.communicate(timeout=60)
+            out, err = process.communicate(timeout=LIMIT)
         assert (process.returncode, out, err.splitlines()[-1]) == (code, "", word)
         assert gone(child)
         assert read(run / JOURNAL).record.experiments == {}
@@ -377,22 +369,30 @@ class TestFailures:
         """That is told by a signal, perhaps twice; then there is nobody to tell anything."""
         folder = written(tmp_path / "s", WAITING, SHORT)
         terminal, end = os.openpty()
-        with subprocess.Popen(
-            [*MDESIGN, "tune", folder / "scenario.txt", "-o", tmp_path / "r"], stdin=end, stdout=end, stderr=end
-        ) as process:
+        command = [*MDESIGN, "tune", folder / "scenario.txt", "-o", tmp_path / "r"]
+        with started(*command, stdin=end, stdout=end, stderr=end) as process:
             os.close(end)
             child = int(waiting_for(folder / "child"))
             os.close(terminal)
             os.kill(process.pid, signal.SIGHUP)
             os.kill(process.pid, signal.SIGHUP)
-            process.wait(timeout=60)
+            process.wait(timeout=LIMIT)
         assert process.returncode == 75
         assert gone(child)
         assert read(tmp_path / "r" / JOURNAL).record.sessions[-1].why == "Signalled"
 
-    @ENDINGS
-    @pytest.mark.parametrize("command", ["verify", "ablation --from-first -n 2", "check"])
+    @pytest.mark.parametrize(
+        ("command", "number", "code", "word"),
+        [
+            ("verify", *INTERRUPTED),
+            ("verify", *TERMINATED),
+            ("ablation --from-first -n 2", *INTERRUPTED),
+            ("check", *INTERRUPTED),
+            ("check", *TERMINATED),
+        ],
+    )
     def test_a_signal_ends_what_is_run_again(self, mdesign, tmp_path, command, number, code, word):
+        """SIGHUP is taken as SIGTERM is; an ablation stops as a verification does."""
         folder = written(tmp_path / "s", WAITING, SHORT)
         run = tmp_path / "r"
         if command == "check":
@@ -403,12 +403,10 @@ class TestFailures:
             (folder / "go").unlink()
             verb, *options = command.split()
             arguments = ["runs", verb, run, *options, "-j", "2"]
-        with subprocess.Popen(
-            [*MDESIGN, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        ) as process:
+        with started(*MDESIGN, *arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
             child = int(waiting_for(folder / "child"))
             os.kill(process.pid, number)
-            _, err = process.communicate(timeout=60)
+            _, err = process.communicate(timeout=LIMIT)
         assert (process.returncode, err.splitlines()[-1]) == (code, word)
         assert gone(child)
 
@@ -468,7 +466,7 @@ class TestExport:
         (exported / "scenario.txt").write_text(
             (exported / "scenario.txt").read_text() + "nbIterations = 1\nminNbSurvival = 1\nfirstTest = 2\nmu = 2\n"
         )
-        code, out, _ = mdesign("tune", exported / "scenario.txt", "--max-experiments", 8, "-o", tmp_path / "r")
+        code, out, _ = mdesign("tune", exported / "scenario.txt", "--max-experiments", 6, "-o", tmp_path / "r")
         assert code == 0
         best = out.rstrip().splitlines()[-3]
         assert best.startswith("--nstates ")

@@ -15,7 +15,6 @@ from mercator_design.errors import MercatorError, MissionError
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.missions import missions_json, missions_table
-from mercator_design.report.pictures.preview import save_preview
 from mercator_design.system.files import write_text, writing
 
 
@@ -72,6 +71,8 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
     Prints the name of the picture.
     """
+    from mercator_design.report.pictures.preview import save_preview  # matplotlib, for this verb only
+
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")
     simulator = new_simulator(loaded, robot_model)

@@ -7,7 +7,7 @@ from mercator_design.config import spelling
 from mercator_design.config.building import is_name
 from mercator_design.errors import MissionError, excerpt
 
-_PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[1]
 
 
 def missions() -> dict[str, Path]:
@@ -45,8 +45,8 @@ def _is_file(text: str) -> bool:
 
 def _folder() -> Path:
     """The folder of shipped files: in the package, or beside it in a clone."""
-    packaged = _PACKAGE / "scenarios"
-    return packaged if packaged.is_dir() else _PACKAGE.parent / "scenarios"
+    packaged = PACKAGE / "scenarios"
+    return packaged if packaged.is_dir() else PACKAGE.parent / "scenarios"
 
 
 def _files(folder: Path) -> dict[str, Path]:

@@ -26,7 +26,7 @@ MAX_MISTAKES = 20
 """Maximum number of reported mistakes in one text; reading ends with the last of them."""
 
 _Event: TypeAlias = Any  # yaml's event classes share no typed fields
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class Fault(Exception):  # noqa: N818 - becomes the error class that the caller of config/loading.py names
@@ -163,7 +163,7 @@ class _Composer:
         if len(text) > LARGEST_FILE:
             raise Fault(f"{self.label}: expected at most {LARGEST_FILE // 1024} KiB of YAML")
         try:
-            yield from yaml.parse(text, Loader=_Loader)
+            yield from yaml.parse(text, Loader=LOADER)
         except yaml.MarkedYAMLError as error:
             raise Fault(f"{self._place(error.problem_mark)}: not valid YAML: {error.problem}") from None
         except (yaml.YAMLError, UnicodeError) as error:

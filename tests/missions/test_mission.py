@@ -294,7 +294,7 @@ class TestFinding:
             load_mission(name)
 
     def test_the_folder_in_an_installed_package_comes_first(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(shipped, "_PACKAGE", tmp_path / "package")
+        monkeypatch.setattr(shipped, "PACKAGE", tmp_path / "package")
         (tmp_path / "scenarios").mkdir()
         (tmp_path / "scenarios" / "beside.yaml").write_text(TEXT)
         assert list(shipped.missions()) == ["beside"]

@@ -361,49 +361,53 @@ def test_references_to_zones_are_found_wherever_they_are():
     assert list(none.zones()) == []
 
 
-def mdesign(folder, *arguments, **environment):
+def run_apart(folder, *arguments, **environment):
+    """Run mdesign in a process of its own, as kernels of plugins cannot be added to what is compiled."""
     command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *map(str, arguments)]
     given = {**os.environ, **environment}
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=given, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.usefixtures("registries")
 class TestOnTheCommandLine:
-    def test_from_race_to_evaluation(self, write, tmp_path):
+    def test_from_race_to_evaluation(self, mdesign, write, tmp_path, monkeypatch):
         """A race with a user's objective and a user's floor, compiled; evaluated again only with the same file."""
+        monkeypatch.chdir(tmp_path)
         text = NORTHERN + SHRINK
         file = write(text)
         shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
         quick = ["--set", "robots=2", "--set", "duration=1", "--set", NORTH, "--set", shrink]
-        code, _, error = mdesign(tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out")
+        code, _, error = mdesign("race", "aggregation", "--budget", 60, "-j", 1, *quick, "-o", "out")
         assert (code, "known" in error or "expected one of" in error) == (3, True)
-        code, summary, error = mdesign(
-            tmp_path, "race", "aggregation", "--budget", 100, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
+        code, summary, error = run_apart(
+            tmp_path, "race", "aggregation", "--budget", 60, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
         )
         assert code == 0, error
         assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in summary
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
-        code, _, error = mdesign(tmp_path, *measure)
+        code, _, error = mdesign(*measure)
         assert (code, error) == (
             3, "Error: out/fsm.txt: was designed with the plugin my.py; give --plugin out/plugins/my.py, or --mission\n"
         )  # fmt: skip
-        compiled = mdesign(tmp_path, *measure, "--json", "--plugin", file)
+        compiled = run_apart(tmp_path, *measure, "--json", "--plugin", file)
         assert compiled[0] == 0, compiled[2]
-        assert mdesign(tmp_path, *measure, "--json", "--plugin", file, NUMBA_DISABLE_JIT="1")[:2] == compiled[:2]
+        assert run_apart(tmp_path, *measure, "--json", "--plugin", file, NUMBA_DISABLE_JIT="1")[:2] == compiled[:2]
         write(text + "\n")
-        code, _, error = mdesign(tmp_path, *measure, "--plugin", "my.py")
+        code, _, error = run_apart(tmp_path, *measure, "--plugin", "my.py")
         assert (code, "my.py has changed since this was designed" in error) == (3, True)
 
     def test_a_kernel_that_cannot_be_compiled(self, write, tmp_path):
         write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2"))
         shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
         arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
-        code, out, error = mdesign(tmp_path, *arguments)
+        code, out, error = run_apart(tmp_path, *arguments, NUMBA_OPT="0")  # nothing is to run fast
         assert (code, out) == (3, "")
         assert re.search(r"Error: /\S+/my.py:16: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
         assert "Traceback" not in error
 
-    def test_validate(self, write, tmp_path):
+    def test_validate(self, mdesign, write, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
         write(NORTHERN)
         (tmp_path / "m.yaml").write_text(
             "schema: 1\nrobots: 1\nduration: 1\narena: {walls: {shape: regular_polygon, sides: 4, apothem: 1}}\n"
@@ -411,12 +415,12 @@ class TestOnTheCommandLine:
             "floor: {zones: [{shape: disc, center: [0, 0], radius: 1, color: red, name: spot}]}\n"
             "objective: {name: northernmost, direction: maximise, zones: [spot]}\n"
         )
-        assert mdesign(tmp_path, "validate", "m.yaml")[0] == 3
-        code, out, _ = mdesign(tmp_path, "validate", "m.yaml", "--plugin", "my.py")
+        assert mdesign("validate", "m.yaml")[0] == 3
+        code, out, _ = mdesign("validate", "m.yaml", "--plugin", "my.py")
         assert (code, out.partition(";")[0]) == (0, "m.yaml: valid mission, 1 robot, 1 s")
 
-    def test_a_file_that_is_not_there(self, tmp_path):
-        code, _, error = mdesign(tmp_path, "validate", "aggregation", "--plugin", "nowhere.py")
+    def test_a_file_that_is_not_there(self, mdesign):
+        code, _, error = mdesign("validate", "aggregation", "--plugin", "nowhere.py")
         assert (code, error) == (3, "Error: nowhere.py: no such file\n")
 
     def test_the_example_of_the_document(self, tmp_path):
@@ -425,6 +429,6 @@ class TestOnTheCommandLine:
         (tmp_path / "my.py").write_text(plugin)
         mission = yaml.safe_load(shipped.missions()["aggregation"].read_text()) | yaml.safe_load(lines)
         (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
-        assert mdesign(tmp_path, "validate", "--plugin", "my.py", "mission.yaml") == (
+        assert run_apart(tmp_path, "validate", "--plugin", "my.py", "mission.yaml") == (
             0, "mission.yaml: valid mission, 3 robots, 120 s; never fires there: white floor, floor colour\n", ""
         )  # fmt: skip

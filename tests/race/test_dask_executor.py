@@ -32,14 +32,18 @@ needs_jobqueue = pytest.mark.skipif(
 
 
 @contextlib.contextmanager
-def local_cluster(allowed_failures=1):
+def local_cluster(n_workers, allowed_failures=1):
     distributed = pytest.importorskip("distributed")
     import dask
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": allowed_failures}),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
+            n_workers=n_workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         kept_alive(cluster),
     ):
@@ -73,7 +77,7 @@ class TestConformance(WorkersConformance):
     @pytest.fixture(scope="class")
     @classmethod
     def make(cls):
-        with local_cluster() as cluster:
+        with local_cluster(2) as cluster:
             yield lambda: DaskExecutor(cluster.scheduler_address)
 
     @pytest.fixture(autouse=True)
@@ -85,19 +89,27 @@ class TestConformance(WorkersConformance):
         monkeypatch.setattr(dask_executor, "BUNDLE", LIMIT)
         assert len(set(in_order(executor, task_of, range(500)))) < 100
 
+    def test_a_worker_is_killed_in_the_middle_of_a_race(self, executor):
+        record = Record()
+        for event in runner(record, executor):
+            if isinstance(event, ExperimentDone) and len(record.experiments) == 50:
+                os.kill(min(executor.run(process_of, [0]))[1], signal.SIGKILL)
+        assert record.digest() == undisturbed().digest()
+
 
 class TestDeaths:
     """Each on a cluster of its own: where workers died in one test after the other, in the end none was replaced.
 
-    The parameter is how often Dask itself repeats a task: each time, another worker takes seconds to start.
+    The parameters are the number of workers, and how often Dask itself repeats a task. Each death costs the seconds in
+    which another worker starts.
     """
 
     @pytest.fixture
     def dask(self, request):
-        with local_cluster(request.param) as cluster, DaskExecutor(cluster.scheduler_address) as executor:
+        with local_cluster(*request.param) as cluster, DaskExecutor(cluster.scheduler_address) as executor:
             yield executor
 
-    @pytest.mark.parametrize("dask", [1], indirect=True)
+    @pytest.mark.parametrize("dask", [(1, 1)], indirect=True)
     def test_a_worker_that_dies_costs_a_repetition_and_what_kills_all_is_given_up(self, dask, tmp_path):
         """It ran again where it had killed once; those that waited for the same worker are not affected."""
         results = dict(dask.run(DiesLate(tmp_path, always=(0,)), range(6)))
@@ -105,19 +117,11 @@ class TestDeaths:
         assert {k: results[k] for k in range(1, 6)} == {k: k for k in range(1, 6)}
         assert (tmp_path / "2").exists()
 
-    @pytest.mark.parametrize("dask", [0], indirect=True)
+    @pytest.mark.parametrize("dask", [(1, 0)], indirect=True)
     def test_one_of_many_that_were_handed_out_together_kills_its_workers(self, dask, tmp_path):
         results = dict(dask.run(Dies(tmp_path, always=(150,)), range(300)))
         assert {k for k, result in results.items() if isinstance(result, Failed)} == {150}
         assert {results[k] for k in range(300) if k != 150} == set(range(300)) - {150}
-
-    @pytest.mark.parametrize("dask", [1], indirect=True)
-    def test_a_worker_is_killed_in_the_middle_of_a_race(self, dask):
-        record = Record()
-        for event in runner(record, dask):
-            if isinstance(event, ExperimentDone) and len(record.experiments) == 50:
-                os.kill(min(dask.run(process_of, [0]))[1], signal.SIGKILL)
-        assert record.digest() == undisturbed().digest()
 
 
 def test_no_worker_is_there(monkeypatch):

@@ -68,7 +68,7 @@ def test_the_study_says_what_happened(url):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_whatever_the_method(url, method):
-    race = METHODS[method](SPACE, budget=150, seed=1)
+    race = METHODS[method](SPACE, budget=90, seed=1)
     record, complaints = mirrored(url, race=race)
     assert complaints == []
     check(url, record)

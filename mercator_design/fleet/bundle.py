@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 from mercator_design.errors import RobotError
+from mercator_design.robot.cli import VERBS
 
 _PACKAGE = Path(__file__).parents[1]
 _ENTRY = f"{_PACKAGE.name}.robot.cli"
@@ -60,7 +61,7 @@ def is_bundle(path: Path) -> bool:
 def _modules() -> set[Path]:
     """The files of this package that the robot's command imports, at start or later."""
     found: set[Path] = set()
-    waiting = [_ENTRY]
+    waiting = [_ENTRY, *(verb.module for verb in VERBS.values() if verb.is_light)]
     while waiting:
         name = waiting.pop()
         folder = _PACKAGE.parent.joinpath(*name.split("."))

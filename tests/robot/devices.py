@@ -125,7 +125,7 @@ class Devices(Surroundings):
         """A notification of the RVR."""
         self._told.append(self.rvr._line.notify(name, **values))
 
-    def when(self, done, seconds=20.0):
+    def when(self, done, seconds=60.0):
         """Wait until something is so."""
         end = time.monotonic() + seconds
         while not done():

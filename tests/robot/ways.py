@@ -101,7 +101,7 @@ class Robot:
         """How many its log has."""
         return sum(event["event"] == "cycle" for event in read(self.folder / "log.jsonl"))
 
-    def ended(self, seconds=10.0):
+    def ended(self, seconds=60.0):
         """The exit code, and what was said."""
         _, error = self.process.communicate(timeout=seconds)
         return self.process.returncode, error

@@ -21,6 +21,8 @@ from mercator_design.sim.simulate import Simulator
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")
 SCORES = read(DATA / "argos_scores.json.gz")
+FEWER = ("--runs", "80")
+"""Experiments of ours for each controller: not five times as many as were recorded."""
 TRACES = {run["name"]: run for run in read(DATA / "argos_traces.json.gz")["runs"]}
 
 
@@ -31,7 +33,7 @@ def run(tmp_path, capsys):
     def compared(runs, *options, meta=SCORES["meta"]):
         file = tmp_path / "recording.json.gz"
         file.write_bytes(gzip.compress(json.dumps({"meta": meta, "runs": runs}).encode()))
-        code = compare_argos.main([str(file), "--jobs", "2", *options])
+        code = compare_argos.main([str(file), "--jobs", "1", *options])
         output = capsys.readouterr()
         return code, output.out + output.err
 
@@ -60,7 +62,7 @@ def shortened(name, cycles):
 
 
 def test_a_cut_of_the_recorded_scores(run):
-    code, text = run(cut("aggregation"))
+    code, text = run(cut("aggregation"), *FEWER)
     assert code == 0
     assert "scores: 0 of 5 tests reject, 0 are excused" in text
     assert "statistics: 0 of 130 tests reject" in text
@@ -100,7 +102,7 @@ def test_a_trace_without_its_seed(run):
 def test_a_scaled_score_column(run):
     runs = cut("coverage_v30_n3_r0.4")[:2]
     runs[0]["scores"] = [1.1 * score for score in runs[0]["scores"]]
-    code, text = run(runs)
+    code, text = run(runs, *FEWER)
     assert code == 1
     assert f"rejected: coverage_v30_n3_r0.4, {runs[0]['name']}: score" in text
 
@@ -109,7 +111,7 @@ def test_statistics_that_are_a_little_off(run):
     """6 mm/s slower."""
     runs = cut("coverage_v30_n3_r0.4")[:2]
     runs[1]["stats"]["speed_mps"] = [speed - 0.006 for speed in runs[1]["stats"]["speed_mps"]]
-    code, text = run(runs)
+    code, text = run(runs, *FEWER)
     assert code == 1
     assert f"rejected: coverage_v30_n3_r0.4, {runs[1]['name']}: speed_mps" in text
 
@@ -119,7 +121,7 @@ def test_scores_of_another_mission(run):
     for one in runs:
         one["mission"] = "aggregation"
         del one["stats"]
-    code, text = run(runs)
+    code, text = run(runs, *FEWER)
     assert code == 1
     assert "rejected: aggregation" in text
 
@@ -138,7 +140,7 @@ def test_controllers_that_are_mixed_up(run):
 def test_another_world(run):
     """Shuffling explains nothing: controllers that are run again with the original's random numbers still differ."""
     runs = [one for one in cut("aggregation") if one["name"] in {"four_state", "explore_rwm20"}]
-    code, text = run(runs, meta={"missions": {"aggregation": {"n_robots": 3, "prox_range": 0.25}}})
+    code, text = run(runs, *FEWER, meta={"missions": {"aggregation": {"n_robots": 3, "prox_range": 0.25}}})
     assert code == 1
     assert "rejected: aggregation, four_state" in text
     assert "0 are excused" in text
@@ -336,17 +338,17 @@ def test_few_runs_of_one_controller_beside_others(run):
 def test_equal_scores_in_all_runs(run):
     """The shipped coverage sets no speed."""
     stays = {"mission": "coverage", "fsm": "--nstates 1 --s0 0 --rwm0 9", "scores": [683430.0] * 20}
-    code, text = run([{**stays, "name": name} for name in "abc"], meta={})
+    code, text = run([{**stays, "name": name} for name in "abc"], "--runs", "20", meta={})
     assert code == 0
     assert "cannot tell: coverage: Spearman -" in text
     assert "cannot tell: statistics: none are recorded" in text
-    code, text = run([{**stays, "name": "a", "scores": [683431.0] * 20}], meta={})
+    code, text = run([{**stays, "name": "a", "scores": [683431.0] * 20}], "--runs", "20", meta={})
     assert code == 1
     assert "rejected: coverage, a: score" in text
 
 
 def test_a_mission_that_is_not_known(run):
-    code, text = run([*cut("aggregation")[:1], {**cut("aggregation")[1], "mission": "beyond"}])
+    code, text = run([*cut("aggregation")[:1], {**cut("aggregation")[1], "mission": "beyond"}], "--runs", "20")
     assert code == 1
     assert "left out: beyond: 1 controllers: mission 'beyond': made from 'beyond', which is not shipped" in text
     assert "NOT reached: all controllers compared, of 2" in text

@@ -115,7 +115,7 @@ def folder(tmp_path_factory):
         yield folder
 
 
-def until(done, seconds=30.0):
+def until(done, seconds=60.0):
     end = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < end, "waited in vain"

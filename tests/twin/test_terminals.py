@@ -63,7 +63,7 @@ def events(folder, kind):
     return [event for event in lines if event["event"] == kind]
 
 
-def wait_for(condition, seconds=20.0):
+def wait_for(condition, seconds=60.0):
     until = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < until
@@ -440,7 +440,7 @@ class TestTheCommand:
                 (response,) = hear(ports["rvr"], host, len)
                 assert isinstance(response, Response)
             process.send_signal(number)
-            _, messages = process.communicate(timeout=20)
+            _, messages = process.communicate(timeout=60)
         assert process.returncode == 0
         assert "of a core for each second; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]

@@ -37,7 +37,8 @@ _CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a
 _HEADER = {"serial0", "ttyS0", "ttyAMA0"}
 """Names of the UART on a Pi's header."""
 _RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
-_DURATION = 2.0  # [s] of the check of a device's data
+DURATION = 2.0
+"""[s] of the check of a device's data."""
 _MIN_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _MIN_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, and period [s]
@@ -172,7 +173,7 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     level = words["battery"]
     yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
-    echoes, asked, before = 0, round(_DURATION / _ECHO_EVERY), link.counts()["rvr"]
+    echoes, asked, before = 0, round(DURATION / _ECHO_EVERY), link.counts()["rvr"]
     try:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
@@ -241,8 +242,8 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
 
 
 def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int]]:
-    """The end [s] and the number of readings of each turn of a lidar within `_DURATION`."""
-    for event, now in link.poll(time.monotonic() + _DURATION):
+    """The end [s] and the number of readings of each turn of a lidar within `DURATION`."""
+    for event, now in link.poll(time.monotonic() + DURATION):
         if isinstance(event, Packet):
             sweep.add(event)
             if (turn := turns.receive(event)) is not None:
@@ -250,8 +251,8 @@ def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int
 
 
 def _rate(times: Sequence[float]) -> float:
-    """The rate [1/s] of events at times [s] within `_DURATION`; it is lower if they ceased early."""
-    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * _DURATION) if times else 0.0
+    """The rate [1/s] of events at times [s] within `DURATION`; it is lower if they ceased early."""
+    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * DURATION) if times else 0.0
 
 
 def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
@@ -259,7 +260,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     start_hub(link)
     link.discard()
     before = link.counts()["proximity"]
-    heard = link.poll(time.monotonic() + _DURATION)
+    heard = link.poll(time.monotonic() + DURATION)
     found = [(event, now) for event, now in heard if isinstance(event, Distances)]
     yield _of_line("proximity", settings, link, before)
     rate = _rate([now for _, now in found])

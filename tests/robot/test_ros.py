@@ -21,8 +21,8 @@ from mercator_design.robot.ros import messages
 from mercator_design.robot.ros import node as ros
 from mercator_design.robot.ros.messages import PUBLISHED
 from mercator_design.robot.ros.node import Orders, Reports, RosNode, serve
-from mercator_design.robot.run import control, mercator, safety
-from tests.robot.devices import CLEAR, Devices
+from mercator_design.robot.run import safety
+from tests.robot.devices import CLEAR
 from tests.robot.lines import QUIET
 from tests.robot.ways import asked
 
@@ -224,12 +224,12 @@ class TestReports:
 
 
 class FakeNode:
-    """In the place of `RosNode`: what a thread of a test wants is done, then the robot is stopped."""
+    """In the place of `RosNode`: what a test wants is done, in steps with pauses [s], then the robot is stopped."""
 
     name, namespace = "/mercator_robot", ""
 
-    def __init__(self, act):
-        self.published, self._act = [], act
+    def __init__(self, devices, act):
+        self.published, self._devices, self._act = [], devices, act
 
     def publish(self, topic, fields):
         self.published.append((time.monotonic(), topic, fields))
@@ -238,30 +238,28 @@ class FakeNode:
         return 1000.0 + time.monotonic()
 
     def obey(self, brake, orders):
-        def act():
-            try:
-                self._act(orders)
-            finally:
-                time.sleep(0.1)
-                brake.stop("the test is over")
+        def steps():
+            yield from self._act(orders)
+            yield 0.1
+            brake.stop("the test is over")
+            yield math.inf
 
-        threading.Thread(target=act).start()
+        pauses, due = steps(), self._devices.now
+
+        def step():
+            nonlocal due
+            if self._devices.now >= due:
+                due += next(pauses)
+
+        self._devices.each_tick.append(step)
 
     def of(self, name):
         return [(when, fields) for when, topic, fields in self.published if topic == name]
 
 
-@pytest.fixture
-def devices(monkeypatch):
-    for module in (control, safety):
-        monkeypatch.setattr(module, "raise_priority", lambda _: None)  # pytest is not so urgent
-    with Devices() as devices:
-        yield devices
-
-
 def served(devices, act, words="the test is over", rate=5.0):
     """A node on devices, until it has ended as expected; and what it said."""
-    node, said = FakeNode(act), []
+    node, said = FakeNode(devices, act), []
     with pytest.raises(RobotStopped, match=words):
         serve(Settings(ports=devices.names, swarm=SwarmSettings(port=None)), node, rate, 0.3, said.append)
     return node, said
@@ -269,33 +267,30 @@ def served(devices, act, words="the test is over", rate=5.0):
 
 def go(orders, left, right, seconds):
     """Tell speeds at 20 Hz."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    for _ in range(round(20 * seconds)):
         orders.take_speeds(speeds(left, right))
-        time.sleep(0.05)
+        yield 0.05
 
 
-@pytest.mark.timing
 class TestServe:
-    def test_from_start_to_end(self, devices, monkeypatch):
-        """One node through all that goes on, as it takes seconds to start."""
-        monkeypatch.setattr(mercator, "QUERY_EVERY", 0.5)
+    def test_from_start_to_end(self, simulated):
+        """One node, through all that goes on."""
         silent = []
-        devices.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *CLEAR[2:]]}
-        devices.heads = [(math.pi / 2, 0.5)]
+        simulated.measured |= {"ground_sensors": (250, 251, 252), "proximity": [math.inf, 0.123, *CLEAR[2:]]}
+        simulated.heads = [(math.pi / 2, 0.5)]
 
         def act(orders):
             orders.take_colours(leds(*[(9, 8, 7)] * 5))
-            go(orders, 0.1, 0.25, 0.6)
+            yield from go(orders, 0.1, 0.25, 0.6)
             silent.append(time.monotonic())
-            time.sleep(0.7)
-            go(orders, -0.2, -0.1, 0.5)
+            yield 0.7
+            yield from go(orders, -0.2, -0.1, 0.5)
 
-        node, said = served(devices, act)
-        self.wheels(devices, silent[0])
-        self.lamps(devices)
+        node, said = served(simulated, act)
+        self.wheels(simulated, silent[0])
+        self.lamps(simulated)
         self.what_is_published(node)
-        assert asked(devices) > 2
+        assert asked(simulated) >= 2
         assert said[0].startswith("mercator: ")
 
     def wheels(self, devices, silent):
@@ -329,29 +324,29 @@ class TestServe:
         assert scan["ranges"][seen[0]] == pytest.approx(0.5, abs=0.01)
         assert 0.1 < scan["scan_time"] < 1.0
 
-    def test_a_message_that_cannot_be_obeyed(self, devices):
+    def test_a_message_that_cannot_be_obeyed(self, simulated):
         began = []
 
         def act(orders):
-            go(orders, 0.1, 0.1, 0.5)
+            yield from go(orders, 0.1, 0.1, 0.5)
             began.append(time.monotonic())
             orders.take_speeds(speeds(0.1, math.nan))
-            time.sleep(0.5)
+            yield 0.5
 
-        served(devices, act, r"wheels: expected speeds from -0\.3 to 0\.3 m/s, found 0\.1, nan")
-        assert devices.rests_since() - began[0] <= LATEST
+        served(simulated, act, r"wheels: expected speeds from -0\.3 to 0\.3 m/s, found 0\.1, nan")
+        assert simulated.rests_since() - began[0] <= LATEST
 
-    def test_a_silent_sensor(self, devices):
+    def test_a_silent_sensor(self, simulated):
         began = []
 
         def act(orders):
-            go(orders, 0.1, 0.1, 0.5)
-            devices.silent.add("lidar")
+            yield from go(orders, 0.1, 0.1, 0.5)
+            simulated.silent.add("lidar")
             began.append(time.monotonic())
-            go(orders, 0.1, 0.1, 2.0)
+            yield from go(orders, 0.1, 0.1, 2.0)
 
-        served(devices, act, "lidar: nothing for")
-        assert devices.rests_since() - began[0] <= 0.6 + LATEST
+        served(simulated, act, "lidar: nothing for")
+        assert simulated.rests_since() - began[0] <= 0.6 + LATEST
 
 
 class FakeRos:

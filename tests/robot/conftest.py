@@ -4,7 +4,7 @@ from functools import partial
 import pytest
 
 from mercator_design.robot.cli import main
-from tests.robot.simulated import SimulatedDevices
+from tests.robot.simulated import SimulatedDevices, SimulatedRun
 
 
 @pytest.fixture
@@ -25,3 +25,10 @@ def simulated():
     """A robot's devices in simulated time."""
     with SimulatedDevices() as devices:
         yield devices
+
+
+@pytest.fixture
+def robot(simulated, robot_command, tmp_path, monkeypatch):
+    """A run in simulated time, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return SimulatedRun(simulated, robot_command, tmp_path)

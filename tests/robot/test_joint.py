@@ -1,17 +1,21 @@
 """A run that begins together with others: what its robot does, told over the standard input as by `mdesign deploy`."""
 
 import contextlib
+import math
+import os
+import select
+import signal
 import subprocess
 import time
+from types import SimpleNamespace
 
 import pytest
 
+from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.robot.log_events import read
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
-
-pytestmark = pytest.mark.timing
 
 PATIENT = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 60.0\n"
 """Lets a robot wait for its leader as long as a busy machine may take."""
@@ -72,6 +76,7 @@ def never_drove(robot, words, code=4):
     robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+@pytest.mark.timing
 @made_in_time
 def test_it_begins_when_it_was_told_to_and_then_needs_nobody(tmp_path):
     with awaiting(tmp_path, GO, "", "", "--duration", "1") as (robot, leader):
@@ -95,6 +100,7 @@ def test_it_begins_when_it_was_told_to_and_then_needs_nobody(tmp_path):
         assert cycle["event"] == "cycle"
 
 
+@pytest.mark.timing
 def test_a_start_in_the_past_is_refused(tmp_path):
     with awaiting(tmp_path) as (robot, leader):
         leader.offer(-0.5)
@@ -102,6 +108,7 @@ def test_a_start_in_the_past_is_refused(tmp_path):
         assert not (tmp_path / "log.jsonl").exists()
 
 
+@pytest.mark.timing
 def test_without_go_it_does_not_begin(tmp_path):
     with awaiting(tmp_path) as (robot, leader):
         leader.offer(0.5)
@@ -111,6 +118,7 @@ def test_without_go_it_does_not_begin(tmp_path):
         assert end["why"] == "the start was not confirmed by all robots in time"
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("when", ["ready", "accepted", "going"])
 def test_a_connection_that_ends_before_the_start(tmp_path, when):
     with awaiting(tmp_path) as (robot, leader):
@@ -124,6 +132,7 @@ def test_a_connection_that_ends_before_the_start(tmp_path, when):
         never_drove(robot, "the connection to the computer that starts the robots has ended")
 
 
+@pytest.mark.timing
 def test_a_leader_that_falls_silent(tmp_path):
     lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 0.5\n"
     with awaiting(tmp_path, lead=lead) as (robot, leader):
@@ -131,6 +140,7 @@ def test_a_leader_that_falls_silent(tmp_path):
         leader.hang_up()
 
 
+@pytest.mark.timing
 def test_a_start_that_is_called_off(tmp_path):
     with awaiting(tmp_path) as (robot, leader):
         leader.offer(3.0)
@@ -139,30 +149,53 @@ def test_a_start_that_is_called_off(tmp_path):
         never_drove(robot, "Error: the start was called off: r3: its battery is critical\n")
 
 
-def test_a_device_that_fails_while_it_waits(tmp_path):
-    with awaiting(tmp_path) as (robot, leader):
-        robot.devices.silent.add("rvr")
-        assert "nothing for" in next(said["why"] for said in failures(leader))
-        robot.devices.silent.clear()
-        never_drove(robot, "nothing for")
+@pytest.fixture
+def waits(robot, monkeypatch):
+    """A run in simulated time to which something happens while it waits for its start; gives why it failed."""
+    hears, says = os.pipe(), os.pipe()
+    monkeypatch.setattr(joint_start, "SILENCE", math.inf)
+    said = []
+
+    def has_said(what):
+        if select.select([says[0]], [], [], 0.0)[0]:
+            said.extend(from_line(line) for line in os.read(says[0], 10_000).splitlines())
+        return [each for each in said if each["say"] == what]
+
+    def run(fault):
+        robot.act(fault, when=lambda: has_said("ready"))
+        with monkeypatch.context() as patched, os.fdopen(os.dup(says[1]), "w") as out:
+            patched.setattr("sys.stdin", SimpleNamespace(fileno=lambda: hears[0]))
+            patched.setattr("sys.stdout", out)
+            robot.run(GO, "--await-start")
+        (failed,) = has_said("failed")
+        return failed["why"]
+
+    yield run
+    for end in (*hears, *says):
+        os.close(end)
 
 
 @pytest.mark.parametrize(
-    ("fault", "words"),
+    ("fault", "words", "code"),
     [
-        (lambda devices: setattr(devices.rvr, "level", 5.0), "rvr: the battery is critical; charge it"),
-        (lambda devices: devices.noisy.add("rvr"), "% of what the rvr sends arrives whole; the limit is 80 %"),
-        (lambda devices: devices.deaf.add("rvr"), "% of the commands to it are answered; the limit is 80 %"),
+        (lambda robot: robot.devices.silent.add("rvr"), "nothing for", 4),
+        (lambda robot: setattr(robot.devices.rvr, "level", 5.0), "rvr: the battery is critical; charge it", 4),
+        (lambda robot: robot.devices.noisy.add("rvr"), "% of what the rvr sends arrives whole; the limit is 80 %", 4),
+        (lambda robot: robot.devices.deaf.add("rvr"), "% of the commands to it are answered; the limit is 80 %", 4),
+        (lambda _: os.kill(os.getpid(), signal.SIGTERM), "Stopped by SIGTERM.", 143),
     ],
 )
-def test_a_robot_that_is_not_well_any_more_while_it_waits(tmp_path, fault, words):
-    with awaiting(tmp_path) as (robot, leader):
-        fault(robot.devices)
-        assert words in next(failures(leader))["why"]
-        robot.devices.deaf.clear()
-        never_drove(robot, words)
+def test_what_stops_a_robot_while_it_waits(robot, waits, fault, words, code):
+    assert words in waits(fault)
+    returned, error = robot.ended()
+    assert (returned, words in error) == (code, True), error
+    assert not robot.devices.drives()
+    assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
+    is_heard = not robot.devices.deaf | robot.devices.silent
+    assert (robot.devices.commands[-1][1] == LAST) == is_heard
 
 
+@pytest.mark.timing
 def test_the_swarm_is_told_to_stop_while_it_waits(tmp_path):
     with awaiting(tmp_path) as (robot, leader), Speaker(["127.0.0.1"], robot.port) as speaker:
         speaker.stop()
@@ -170,6 +203,7 @@ def test_the_swarm_is_told_to_stop_while_it_waits(tmp_path):
         never_drove(robot, "swarm: stop received from 127.0.0.1")
 
 
+@pytest.mark.timing
 def test_a_signal_while_it_waits(tmp_path):
     with awaiting(tmp_path) as (robot, leader):
         robot.process.terminate()
@@ -183,6 +217,7 @@ def failures(leader):
             yield said
 
 
+@pytest.mark.timing
 def test_a_robot_that_is_late_does_not_begin(tmp_path):
     """Its computer was too busy; it tells that, and the others are stopped."""
     late = """
@@ -208,6 +243,7 @@ def drives_on(robot, leader):
     robot.drives()
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("what", ["stop", "hang up"])
 def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
     def attempt(number):
@@ -223,6 +259,7 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
     assert soonest(attempt) <= LATEST
 
 
+@pytest.mark.timing
 def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
     lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 1.5\n"
 
@@ -239,6 +276,7 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
     assert soonest(attempt) <= LATEST
 
 
+@pytest.mark.timing
 def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
     fault = "from mercator_design.robot.protocols.joint_start import Follower; Follower.look = None; time.sleep(0.1)"
 
@@ -255,6 +293,7 @@ def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
     assert soonest(attempt) <= LATEST
 
 
+@pytest.mark.timing
 def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
     options = ("--await-start",)
     with (

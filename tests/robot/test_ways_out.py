@@ -19,17 +19,10 @@ from mercator_design.robot.devices.settings import Limits
 from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY, Mercator
 from mercator_design.robot.run.safety import SIGNALS, STALL
 from tests.robot.log_events import read
-from tests.robot.simulated import SimulatedRun
 from tests.robot.ways import ALL, GO, LAST, LATEST, asked, check
 
 CYCLE = 0.1
 """[s]"""
-
-
-@pytest.fixture
-def robot(simulated, robot_command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return SimulatedRun(simulated, robot_command, tmp_path)
 
 
 def silence(*names):

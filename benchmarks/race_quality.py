@@ -81,8 +81,7 @@ class Synthetic:
         while len(self._instances) <= instance:
             order = self._draws.permutation(len(self.problem.instances))
             self._instances += [
-                (self.problem.instances[k], int(self._draws.integers(1, seeds.LARGEST_SEED, endpoint=True)))
-                for k in order
+                (self.problem.instances[k], int(self._draws.integers(1, seeds.MAX_SEED, endpoint=True))) for k in order
             ]
         return float(self.problem.evaluate(configuration, *self._instances[instance]))
 

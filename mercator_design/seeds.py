@@ -13,8 +13,8 @@ import numpy as np
 from mercator_design.arrays import Keys
 from mercator_design.jit import jittable
 
-LARGEST_SEED = 2**31 - 1
-"""Seeds of instances are 1 .. LARGEST_SEED, as irace draws them."""
+MAX_SEED = 2**31 - 1
+"""Seeds of instances are 1 .. MAX_SEED, as irace draws them."""
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -41,7 +41,7 @@ def stream_keys(seed: int, purpose: str, n: int) -> Keys:
 def instance_seed(seed: int, purpose: str, instance: int) -> int:
     """The seed of one instance of a purpose."""
     (word,) = _sequence(seed, f"{purpose} {instance}").generate_state(1, np.uint64)
-    return 1 + int(word) % LARGEST_SEED
+    return 1 + int(word) % MAX_SEED
 
 
 @jittable

@@ -8,7 +8,7 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.racing.summary import Scores
-from mercator_design.seeds import LARGEST_SEED, instance_seed
+from mercator_design.seeds import MAX_SEED, instance_seed
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
@@ -34,7 +34,7 @@ def test_a_huge_budget_costs_nothing_before_it_is_used():
 
 def test_seeds_of_instances_are_those_of_irace_s_domain_and_differ_by_purpose():
     seeds = [instance_seed(1, purpose, k) for purpose in ("race", "evaluation") for k in range(500)]
-    assert all(1 <= seed <= LARGEST_SEED for seed in seeds)
+    assert all(1 <= seed <= MAX_SEED for seed in seeds)
     assert len(set(seeds)) == len(seeds)  # a chance below 3e-4 for one master seed; this one is fixed
 
 

@@ -30,7 +30,7 @@ from mercator_design.config.schema import (
     describe,
 )
 from mercator_design.config.writing import dump
-from mercator_design.config.yaml_tree import LARGEST_FILE, MAX_MISTAKES, steps
+from mercator_design.config.yaml_tree import MAX_FILE_SIZE, MAX_MISTAKES, steps
 from mercator_design.errors import MissionError
 
 
@@ -634,7 +634,7 @@ ATTACKS = {
     "binary": (bytes(range(256)) * 100, "expected UTF-8 text, found the byte 0x80"),
     "utf16": ("weight: 1".encode("utf-16"), "expected UTF-8 text, found the byte 0xff"),
     "nul": (b"\0" * 1000, "not valid YAML"),
-    "large": (b"a" * (LARGEST_FILE + 1), "expected at most 256 KiB, found a larger file"),
+    "large": (b"a" * (MAX_FILE_SIZE + 1), "expected at most 256 KiB, found a larger file"),
 }
 
 _RUNNER = """

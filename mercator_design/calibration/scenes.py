@@ -15,7 +15,7 @@ from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, Tur
 from mercator_design.robot.logs.log import read
 from mercator_design.robot.protocols.ydlidar import correction
 
-SHORTEST = 5.0
+MIN_DURATION = 5.0
 """[s] Minimum duration of a scene."""
 
 _BLOCK = 1.0  # [s] Means of blocks of this duration are compared.
@@ -72,7 +72,7 @@ class RobotRecording(NamedTuple):
 
 
 def read_recording(path: Path) -> RobotRecording:
-    """The scenes of a recording, each at least SHORTEST long.
+    """The scenes of a recording, each at least MIN_DURATION long.
 
     Raises:
         RobotError: if it cannot be read, or is not a recording.
@@ -97,7 +97,7 @@ def read_recording(path: Path) -> RobotRecording:
     still = [*zip([0.0, *(end for _, end in moves)], [*(begin for begin, _ in moves), duration], strict=True)]
     scenes = []
     for begins, ends in still:
-        if ends - begins >= SHORTEST:
+        if ends - begins >= MIN_DURATION:
             parts = {name: each.between(begins, ends) for name, each in series.items()}
             name = f"{path.name}, {begins:.0f} to {ends:.0f} s" if moves else path.name
             scenes.append(StillScene(name=name, sensors=parts))

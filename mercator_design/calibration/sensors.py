@@ -13,7 +13,7 @@ from scipy import stats
 
 from mercator_design.arrays import Flags, Floats
 from mercator_design.calibration.noise import Levels, Noise, fit_noise, levels_of
-from mercator_design.calibration.scenes import SHORTEST, RobotRecording, Series, StillScene, read_recording
+from mercator_design.calibration.scenes import MIN_DURATION, RobotRecording, Series, StillScene, read_recording
 from mercator_design.errors import MercatorError
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.sim.robot_model import RobotModel
@@ -33,7 +33,7 @@ _DRIFT = 1e-9  # significance level of a drift
 _FOLLOWING = 0.2  # correlation of a measurement with the next one
 _UNDECIDED = 2.0  # difference of Akaike's criterion
 _BAD = 0.05  # p-value
-_FINEST = 1e-3  # of the standard deviation; a smaller step makes no difference
+_MIN_STEP = 1e-3  # of the standard deviation; a smaller step makes no difference
 
 
 class Sensor(NamedTuple):
@@ -149,7 +149,7 @@ def _motion(recording: RobotRecording) -> Iterator[str]:
         yield f"{recording.path}: the robot was moved from {begin:.0f} to {end:.0f} s, which is left out"
     if not recording.scenes:
         found = f"found {recording.rest:.1f} s at most (recording: {recording.duration:.1f} s)"
-        yield f"{recording.path}: expected a robot at rest for {SHORTEST:g} s, {found}"
+        yield f"{recording.path}: expected a robot at rest for {MIN_DURATION:g} s, {found}"
 
 
 def _measured(
@@ -308,7 +308,7 @@ def _step(channels: Sequence[Floats]) -> float:
     if not len(gaps):
         return 0.0
     sd = math.sqrt(np.mean(np.concatenate([channel - channel.mean() for channel in channels]) ** 2))
-    return max(float(gaps.min()), _FINEST * sd)
+    return max(float(gaps.min()), _MIN_STEP * sd)
 
 
 def _counted(channels: Sequence[Floats], step: float) -> Levels | None:

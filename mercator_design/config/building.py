@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 from mercator_design.config import schema, spelling
 from mercator_design.config.schema import FieldError, FilePath, Kind, Specification
-from mercator_design.config.yaml_tree import LARGEST_INTEGER, MAX_MISTAKES, Fault, Node, steps
+from mercator_design.config.yaml_tree import MAX_INTEGER, MAX_MISTAKES, Fault, Node, steps
 from mercator_design.errors import excerpt
 
 Holder: TypeAlias = Callable[..., Any]
@@ -109,7 +109,7 @@ def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
     if base is bool:
         return {"true": True, "false": False}.get(text, _WRONG)
     if base is int:
-        return int(text) if re.fullmatch(r"[-+]?[0-9]{1,19}", text) and abs(int(text)) <= LARGEST_INTEGER else _WRONG
+        return int(text) if re.fullmatch(r"[-+]?[0-9]{1,19}", text) and abs(int(text)) <= MAX_INTEGER else _WRONG
     if base is float:
         number = re.fullmatch(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", text)
         return float(text) if number and math.isfinite(float(text)) else _WRONG

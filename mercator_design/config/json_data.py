@@ -15,7 +15,7 @@ from typing import Any, Literal
 from mercator_design.config import schema
 from mercator_design.config.building import Way, build, message
 from mercator_design.config.schema import FieldError, Kind
-from mercator_design.config.yaml_tree import DEEPEST, LARGEST_INTEGER, Fault, is_text, tree_of
+from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_INTEGER, Fault, is_text, tree_of
 from mercator_design.errors import MercatorError
 
 WRONG: Any = object()
@@ -162,7 +162,7 @@ def _record(kind: Kind) -> Callable[[Any], Any]:
 
 
 def _int(data: Any) -> Any:  # noqa: ANN401
-    return data if type(data) is int and -LARGEST_INTEGER <= data <= LARGEST_INTEGER else WRONG
+    return data if type(data) is int and -MAX_INTEGER <= data <= MAX_INTEGER else WRONG
 
 
 def _float(data: Any) -> Any:  # noqa: ANN401
@@ -178,7 +178,7 @@ def _str(data: Any) -> Any:  # noqa: ANN401
 def _anything(data: Any, depth: int = 0) -> Any:  # noqa: ANN401
     if isinstance(data, list | dict):
         items = [*data.values(), *data] if isinstance(data, dict) else data
-        return data if depth < DEEPEST and all(_anything(item, depth + 1) is not WRONG for item in items) else WRONG
+        return data if depth < MAX_DEPTH and all(_anything(item, depth + 1) is not WRONG for item in items) else WRONG
     return data if data is None or isinstance(data, bool) or _float(data) is not WRONG else _str(data)
 
 

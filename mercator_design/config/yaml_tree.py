@@ -19,9 +19,9 @@ from mercator_design.config import spelling
 from mercator_design.errors import excerpt
 from mercator_design.system.files import Unreadable, read_small
 
-LARGEST_FILE = 256 * 1024
-DEEPEST = 32
-LARGEST_INTEGER = 2**63 - 1  # that numpy holds
+MAX_FILE_SIZE = 256 * 1024
+MAX_DEPTH = 32
+MAX_INTEGER = 2**63 - 1  # that numpy holds
 MAX_MISTAKES = 20
 """Maximum number of reported mistakes in one text; reading ends with the last of them."""
 
@@ -89,7 +89,7 @@ def read_text(path: Path) -> str:
         Fault: with the path and what is wrong with the file.
     """
     try:
-        data = read_small(path, LARGEST_FILE)
+        data = read_small(path, MAX_FILE_SIZE)
     except Unreadable as error:
         raise Fault(f"{path}: {error}") from None
     try:
@@ -114,8 +114,8 @@ def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
     Raises:
         Fault: They are nested too deep.
     """
-    if depth > DEEPEST:
-        raise Fault(f"{where}: nested more than {DEEPEST} levels deep")
+    if depth > MAX_DEPTH:
+        raise Fault(f"{where}: nested more than {MAX_DEPTH} levels deep")
     content: str | list[Node] | dict[str, Node]
     if isinstance(data, dict):
         content = {key: tree_of(item, where, depth + 1) for key, item in data.items()}
@@ -160,8 +160,8 @@ class _Composer:
         self.mistakes: list[str] = []
 
     def _events(self, text: str) -> Iterator[_Event]:
-        if len(text) > LARGEST_FILE:
-            raise Fault(f"{self.label}: expected at most {LARGEST_FILE // 1024} KiB of YAML")
+        if len(text) > MAX_FILE_SIZE:
+            raise Fault(f"{self.label}: expected at most {MAX_FILE_SIZE // 1024} KiB of YAML")
         try:
             yield from yaml.parse(text, Loader=LOADER)
         except yaml.MarkedYAMLError as error:
@@ -192,8 +192,8 @@ class _Composer:
 
     def _node(self, event: _Event, depth: int) -> Node:
         place = self._place(event.start_mark)
-        if depth > DEEPEST:
-            raise Fault(f"{place}: nested more than {DEEPEST} levels deep")
+        if depth > MAX_DEPTH:
+            raise Fault(f"{place}: nested more than {MAX_DEPTH} levels deep")
         is_alias = isinstance(event, yaml.AliasEvent)
         if is_alias or event.anchor is not None:
             self._mistake(place, "anchors and aliases (&, *) are not understood; write the value out")

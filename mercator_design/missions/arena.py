@@ -25,10 +25,10 @@ Heading: TypeAlias = Annotated[float, Radians()]
 Height: TypeAlias = Annotated[float, Range(0.001, 100.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate]
 
-_SHORTEST_WALL = 0.001
+_MIN_WALL = 0.001
 """[m]"""
 
-_SMALLEST_AREA = 1e-6
+_MIN_AREA = 1e-6
 """[m2] Area of a polygon that is not a line."""
 
 
@@ -130,15 +130,15 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
         raise FieldError(f"vertices[{index}]", f"a corner for the second time; the last {side} closes by itself")
     corners = np.array(vertices, dtype=float)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    if lengths.min() < _SHORTEST_WALL:
+    if lengths.min() < _MIN_WALL:
         raise FieldError(
-            f"vertices[{int(np.argmin(lengths))}]", f"the {side} from here is shorter than {_SHORTEST_WALL:g} m"
+            f"vertices[{int(np.argmin(lengths))}]", f"the {side} from here is shorter than {_MIN_WALL:g} m"
         )
     crossing = _crossing(corners)
     if crossing is not None:
         first, second = crossing
         raise FieldError(f"vertices[{second}]", f"the {side} from here crosses or touches {side} {first}")
-    if abs(_signed_area(corners)) < _SMALLEST_AREA:
+    if abs(_signed_area(corners)) < _MIN_AREA:
         raise FieldError("vertices", "the corners enclose no area")
 
 

@@ -54,7 +54,7 @@ class BoxBody:
     height: Height = 0.114  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
     inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
-    friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
+    friction: Friction = 0.7  # coefficient, multiplied by that of the touched object; as in argos3-rvr
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
@@ -96,7 +96,7 @@ class DiscBody:
     height: Height = 0.1  # [m] of the body above the floor
     mass: Amount  # [kg] of the body
     inertia: Inertia | None = None  # [kg m2] about the vertical axis; null: of a body that is as heavy everywhere
-    friction: Friction = 0.7  # coefficient of the body, times that of what it touches; argos3-rvr's
+    friction: Friction = 0.7  # coefficient, multiplied by that of the touched object; as in argos3-rvr
     elasticity: Annotated[float, Range(0.0, 1.0)] = 0.0  # of collisions: 0 loses all speed, 1 keeps it
 
     @property
@@ -150,7 +150,7 @@ class Proximity:
     reported: Angles | None = None  # [rad] that the readings are taken for, if not where the rays go
     range: Distances = (0.05, 2.0)  # [m] nearer reads minus infinity, farther plus infinity
     noise: Noise = None  # [m] on distances
-    weight_noise: Noise = None  # on what a sensor counts, 0 to 1, even if it sees nothing
+    weight_noise: Noise = None  # on the weight of a reading, 0 to 1, even if nothing is in range
 
     def __post_init__(self) -> None:
         if self.reported is not None and len(self.reported) != len(self.angles):
@@ -159,7 +159,7 @@ class Proximity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """Colour sensors that look at the floor; the mean of several counts, unless the reference model lets them vote."""
+    """Colour sensors of the floor; robots use their mean, unless the reference model has them vote."""
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 16)]  # [m] forwards, leftwards of the centre
     gray: bool = False  # whether they see no colours, only how bright the floor is
@@ -177,7 +177,7 @@ class Neighbours:
 
     device: Literal["camera"] = "camera"
     range: Distance | None = None  # [m] that the device reaches; null: as far as robots count
-    height: Distance = 0.0  # [m] of the camera, and of what it sees of a robot; what is lower hides nothing
+    height: Distance = 0.0  # [m] of the camera, and of the visible part of a robot; lower objects hide nothing
     occlusion: bool = False  # whether robots, obstacles and walls hide robots from the camera
     loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that the camera misses a robot in a cycle
     noise: Noise = None  # adds a vector of this fraction of the distance, in any direction
@@ -226,7 +226,7 @@ class Lidar:
 
     beams: Annotated[int, Range(8, 10_000)] = 719  # readings of a turn
     first_angle: Angle = -math.pi  # [rad] of the first beam; the others follow counter-clockwise
-    height: Height  # [m] of the beams above the floor; what is lower is not in their way
+    height: Height  # [m] of the beams above the floor; they pass over lower objects
     ring_radius: Annotated[float, Range(0.0, 10.0)] = 0.0  # [m] from where distances count
     head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] of what other lidars see; 0: they see nothing
     range: Distances = (0.10, 12.0)  # [m] nearer and farther read 0
@@ -237,7 +237,7 @@ class Lidar:
 class AmbientLight:
     """One sensor of brightness; a light adds `base + exp(-decay x)` lux at x = distance / intensity, up to `reach`.
 
-    Walls, boxes and robots hide lights, as high as they are. The defaults are argos3-rvr's.
+    Walls, boxes and robots hide lights, depending on their height. The defaults are those of argos3-rvr.
     """
 
     position: tuple[Offset, Offset] = (0.0, 0.0)  # [m] forwards and to the left of the centre

@@ -13,7 +13,7 @@ from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import objective
 from mercator_design.missions.trace import Trace, every_nth
 
-_FINEST = 0.001
+_MIN_CELL = 0.001
 """[m] Minimum side of a cell: smaller cells take minutes to count."""
 
 _STEP = 0.5
@@ -21,8 +21,8 @@ _STEP = 0.5
 
 
 def _cells_not_too_fine(side: float, cells: int) -> Iterator[FieldError]:
-    if side / cells < _FINEST:
-        yield FieldError("cells", f"expected cells of at least {_FINEST:g} m, found {side / cells:g} m")
+    if side / cells < _MIN_CELL:
+        yield FieldError("cells", f"expected cells of at least {_MIN_CELL:g} m, found {side / cells:g} m")
 
 
 @objective(checks=(_cells_not_too_fine,))

@@ -23,7 +23,7 @@ DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
 LARGEST_DIGITS = 15
 """At this many digits a real value is not rounded in any way that matters (irace)."""
-LARGEST_INTEGER = 2**31 - 1
+MAX_INTEGER = 2**31 - 1
 """Of R, and so of irace."""
 
 
@@ -177,7 +177,7 @@ class Parameter:
     def _is_within_reach(self, low: float, high: float) -> bool:
         """Whether there is a number for every value between two bounds, and for how far apart they are."""
         if self.kind == "integer":
-            return max(abs(low), abs(high)) <= LARGEST_INTEGER
+            return max(abs(low), abs(high)) <= MAX_INTEGER
         return math.isfinite(high - low)
 
     def _check_bounds(self) -> None:
@@ -198,7 +198,7 @@ class Parameter:
         if isinstance(self.low, Expression) or isinstance(self.high, Expression):
             return
         if not self._is_within_reach(self.low, self.high):
-            expected = f"integers up to {LARGEST_INTEGER}" if self.kind == "integer" else "a finite difference"
+            expected = f"integers up to {MAX_INTEGER}" if self.kind == "integer" else "a finite difference"
             raise RaceError(f"{place}: expected {expected}, found too large bounds")
         if self.low >= self.high:
             raise RaceError(f"{place}: expected lower < upper; a single value is written as a categorical parameter")

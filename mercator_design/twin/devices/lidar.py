@@ -35,11 +35,11 @@ _PACKET = 40  # samples at most
 _UNITS = 360 * 64  # of angles in packets, in a turn
 _MM = 4000.0  # units of ranges in a metre
 _REBOOTS = 0.5  # [s]
-_LONGEST = 0xFFFF
+_MAX_RANGE = 0xFFFF
 _MIN_CORRECTION, _MAX_CORRECTION = math.radians(-5.0), math.radians(8.0)  # for ranges from 0.1 m on
 _AT, _SPREAD = 0.5, 1.2  # [beams] up to which a range belongs to a place, and up to which it is used if none does
 _BEHIND = 1e6  # farther than any range [m]
-_CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_LONGEST // 4 + 1)])  # by range [mm]
+_CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_MAX_RANGE // 4 + 1)])  # by range [mm]
 
 
 class TwinLidar:
@@ -112,7 +112,7 @@ class TwinLidar:
     def _packet(self, first: int, count: int) -> bytes:
         found = self._found[:count]
         compiled(put)(self._scan(), _CORRECTIONS, self._samples, first, found, self._scratch)
-        ranges = tuple(np.minimum(np.rint(_MM * found), _LONGEST).astype(int).tolist())
+        ranges = tuple(np.minimum(np.rint(_MM * found), _MAX_RANGE).astype(int).tolist())
         step = _UNITS / self._samples
         return Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0).encode()
 

@@ -24,7 +24,7 @@ class PlacedBody(NamedTuple):
 
 @jittable
 def box_at(boxes: Floats, i: int) -> PlacedBody:
-    """PlacedBody i of `Scene.boxes`."""
+    """Box i of `Scene.boxes`."""
     return PlacedBody(boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3], boxes[i, 4], boxes[i, 5])
 
 

@@ -17,6 +17,7 @@ from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import load_plugin
+from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, in_order
 from mercator_design.sim.simulate import Simulator
 from tests.race.work import process_of
@@ -151,10 +152,12 @@ class TestDask:
 
     def test_an_edited_plugin_is_not_run_in_its_old_form(self, cluster, tmp_path):
         (tmp_path / "my.py").write_text(OBJECTIVE)
-        for _ in range(2):
-            done = self.race(cluster, tmp_path / "my.py")
-            assert done.returncode == 0, done.stderr
-            assert json.loads(done.stdout) == [1.0] * 4
+        load_plugin(tmp_path / "my.py")
+        with DaskExecutor(cluster.scheduler_address) as executor:
+            assert scores(executor, function_of()) == [1.0] * 4
+        done = self.race(cluster, tmp_path / "my.py")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout) == [1.0] * 4
         (tmp_path / "my.py").write_text(OBJECTIVE.replace("1.0", "1000.0"))
         done = self.race(cluster, tmp_path / "my.py")
         assert done.returncode == 1

@@ -77,7 +77,7 @@ class TestConformance:
         assert told[0] == told[1] != told[2]
 
     def test_configurations_are_valid_and_have_parents(self, method):
-        race = race_of(method, parse_space(machines_text()), budget=400)
+        race = race_of(method, parse_space(machines_text()), budget=250)
         run(race, cost=len)
         for configuration in race.configurations:
             race.space.check(configuration)

@@ -137,7 +137,7 @@ def test_of_a_mission_costs_are_minus_the_scores():
     assert found["experiments"].value.tolist() == [-3.0, math.inf]
     assert found["experiments"].attributes["dim"].tolist() == [2, 1]
     assert found["state"]["completed"] == "Incomplete"
-    record.note_end(RaceEnded(budget=2000, experiments=2, winner=0))
+    record.note(record.with_digest(RaceEnded(budget=2000, experiments=2, winner=0)))
     record.note(events.TestDone(configuration=0, instance=0, seed=designer.test_seed(0), score=2.0))
     found = irace_results(designer, record)
     assert found["state"]["completed"] == "Ended"

@@ -81,7 +81,7 @@ class TestTune:
         monkeypatch.chdir(folder)
         code, out, err = mdesign("tune", "scenario.txt")
         assert (code, err) == (0, "")
-        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: lower is better\n" in out
         assert "of 110 experiments, " in out
         assert "Tested     on fresh instances" in out
         run = folder / "runs" / "sharpen-1"
@@ -151,7 +151,7 @@ class TestTune:
         if options:
             assert made == len(record.experiments) + unasked
             assert (
-                not unasked or f"ran {made} times now: {made - unasked} experiments, {unasked} ahead of the race" in out
+                not unasked or f"ran {made} times now: {made - unasked} experiments, {unasked} speculative" in out
             )
         else:
             assert made == len(record.experiments) <= 110
@@ -186,7 +186,7 @@ class TestTune:
         run = undisturbed[1]
         code, out, _ = mdesign("runs", "show", run)
         assert code == 0
-        assert "Scenario   sharpen, seed 3; scores are costs: less is better\n" in out
+        assert "Scenario   sharpen, seed 3; scores are costs: lower is better\n" in out
         assert "x = 7\n" in out
         assert mdesign("runs", "verify", run, "-n", 10)[0] == 0
         [listed] = json.loads(mdesign("runs", "list", run.parent, "--json")[1])
@@ -237,7 +237,7 @@ class TestCheck:
         (folder / "scenario.txt").write_text(f"debugLevel = 2\n{SCENARIO}")
         code, _, err = mdesign("tune", folder / "scenario.txt", "--check")
         assert code == 0
-        assert err.startswith(f"Note: {folder / 'scenario.txt'}:1: debugLevel makes no difference: ")
+        assert err.startswith(f"Note: {folder / 'scenario.txt'}:1: debugLevel has no effect: ")
 
     def test_fails_with_what_the_runner_said(self, mdesign, tmp_path):
         folder = written(tmp_path / "s", "#!/bin/sh\necho no licence >&2\nexit 4\n")

@@ -103,7 +103,8 @@ def test_what_is_written_is_read(tmp_path):
     assert read_configurations(tmp_path / "c.txt", SPACE) == ([FAST, BETWEEN], [])
 
 
-ODD = ["it's", 'say "x"', "'a'", "# 1", "a\\b", "a\\", "NA", "", 'b"', '"c', "d 'e\"", "f\\ g", "\\'", '\\"']
+ODD = ["it's", 'say "x"', "'a'", "# 1", "a\\b", "a\\", "NA", "", 'b"', '"c', "d 'e\"", "f\\ g", "\\'", '\\"',
+       "h i\\", "'j\\", "k l\\\\", "#\\"]  # fmt: skip
 
 
 def test_odd_values_are_read_as_they_were(tmp_path):
@@ -114,6 +115,6 @@ def test_odd_values_are_read_as_they_were(tmp_path):
 
 
 def test_a_value_that_cannot_be_written_is_refused():
-    space = Space([categorical("a", ["b c\\", "d"])])
-    with pytest.raises(RaceError, match=r"expected a value that can be written in a table, found 'b c"):
+    space = Space([categorical("a", ["b c\\", "b c\\\\"])])
+    with pytest.raises(RaceError, match=r"parameter 'a': expected a value that can be written in a table, found 'b c"):
         to_text(space, [{"a": "b c\\"}])

@@ -25,7 +25,7 @@ def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", race=N
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
     race = race or METHODS[method](SPACE, budget=budget, seed=seed)
-    mirroring = OptunaMirror(url, "study", race, maximise=False, complain=complaints.append)
+    mirroring = OptunaMirror(url, "study", race, maximise=False, warn=complaints.append)
     with ThreadExecutor(2) as executor, mirroring as mirror:
         for event in runner(record, executor, race=race, seed=seed, **options):
             mirror.note(event)
@@ -94,10 +94,10 @@ def test_optunas_own_tools_show_the_race(url):
 
 
 def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
-    monkeypatch.setattr(optuna_mirror, "HURRY", optuna_mirror.PATIENCE)
+    monkeypatch.setattr(optuna_mirror, "MAX_WAIT_INTERRUPTED", optuna_mirror.MAX_WAIT)
     record = Record()
     race = IteratedRace(SPACE, budget=150, seed=1)
-    mirroring = OptunaMirror(url, "study", race, maximise=False, complain=pytest.fail)
+    mirroring = OptunaMirror(url, "study", race, maximise=False, warn=pytest.fail)
     with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped), mirroring as mirror:
         list(map(mirror.note, runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 60)))
     before = len(trials_of(url))
@@ -131,7 +131,7 @@ def test_one_that_fails_later_too(url, monkeypatch):
 
 
 def test_one_that_never_answers(url, monkeypatch):
-    monkeypatch.setattr(optuna_mirror, "PATIENCE", 0.2)
+    monkeypatch.setattr(optuna_mirror, "MAX_WAIT", 0.2)
     monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(100))
     start = time.monotonic()
     record, complaints = mirrored(url)

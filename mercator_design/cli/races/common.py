@@ -218,5 +218,5 @@ def _mirror(storage: str | None, folder: RunFolder) -> "AbstractContextManager[O
         f"{task.name}, seed {task.race.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
         task.race,
         maximise=task.maximise,
-        complain=lambda what: print_message(f"Warning: {what}"),
+        warn=lambda what: print_message(f"Warning: {what}"),
     )

@@ -1,8 +1,10 @@
-"""irace's file of configurations: a table in columns, whose first line names the parameters; NA where one is inactive.
+"""irace's file of configurations: a table whose first line names the parameters; NA where a parameter is inactive.
 
-It is read as R's read.table reads it. `#` begins a comment. A value with blanks is in quotes, and a backslash stands
-before a quote within. Rows may begin with their names, as irace prints tables: then the first line has one word fewer.
+It is read as R's read.table reads it. `#` begins a comment. A value with blanks is in quotes, and a quote within has a
+backslash before it. Rows may begin with their names, as irace prints tables: then the first line has one word less.
 Parameters of only one value may be left out. Reals are rounded to the digits of their parameters.
+
+R cannot read a quoted value that ends in one backslash. It is written with two, and read by the parameter's domain.
 """
 
 import re
@@ -11,12 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.irace.scenario_text import read_text
 from mercator_design.race.space.parameter import Configuration, Parameter, Value
 from mercator_design.race.space.r_operators import number, number_text
 from mercator_design.race.space.space import Space
-from mercator_design.system.files import Unreadable, read_small
 
-_LARGEST = 16 * 1024 * 1024  # bytes
 _MISSING = {"NA", "<NA>"}
 _WORD = re.compile(
     r"""\s*(?:(?P<quote>["'])(?P<quoted>(?:\\.|(?!(?P=quote)).)*+)(?P=quote)(?=[\s#]|$)
@@ -35,22 +36,23 @@ class _Word(NamedTuple):
 
 
 def read_lines(path: Path) -> list[tuple[int, str]]:
-    """The lines of a text file that have more than a comment, numbered, without blanks around them.
+    """Read the lines of a text file, with their numbers; without comments, empty lines and blanks around them.
 
     Raises:
         RaceError: It cannot be read.
     """
-    lines = ((number, line.partition("#")[0].strip()) for number, line in _lines(path))
-    return [(number, line) for number, line in lines if line]
+    lines = [line.partition("#")[0].strip() for line in read_text(path).splitlines()]
+    return [(number, line) for number, line in enumerate(lines, start=1) if line]
 
 
 def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], list[str]]:
-    """The configurations of a file, and notes on those that are forbidden and so left out.
+    """Read the configurations of a file; also return notes, for example on forbidden ones, which are left out.
 
     Raises:
         RaceError: with file and line, what was expected and what was found.
     """
-    rows = [(number, words) for number, line in _lines(path) if (words := _words(path, number, line))]
+    lines = read_text(path).splitlines()
+    rows = [(number, words) for number, line in enumerate(lines, start=1) if (words := _words(path, number, line))]
     if not rows:
         raise RaceError(f"{path}: expected a line with the names of parameters, found none")
     number, header = rows.pop(0)
@@ -83,13 +85,13 @@ def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], 
 
 
 def to_text(space: Space, configurations: Sequence[Configuration], comments: Sequence[str] = ()) -> str:
-    """Configurations as such a file, below comments.
+    """The contents of such a file, with comments first.
 
     Raises:
-        RaceError: A value cannot be written: it ends with a backslash and has blanks or begins with a quote.
+        RaceError: A value needs quotes, and with another backslash at its end it is another value.
     """
-    names = [parameter.name for parameter in space.parameters]
-    rows = [names, *([_word(one.get(name)) for name in names] for one in configurations)]
+    rows = [[parameter.name for parameter in space.parameters]]
+    rows += [[_word(parameter, one.get(parameter.name)) for parameter in space.parameters] for one in configurations]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return "\n".join([*(f"# {comment}" for comment in comments), *lines]) + "\n"
@@ -106,20 +108,24 @@ def _configuration(space: Space, words: dict[str, _Word]) -> Configuration:
     if space.is_forbidden(configuration):
         return configuration
     space.check(configuration)
-    rounded = {name: _rounded(space[name], value) for name, value in configuration.items()}
+    rounded = {
+        name: space[name].rounded(value) if isinstance(value, float) else value for name, value in configuration.items()
+    }
     try:
-        space.check(rounded)  # of which conditions, and bounds of others, may hold otherwise
+        space.check(rounded)  # conditions and bounds may differ for rounded values
     except RaceError as error:
         raise RaceError(f"rounded to the digits of its parameters: {error}") from None
     return rounded
 
 
 def _value(parameter: Parameter, word: _Word) -> Value | None:
-    """What a word says of a parameter; nothing if that is missing."""
+    """The value of a parameter that a word stands for; None if it is missing."""
     if word.text in _MISSING and not (word.is_quoted and word.text in parameter.values):
         return None
-    if not parameter.is_numeric:  # whose values may have quotes of their own, which irace prints as they are
-        return word.written if word.written in parameter.values else word.text
+    if not parameter.is_numeric:
+        shorter = word.text.removesuffix("\\") if word.is_quoted else word.text
+        # irace prints values that have quotes as they are.
+        return next((text for text in (word.written, word.text, shorter) if text in parameter.values), word.text)
     try:
         value = number(word.text)
         if parameter.kind == "real":
@@ -130,25 +136,6 @@ def _value(parameter: Parameter, word: _Word) -> Value | None:
         pass
     kind = "a whole number" if parameter.kind == "integer" else "a number"
     raise RaceError(f"parameter '{parameter.name}': expected {kind}, found '{excerpt(word.text)}'")
-
-
-def _rounded(parameter: Parameter, value: Value) -> Value:
-    return parameter.rounded(value) if isinstance(value, float) else value
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    """All lines of a text file, numbered.
-
-    Raises:
-        RaceError: It cannot be read.
-    """
-    try:
-        text = read_small(path, _LARGEST).decode("utf-8-sig")
-    except Unreadable as error:
-        raise RaceError(f"{path}: {error}") from None
-    except UnicodeDecodeError as error:
-        raise RaceError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
-    return list(enumerate(text.splitlines(), start=1))
 
 
 def _words(path: Path, number: int, line: str) -> list[_Word]:
@@ -171,14 +158,14 @@ def _read(match: re.Match[str]) -> _Word:
     return _Word(text, match[0].strip())
 
 
-def _word(value: Value | None) -> str:
-    """A value as it is written: in quotes only if it would be read as something else."""
-    if value is None:
-        return "NA"
-    text = value if isinstance(value, str) else number_text(value)
-    in_quotes = [f"{quote}{text.replace(quote, chr(92) + quote)}{quote}" for quote in "\"'"]
-    for written in (*([text] if text not in _MISSING else []), *in_quotes):
+def _word(parameter: Parameter, value: Value | None) -> str:
+    """The word for a value; in quotes only if it would be read as another value without them."""
+    if not isinstance(value, str):
+        return "NA" if value is None else number_text(value)
+    quoted = [f"{quote}{value.replace(quote, chr(92) + quote)}{end}{quote}" for end in ("", "\\") for quote in "\"'"]
+    for written in (value, *quoted):
         match = _WORD.fullmatch(written)
-        if match is not None and match["end"] is None and _read(match).text == text:
+        if match is not None and match["end"] is None and _value(parameter, _read(match)) == value:
             return written
-    raise RaceError(f"expected a value that can be written in a table, found {excerpt(repr(text))}")
+    expected = "a value that can be written in a table"
+    raise RaceError(f"parameter '{parameter.name}': expected {expected}, found {excerpt(repr(value))}")

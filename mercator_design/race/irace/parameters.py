@@ -5,11 +5,11 @@
     type      := c | o | i | r | i,log | r,log        categorical, ordered, integer, real
 
 "#" starts a comment anywhere, even within quotes. Values and bounds may be in double quotes; single quotes are part of
-a value, as in irace. `digits` holds for all real parameters. What irace would refuse is read and noted.
+a value, as in irace. `digits` holds for all real parameters. If irace would refuse something, there is a note.
 """
 
 import re
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
@@ -24,7 +24,7 @@ _DIGITS = re.compile(r"digits\s*=\s*(?P<digits>\d+)$")
 
 
 def parse_space(text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> Space:
-    """The space that the text of a parameters.txt describes; `source` names it in messages.
+    """Read a space from the text of a parameters.txt; `source` names the file in messages.
 
     Raises:
         RaceError: with source, line and column, what was expected and what was found.
@@ -45,7 +45,12 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
     if not sections[""]:
         raise RaceError(f"{source}: expected at least one parameter, before [forbidden] and [global], found none")
     parameters = [line.parameter(digits) for line in sections[""]]
-    _check_uses(sections[""], parameters)
+    seen: dict[str, int] = {}
+    for line, parameter in zip(sections[""], parameters, strict=True):
+        if parameter.name in seen:
+            line.position = 0
+            line.fail(f"a new name, as line {seen[parameter.name]} has this one", f"'{parameter.name}'")
+        seen[parameter.name] = line.number
     forbidden = [line.expression() for line in sections["[forbidden]"]]
     notes = [note for line in sections[""] for note in line.notes]
     notes += _notes_on([p.condition for p in parameters if p.condition is not None] + forbidden, parameters)
@@ -55,25 +60,15 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
         raise RaceError(f"{source}: {error}") from None
 
 
-def _check_uses(lines: "list[_ParameterLine]", parameters: list[Parameter]) -> None:
-    """Refuse here what needs the line for a good message: names given twice."""
-    seen: dict[str, int] = {}
-    for line, parameter in zip(lines, parameters, strict=True):
-        if parameter.name in seen:
-            line.position = 0
-            line.fail(f"a new name, as line {seen[parameter.name]} has this one", f"'{parameter.name}'")
-        seen[parameter.name] = line.number
-
-
 def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> list[str]:
-    """What irace refuses in expressions, and numbers that are not what they seem when text is compared with them."""
+    """Notes on what irace refuses in expressions, and on numbers that R writes otherwise when it compares text."""
     of_text = {parameter.name for parameter in parameters if not parameter.is_numeric}
     notes = [note for expression in expressions for note in expression.doubled]
     return notes + [note for expression in expressions for name, note in expression.odd_numbers if name in of_text]
 
 
 class _ParameterLine:
-    """One line, how far it has been read, and what irace would refuse of it."""
+    """One line, the position in it, and notes on what irace refuses in it."""
 
     def __init__(self, text: str, source: str, number: int) -> None:
         self.text = text
@@ -114,28 +109,16 @@ class _ParameterLine:
         words = self._domain()
         condition = self._condition()
         try:
-            if kind["kind"] in "co":
-                return Parameter(
-                    name=name,
-                    kind=_KINDS[kind["kind"]],
-                    switch=switch,
-                    values=tuple(word for word, _ in words),
-                    log=kind["log"] is not None,
-                    condition=condition,
-                )
-            if len(words) != 2:
-                self.position = words[0][1]
-                self.fail("two bounds", f"{len(words)}")
-            low, high = (self._bound(*word) for word in words)
+            domain: dict[str, Any] = {"values": tuple(word for word, _ in words)}
+            if kind["kind"] in "ir":
+                if len(words) != 2:
+                    self.position = words[0][1]
+                    self.fail("two bounds", f"{len(words)}")
+                low, high = (self._bound(*word) for word in words)
+                domain = {"low": low, "high": high, "digits": digits if kind["kind"] == "r" else DEFAULT_DIGITS}
+            is_log = kind["log"] is not None
             return Parameter(
-                name=name,
-                kind=_KINDS[kind["kind"]],
-                switch=switch,
-                low=low,
-                high=high,
-                log=kind["log"] is not None,
-                digits=digits if kind["kind"] == "r" else DEFAULT_DIGITS,
-                condition=condition,
+                name=name, kind=_KINDS[kind["kind"]], switch=switch, log=is_log, condition=condition, **domain
             )
         except RaceError as error:
             message = str(error)
@@ -161,7 +144,7 @@ class _ParameterLine:
         return match
 
     def _domain(self) -> list[tuple[str, int]]:
-        """The words between the parentheses that follow, without quotes, each with its position."""
+        """The words of the domain in parentheses, without quotes, each with its position."""
         self._skip_blanks()
         if self.text[self.position : self.position + 1] != "(":
             self.fail("a domain in parentheses")

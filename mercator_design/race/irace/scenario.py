@@ -1,7 +1,6 @@
-"""irace's scenario.txt: what its options (race/irace/scenario_options.py) come to.
+"""irace's scenario.txt as a value; race/irace/scenario_options.py has its options.
 
-Relative paths are relative to the scenario's file, those of the command line to
-the present folder.
+Paths in the file are relative to the file; paths on the command line are relative to the current folder.
 """
 
 import math
@@ -12,43 +11,49 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+from mercator_design.config.yaml_tree import is_text
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.irace.configurations import read_configurations, read_lines
+from mercator_design.race.irace.configurations import read_configurations, read_lines, to_text
 from mercator_design.race.irace.parameters import parse_space
-from mercator_design.race.irace.scenario_options import EXPECTED, MOST, OPTIONS, TESTS, in_names_of_irace, unknown
-from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments
+from mercator_design.race.irace.scenario_options import (
+    EXPECTED,
+    MAX_INTEGER,
+    OPTIONS,
+    TESTS,
+    in_names_of_irace,
+    unknown,
+)
+from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments, read_text
 from mercator_design.race.irace.target_runner import REQUIRED, Target
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.statistics import TestName
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.race.space.r_operators import number, number_text
 from mercator_design.race.space.space import Space
-from mercator_design.system.files import Unreadable, read_small
 
-_LARGEST = 16 * 1024 * 1024  # bytes
 _MAX_JOBS = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What a scenario.txt comes to.
+    """The contents of a scenario.txt and of the files that it names.
 
-    path: of the file.
-    name: for people.
-    space: what is configured.
-    parameters: the text of its file.
-    instances: as target runners get them.
-    test_instances: what the best are tested on when the race has ended, if there are any.
-    test_elites: how many of the best.
-    test_iterations: whether as many of each iteration, too.
-    initial: configurations to begin with.
-    target: what runs experiments.
-    jobs: how many at a time.
-    budget: experiments in all.
-    seed: of all that is random; 1 if there is none.
-    options: of the race.
-    settings: what is set, by irace's names, with absolute paths; without what is in the fields above as it is.
-    notes: what a user should know.
+    path: The file.
+    name: The name in reports.
+    space: The parameters as a space.
+    parameters: The text of the file of parameters.
+    instances: The instances, as target runners get them.
+    test_instances: The instances of tests after the race; may be empty.
+    test_elites: Number of elites to test.
+    test_iterations: Whether to test elites of each iteration, too.
+    initial: The first configurations.
+    target: The target runner.
+    jobs: Number of experiments that run at the same time.
+    budget: Maximum number of experiments.
+    seed: Seed of all random draws; 1 if the file has none.
+    options: The options of the race.
+    settings: All values that the file sets, by irace's names, with absolute paths.
+    notes: Notes for the user.
     """
 
     path: Path
@@ -72,13 +77,13 @@ class Scenario:
 def read_scenario(
     path: Path, given: Sequence[Assignment] = (), *, base: RaceOptions | None = None, name: str | None = None
 ) -> Scenario:
-    """The scenario of a file.
+    """Read a scenario.
 
     Args:
         path: The file.
-        given: What else is set, and wins.
-        base: Options of the race that the file does not set; irace's unless given.
-        name: If not that of the file or its folder.
+        given: Assignments that replace those of the file.
+        base: The options of the race that the file does not set; by default irace's.
+        name: The name of the scenario; by default that of the file or its folder.
 
     Raises:
         RaceError: with file and line, what was expected and what was found.
@@ -89,7 +94,7 @@ def read_scenario(
 class _ScenarioReader:
     def __init__(self, path: Path, given: Sequence[Assignment]) -> None:
         self.path = path
-        assigned = [*read_assignments(_text(path), str(path)), *given]
+        assigned = [*read_assignments(read_text(path), str(path)), *given]
         self.found: dict[str, Assignment] = {}
         self.notes: list[str] = []
         for one in assigned:
@@ -101,17 +106,18 @@ class _ScenarioReader:
             if self.value(one.name) == self.read(one.name, option.default):
                 continue
             if option.refused:
-                raise RaceError(
-                    f"{one.place}: {one.name}: expected no more than its default, found {excerpt(repr(one.value))}: "
-                    f"{option.refused}"
-                )
+                raise self.wrong(one.name, "its default", f"{excerpt(repr(one.value))}: {option.refused}")
             if option.ignored:
-                self.notes.append(f"{one.place}: {one.name} makes no difference: {option.ignored}")
+                self.notes.append(f"{one.place}: {one.name} has no effect: {option.ignored}")
 
     def scenario(self, base: RaceOptions, name: str | None) -> Scenario:
         parameters = self.file("parameterFile")
-        text = _text(parameters, "parameterFile", self.place("parameterFile"))
+        text = read_text(parameters, f"{self.place('parameterFile')}: parameterFile")
         space = parse_space(text, str(parameters))
+        try:
+            to_text(space, [{one.name: value} for one in space.parameters for value in one.values])
+        except RaceError as error:
+            raise RaceError(f"{parameters}: {error}") from None
         self.notes += space.notes
         instances = self.instances("instances", "trainInstances")
         if not instances:
@@ -120,11 +126,8 @@ class _ScenarioReader:
             )
         options = self.options(base, len(instances))
         if len(instances) % options.block_size:
-            size = options.block_size
-            raise RaceError(
-                f"{self.place('blockSize')}: blockSize: expected the number of instances ({len(instances)}) "
-                f"to be a multiple of it, found {size}"
-            )
+            expected = f"the number of instances ({len(instances)}) to be a multiple of it"
+            raise self.wrong("blockSize", expected, options.block_size)
         initial: list[Configuration] = []
         if self.value("configurationsFile"):
             initial, notes = read_configurations(self.file("configurationsFile"), space)
@@ -152,8 +155,11 @@ class _ScenarioReader:
     def place(self, name: str) -> str:
         return self.found[name].place if name in self.found else str(self.path)
 
+    def wrong(self, name: str, expected: str, found: object) -> RaceError:
+        return RaceError(f"{self.place(name)}: {name}: expected {expected}, found {found}")
+
     def value(self, name: str) -> Setting:
-        """What an option is set to, or else its default; absolute, if it is a path."""
+        """The value of an option, or else its default; a path is absolute."""
         if name not in self.found:
             return self.read(name, OPTIONS[name].default)
         return self.read(name, self.found[name].value)
@@ -172,12 +178,10 @@ class _ScenarioReader:
         figure = _figure(value)
         valid = isinstance(value, str)
         if option.kind in {"flag", "count", "part"}:
-            most = MOST if option.kind == "count" else 1
-            valid = figure is not None and 0 <= figure <= most and (option.kind == "part" or figure == int(figure))
+            largest = MAX_INTEGER if option.kind == "count" else 1
+            valid = figure is not None and 0 <= figure <= largest and (option.kind == "part" or figure == int(figure))
         if not valid:
-            raise RaceError(
-                f"{self.place(name)}: {name}: expected {EXPECTED[option.kind]}, found {excerpt(repr(given))}"
-            )
+            raise self.wrong(name, EXPECTED[option.kind], excerpt(repr(given)))
         match option.kind:
             case "path":
                 return os.path.normpath(self.path.resolve().parent / Path(str(value)).expanduser())
@@ -197,7 +201,7 @@ class _ScenarioReader:
         return Path(str(self.value(name)))
 
     def options(self, base: RaceOptions, n_instances: int) -> RaceOptions:
-        """The race's: only what the file sets is other than in the base."""
+        """The options of the race: those of the base, with the changes of the file."""
         changes: dict[str, object] = {}
         for name in self.found:
             option, value = OPTIONS[name], self.value(name)
@@ -213,8 +217,7 @@ class _ScenarioReader:
             test = str(self.value("testType")).lower()
             changes["test"] = TESTS.get(test, test)
             if changes["test"] not in get_args(TestName):
-                known = " or ".join(filter(None, TESTS))
-                raise RaceError(f"{self.place('testType')}: testType: expected {known}, found {excerpt(test)}")
+                raise self.wrong("testType", " or ".join(filter(None, TESTS)), excerpt(test))
         try:
             return replace(base, **changes)  # type: ignore[arg-type]
         except RaceError as error:
@@ -224,7 +227,7 @@ class _ScenarioReader:
     def jobs(self) -> int:
         jobs = self.count("parallel")
         if jobs > _MAX_JOBS:
-            raise RaceError(f"{self.place('parallel')}: parallel: expected 0 to {_MAX_JOBS}, found {jobs}")
+            raise self.wrong("parallel", f"0 to {_MAX_JOBS}", jobs)
         return max(jobs, 1)
 
     def budget(self, space: Space, options: RaceOptions) -> int:
@@ -236,21 +239,21 @@ class _ScenarioReader:
         return budget
 
     def instances(self, name: str, files: str) -> tuple[str, ...]:
-        """Training or test instances, which can be arguments of programs."""
+        """The training or test instances; they can be arguments of programs."""
         instances = self.listed(name, files)
         for one in instances:
-            if "\0" in one or not _is_text(one):
+            if "\0" in one or not is_text(one):
                 raise RaceError(f"{self.path}: {name}: expected text without NUL bytes, found {one!r}")
         return instances
 
     def listed(self, name: str, files: str) -> tuple[str, ...]:
-        """Instances that are given here, in a file, or all files of a folder."""
+        """The instances of the scenario's file, of another file, or all files of a folder."""
         given = self.value(name)
         if given is not None:
             return tuple(self.instance(name, one) for one in (given if isinstance(given, tuple) else (given,)))
         folder = self.value(f"{files}Dir")
         if self.value(f"{files}File") is not None:
-            file = _existing(self.file(f"{files}File"), f"{files}File", self.place(f"{files}File"))
+            file = self.existing(f"{files}File")
             lines = [line for _, line in read_lines(file)]
             if not lines:
                 raise RaceError(f"{file}: expected an instance a line, found none")
@@ -259,40 +262,35 @@ class _ScenarioReader:
             return ()
         within = Path(str(folder))
         if not within.is_dir():
-            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected a folder, found none at {folder}")
+            raise self.wrong(f"{files}Dir", "a folder", f"none at {folder}")
         found = sorted(
             str(one)
             for one in within.rglob("*")
             if one.is_file() and not any(part.startswith(".") for part in one.relative_to(within).parts)
         )
         if not found:
-            raise RaceError(f"{self.place(f'{files}Dir')}: {files}Dir: expected files in {folder}, found none")
+            raise self.wrong(f"{files}Dir", f"files in {folder}", "none")
         return tuple(found)
 
     def instance(self, name: str, given: object) -> str:
         if isinstance(given, str):
             return given
         if isinstance(given, bool) or not isinstance(given, (int, float)):
-            raise RaceError(f"{self.place(name)}: {name}: expected {EXPECTED['object']}, found {excerpt(repr(given))}")
+            raise self.wrong(name, EXPECTED["object"], excerpt(repr(given)))
         return number_text(given)
 
     def target(self) -> Target:
         cmdline = str(self.value("targetCmdline"))
         for word in REQUIRED:
             if f"{{{word}}}" not in cmdline:
-                raise RaceError(
-                    f"{self.place('targetCmdline')}: targetCmdline: expected {{{word}}} in it, found {cmdline!r}"
-                )
+                raise self.wrong("targetCmdline", f"{{{word}}} in it", repr(cmdline))
         folder = self.file("execDir")
         if not folder.is_dir():
-            raise RaceError(f"{self.place('execDir')}: execDir: expected a folder, found none at {folder}")
+            raise self.wrong("execDir", "a folder", f"none at {folder}")
         launcher = self.program("targetRunnerLauncher")
-        if launcher is None:
-            runner = self.program("targetRunner")
-        else:
-            runner = _existing(self.file("targetRunner"), "targetRunner", self.place("targetRunner"))
+        runner = self.program("targetRunner") if launcher is None else self.existing("targetRunner")
         if runner is None:
-            raise RaceError(f"{self.place('targetRunner')}: targetRunner: expected a program, found none")
+            raise self.wrong("targetRunner", "a program", "none")
         return Target(
             runner=runner,
             launcher=launcher,
@@ -304,7 +302,7 @@ class _ScenarioReader:
         )
 
     def on_path(self, name: str) -> Path | None:
-        """The command that a program's name is, as a shell finds it: a launcher's first of all, as irace does."""
+        """The command of this name, as a shell finds it; a file has precedence, except for a launcher, as in irace."""
         given = self.found[name].value if name in self.found else None
         if not isinstance(given, str) or "/" in given or given.startswith((".", "~")):
             return None
@@ -314,12 +312,19 @@ class _ScenarioReader:
         return None if found is None else Path(found).absolute()
 
     def program(self, name: str) -> Path | None:
-        """A program that may be run, if there is to be one."""
+        """The program that an option names; None if it names none."""
         if self.value(name) is None:
             return None
-        file = self.on_path(name) or _existing(self.file(name), name, self.place(name))
+        file = self.on_path(name) or self.existing(name)
         if not os.access(file, os.X_OK):
             raise RaceError(f"{self.place(name)}: {name}: {file} is not executable; run chmod +x")
+        return file
+
+    def existing(self, name: str) -> Path:
+        """The file that an option names."""
+        file = self.file(name)
+        if not file.is_file():
+            raise self.wrong(name, "a file", f"{'a folder' if file.is_dir() else 'none'} at {file}")
         return file
 
 
@@ -330,32 +335,3 @@ def _figure(value: Setting) -> float | None:
         return number(value) if isinstance(value, str) else None
     except ValueError:
         return None
-
-
-def _is_text(text: str) -> bool:
-    """Whether it is Unicode: names of files may be something else."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
-def _existing(file: Path, name: str, place: str) -> Path:
-    if not file.is_file():
-        found = "a folder" if file.is_dir() else "none"
-        raise RaceError(f"{place}: {name}: expected a file, found {found} at {file}")
-    return file
-
-
-def _text(file: Path, name: str = "", place: str = "") -> str:
-    """What is in a file, which is named by an option of some place unless it is the scenario itself."""
-    where = f"{place}: {name}: " if name else ""
-    try:
-        return read_small(file, _LARGEST).decode("utf-8-sig")
-    except Unreadable as error:
-        raise RaceError(f"{where}{file}: {error}") from None
-    except UnicodeDecodeError as error:
-        raise RaceError(
-            f"{where}{file}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}"
-        ) from None

@@ -1,6 +1,6 @@
-"""The options of irace's scenarios: all that irace 4.4 has, and which of them are obeyed.
+"""The options of irace's scenarios: all options of irace 4.4, and which of them are supported.
 
-One that cannot be obeyed is refused unless it has its default, and the message says what to do instead.
+An option that is not supported is refused unless it has its default; the message says what to do instead.
 """
 
 import difflib
@@ -12,11 +12,11 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.irace.scenario_text import Setting
 from mercator_design.race.irace.target_runner import CMDLINE
 
-MOST = 2**31 - 1
-"""Of an integer of R."""
+MAX_INTEGER = 2**31 - 1
+"""R's largest integer."""
 _IS_R = "R cannot be run here"
-_NO_CAPPING = "capping is not done here: leave it out, or run irace itself"
-_ONE_RUNNER = "use targetRunner, a program, and parallel, which runs that many at a time"
+_NO_CAPPING = "capping is not supported: leave it out, or run irace itself"
+_ONE_RUNNER = "use targetRunner, a program, and parallel, the number of programs that run at the same time"
 
 Kind = Literal["flag", "count", "part", "text", "path", "object"]
 
@@ -24,8 +24,8 @@ Kind = Literal["flag", "count", "part", "text", "path", "object"]
 class Option(NamedTuple):
     kind: Kind
     default: Setting = None
-    refused: str = ""  # why and what to do instead, if only the default can be obeyed
-    ignored: str = ""  # why it makes no difference
+    refused: str = ""  # why only the default is supported, and what to do instead
+    ignored: str = ""  # why it has no effect
     ours: str = ""  # the name in `RaceOptions`
 
 
@@ -36,8 +36,8 @@ OPTIONS: Mapping[str, Option] = {
     "parameters": Option("object", refused=f"{_IS_R}: write the parameters to a file, and name it as parameterFile"),
     "initConfigurations": Option("object", refused=f"{_IS_R}: write them to a file, and name it as configurationsFile"),
     "configurationsFile": Option("path"),
-    "logFile": Option("path", "irace.Rdata", ignored="what happens is in journal.jsonl, in the folder of the results"),
-    "recoveryFile": Option("path", refused="a race goes on with mdesign tune --resume DIRECTORY"),
+    "logFile": Option("path", "irace.Rdata", ignored="journal.jsonl, in the folder of the results, has all events"),
+    "recoveryFile": Option("path", refused="resume a race with mdesign tune --resume DIRECTORY"),
     "instances": Option("object"),
     "trainInstancesDir": Option("path"),
     "trainInstancesFile": Option("path"),
@@ -66,19 +66,19 @@ OPTIONS: Mapping[str, Option] = {
     "budgetEstimation": Option("part", 0.05, ignored="it is about maxTime"),
     "minMeasurableTime": Option("part", 0.01, ignored="it is about maxTime"),
     "parallel": Option("count", 0),
-    "loadBalancing": Option("flag", True, ignored="a worker who is idle takes what comes next"),
+    "loadBalancing": Option("flag", True, ignored="an idle worker takes the next experiment"),
     "mpi": Option("flag", False, refused=_ONE_RUNNER),
     "batchmode": Option("text", "0", refused="let targetRunner wait for its job (as sbatch --wait does)"),
     "quiet": Option("flag", False, ignored="progress is shown on a terminal only"),
-    "debugLevel": Option("count", 0, ignored="the journal has all that happens"),
+    "debugLevel": Option("count", 0, ignored="the journal has all events"),
     "seed": Option("count"),
     "softRestart": Option("flag", True, ours="soft_restart"),
     "softRestartThreshold": Option("part", 1e-4, ours="soft_restart_threshold"),
     "elitist": Option("flag", True, ours="elitist"),
     "elitistNewInstances": Option("count", 1, ours="elitist_new_instances"),
     "elitistLimit": Option("count", 2, ours="elitist_limit"),
-    "repairConfiguration": Option("object", refused=f"{_IS_R}: say in parameterFile what is [forbidden]"),
-    "iterationCallback": Option("object", refused=f"{_IS_R}: the journal can be read while the race goes on"),
+    "repairConfiguration": Option("object", refused=f"{_IS_R}: use [forbidden] in parameterFile"),
+    "iterationCallback": Option("object", refused=f"{_IS_R}: the journal can be read while the race runs"),
     "capping": Option("flag", False, refused=_NO_CAPPING),
     "cappingAfterFirstTest": Option("flag", False, refused=_NO_CAPPING),
     "cappingType": Option("text", "median", refused=_NO_CAPPING),
@@ -96,7 +96,7 @@ OPTIONS: Mapping[str, Option] = {
     "mu": Option("count", 5, ours="mu"),
     "confidence": Option("part", 0.95, ours="confidence"),
 }
-_OF_OLD = {
+_BEFORE_IRACE_4 = {
     "digits": "since irace 4 it is in parameterFile: [global], and below it digits = N",
     "forbiddenFile": "since irace 4 they are in parameterFile, below [forbidden]",
     "forbiddenExps": "since irace 4 they are in parameterFile, below [forbidden]",
@@ -109,10 +109,10 @@ TESTS: Mapping[str, str] = {
     "t.holm": "t-test-holm",
     "t.bonferroni": "t-test-bonferroni",
 }
-"""Names that irace has, beside ours."""
+"""irace's names of the tests, with ours."""
 EXPECTED: Mapping[Kind, str] = {
     "flag": "0 or 1",
-    "count": f"a whole number, 0 to {MOST}",
+    "count": f"a whole number, 0 to {MAX_INTEGER}",
     "part": "a number from 0 to 1",
     "text": "text in quotes",
     "path": "a path in quotes",
@@ -121,7 +121,7 @@ EXPECTED: Mapping[Kind, str] = {
 
 
 def in_names_of_irace(error: RaceError) -> str:
-    """What is wrong with an option of the race, for who knows it by irace's name."""
+    """The message of an error on an option of the race, with irace's names of options."""
     message = str(error)
     if not message.startswith("race option "):
         return message
@@ -132,15 +132,16 @@ def in_names_of_irace(error: RaceError) -> str:
 
 
 def of_races(settings: Mapping[str, Setting]) -> list[str]:
-    """Which settings are about races, and say nothing to another method."""
+    """The settings that have no effect on a method that is not an iterated race."""
     of_races = {name for name, option in OPTIONS.items() if option.ours} | {"testType", "deterministic"}
     return [name for name in settings if name in of_races - {"sampleInstances"}]
 
 
 def unknown(name: str) -> str:
-    if name in _OF_OLD:
-        return f"{name} is no option of irace 4: {_OF_OLD[name]}"
+    """The message on an unknown option."""
+    if name in _BEFORE_IRACE_4:
+        return f"{name} is no option of irace 4: {_BEFORE_IRACE_4[name]}"
     lower = {option.lower(): option for option in OPTIONS}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
-    hint = f"; did you mean {lower[close[0]]}?" if close else "; begin the name of a variable of your own with a dot"
+    hint = f"; did you mean {lower[close[0]]}?" if close else "; begin the name of your own variable with a dot"
     return f"expected an option of irace, found {excerpt(name)}{hint}"

@@ -1,24 +1,27 @@
-r"""The text of irace's scenario.txt: assignments of R, read by a parser of our own and never run as code.
+r"""The text of irace's scenario.txt: assignments of R, which a parser reads; they are never run as code.
 
     file      := { statement }
     statement := NAME ( "=" | "<-" ) value    until ";" or the line's end, unless a bracket or an operator is open
-    value     := an expression of race/space/expressions.py, of variables assigned before
+    value     := an expression of race/space/expressions.py, with the variables that were assigned before
 
-`#` starts a comment, but within text. Text is in double or single quotes, with R's escapes (`\n`, `\x41`, `\u00e9`).
-A name that begins with a dot is a variable of the file's own.
+`#` starts a comment, except within text. Text is in double or single quotes, with R's escapes (`\n`, `\x41`,
+`\u00e9`). A name that begins with a dot is a variable that only the file uses.
 """
 
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.r_operators import number_text
+from mercator_design.system.files import Unreadable, read_small
 
 Setting = str | bool | float | tuple[Any, ...] | None
-"""What an option is set to; None is R's NULL and NA."""
+"""The value of an option; None is R's NULL and NA."""
+_MAX_SIZE = 16 * 1024 * 1024  # bytes of a file
 _ASSIGNMENT = re.compile(r"\s*(?P<name>[A-Za-z.][A-Za-z0-9._]*)\s*(?:=(?!=)|<-)\s*")
 _FUNCTION = re.compile(r"(?:function\b|\\\()")
 _PIECE = re.compile(
@@ -37,15 +40,30 @@ _SHORT = {"T": True, "F": False}
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """One option, what it is set to, and where: "FILE:LINE", or an option of the command line."""
+    """An option with its value, and where it is set: "FILE:LINE", or the command line."""
 
     name: str
     value: Setting
     place: str
 
 
+def read_text(path: Path, option: str = "") -> str:
+    """The text of a file; `option` is the place and name of the option that names it, for errors.
+
+    Raises:
+        RaceError: It cannot be read.
+    """
+    where = f"{option}: {path}" if option else f"{path}"
+    try:
+        return read_small(path, _MAX_SIZE).decode("utf-8-sig")
+    except Unreadable as error:
+        raise RaceError(f"{where}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise RaceError(f"{where}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
+
+
 def read_assignments(text: str, source: str) -> list[Assignment]:
-    """What a scenario's text assigns, in its order, its own variables aside.
+    """The assignments of a scenario's text in their order, without those of the file's own variables.
 
     Raises:
         RaceError: with source, line and column, what was expected and what was found.
@@ -76,7 +94,7 @@ def read_assignments(text: str, source: str) -> list[Assignment]:
 
 
 def to_text(settings: Mapping[str, Setting]) -> str:
-    """Settings as a scenario's text, which `read_assignments` and R read back."""
+    """The text of a scenario with these settings, for `read_assignments` and for R."""
     return "".join(f"{name} = {_literal(value)}\n" for name, value in settings.items())
 
 
@@ -98,7 +116,7 @@ _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n", "\r": r"\r", "\t
 
 
 def _statements(text: str, source: str) -> Iterator[tuple[int, str]]:
-    """Statements with the line on which each begins, its comments left out."""
+    """The statements without comments, each with the number of its first line."""
     line, begun, depth = 1, 1, 0
     pieces: list[str] = []
     for piece in _PIECE.finditer(f"{text}\n"):

@@ -1,7 +1,7 @@
-"""irace's target runner: a program that runs one experiment, and prints what it cost.
+"""irace's target runner: a program that runs one experiment and prints its cost.
 
-It is run without a shell, in the folder of the experiments (execDir), and as a process group of its own, which ends
-with it if it takes too long or is interrupted.
+It is run without a shell, in the folder of the experiments (execDir) and in its own process group. If it takes too long
+or is interrupted, the whole group is killed.
 """
 
 import contextlib
@@ -23,19 +23,19 @@ from mercator_design.race.running.executors import Rejected
 from mercator_design.race.space.r_operators import number
 
 CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunnerArgs}"
-"""irace's targetCmdline unless told otherwise."""
+"""irace's default of targetCmdline."""
 REQUIRED = ("seed", "instance", "targetRunnerArgs")
-_GLANCE = 0.1
-"""Seconds from one look at whether to stop to the next."""
+_CHECK_EVERY = 0.1
+"""Seconds between two checks whether to stop."""
 _GRACE = 1.0
-"""Seconds that what a program leaves behind may go on to print."""
+"""Seconds in which processes that a program has started may print after its end."""
 _MAX_SHOWN = 300
 """Characters of a program's output in a message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Call:
-    """What a target runner is called with."""
+    """The arguments of a run of the target runner."""
 
     configuration: int
     instance_id: str
@@ -45,7 +45,7 @@ class Call:
 
 
 class Count:
-    """Of what several threads do."""
+    """A counter for several threads."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -57,22 +57,22 @@ class Count:
 
 
 class TargetFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
-    """A target runner did not do what it should; what it printed, and how to call it again."""
+    """A target runner failed; the message has its output and its command."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """A target runner, and how it is called.
 
-    runner: the program.
-    launcher: a program that runs it, for one that cannot be executed.
-    cmdline: of the arguments, irace's targetCmdline.
-    evaluator: a program that prints the cost of a configuration, after the runner has run for all that are alive.
-    folder: that it runs in.
-    timeout: seconds after which a run has failed; 0 for none.
-    retries: how often a run that failed is tried again.
-    stop: set to end all runs that are under way.
-    made: how often the runner was started.
+    runner: The program.
+    launcher: A program that runs the target runner, if that is not executable.
+    cmdline: The template of the arguments, irace's targetCmdline.
+    evaluator: A program that prints the cost of a configuration, after the runner has run for all alive configurations.
+    folder: The folder in which it runs.
+    timeout: Time limit of a run [s]; 0: none.
+    retries: How often a failed run is tried again.
+    stop: Set to end all running programs.
+    n_started: How often the runner was started.
     """
 
     runner: Path
@@ -83,7 +83,7 @@ class Target:
     timeout: float = 0.0
     retries: int = 0
     stop: threading.Event = field(default_factory=threading.Event, compare=False)
-    made: Count = field(default_factory=Count, compare=False)
+    n_started: Count = field(default_factory=Count, compare=False)
 
     def command(self, call: Call) -> list[str]:
         """The program and its arguments.
@@ -108,16 +108,16 @@ class Target:
         return [str(self.launcher or self.runner), *_split(line)]
 
     def evaluation(self, call: Call, alive: Sequence[int]) -> list[str]:
-        """The evaluator and its arguments; alive are the configurations that have run on the instance."""
+        """The evaluator and its arguments; `alive` has the configurations that have run on the instance."""
         words = [str(call.configuration), call.instance_id, str(call.seed), *_split(call.instance)]
         return [str(self.evaluator), *words, str(len(alive)), *map(str, alive)]
 
     def evaluate(self, call: Call, alive: Sequence[int]) -> Measurement:
-        """The cost of an experiment that has run, by the evaluator, which may compare it with others.
+        """The cost of an experiment that has run; the evaluator may compare it with others.
 
         Raises:
             Rejected: As `__call__`.
-            TargetFailed: There is none.
+            TargetFailed: The evaluator failed or printed no cost.
         """
         command = self.evaluation(call, alive)
         return _accepted(call, _cost(*self._numbers(command), command), "target evaluator")
@@ -126,8 +126,8 @@ class Target:
         """The cost of an experiment; if there is an evaluator, the experiment only runs, and the cost is 0.
 
         Raises:
-            Rejected: It is infinite, by which a target runner rejects a configuration.
-            TargetFailed: There is none.
+            Rejected: The cost is infinite: the target runner rejects the configuration.
+            TargetFailed: The target runner failed or printed no cost.
         """
         for left in range(self.retries, -1, -1):
             try:
@@ -141,7 +141,7 @@ class Target:
 
     def _run(self, call: Call) -> float:
         command = self.command(call)
-        self.made.add()
+        self.n_started.add()
         numbers, printed = self._numbers(command)
         if self.evaluator is None:
             return _cost(numbers, printed, command)
@@ -150,7 +150,7 @@ class Target:
         return 0.0
 
     def _numbers(self, command: list[str]) -> tuple[list[float], str]:
-        """What a program prints, as numbers and as it is."""
+        """The output of a program, as numbers and as text."""
         printed = self._output(command)
         try:
             return [float(number(word)) for word in printed.split()], printed
@@ -158,9 +158,9 @@ class Target:
             raise _failed("expected numbers", printed, command) from None
 
     def _output(self, command: list[str]) -> str:
-        """What a program prints on stdout."""
+        """The output of a program on stdout."""
         try:
-            process = subprocess.Popen(  # noqa: S603 - what the user asks for, and no shell
+            process = subprocess.Popen(  # noqa: S603 - the user's program, without a shell
                 command,
                 cwd=self.folder,
                 stdin=subprocess.DEVNULL,
@@ -171,7 +171,7 @@ class Target:
                 start_new_session=True,
             )
         except OSError as error:
-            if error.errno in {errno.ENOMEM, errno.EAGAIN}:  # that no process could be made is not its fault
+            if error.errno in {errno.ENOMEM, errno.EAGAIN}:  # not the fault of the target runner
                 raise MemoryError(f"{command[0]}: {error.strerror}") from None
             why = f"{error.filename or command[0]}: {error.strerror}"
             raise TargetFailed(f"cannot be run: {why}; the command was: {shlex.join(command)}") from None
@@ -192,15 +192,15 @@ class Target:
         return out
 
     def _wait(self, process: "subprocess.Popen[str]", deadline: float) -> tuple[str, str]:
-        """What a program prints on stdout and stderr until it ends, or is ended, and all that it has started."""
+        """The output of a program and its child processes on stdout and stderr, until all end or are killed."""
         killed = ended = False
         while True:
             try:
-                return process.communicate(timeout=_GLANCE)
+                return process.communicate(timeout=_CHECK_EVERY)
             except subprocess.TimeoutExpired as late:
                 if not ended and process.poll() is not None:
                     ended, deadline = True, min(deadline, time.monotonic() + _GRACE)
-                if killed and ended:  # what has left its group may hold them open for ever
+                if killed and ended:  # a process that has left the group may keep the pipes open
                     return _decoded(late.output), _decoded(late.stderr)
                 if self.stop.is_set() or time.monotonic() >= deadline:
                     _kill(process)
@@ -222,12 +222,12 @@ def _accepted(call: Call, cost: float, who: str) -> Measurement:
 
 
 def _decoded(printed: bytes | None) -> str:
-    """What was printed so far, which subprocess gives as bytes."""
+    """The output so far, which subprocess gives as bytes."""
     return (printed or b"").decode(errors="replace")
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:
-    """End a program and all that it has started, if it has not ended."""
+    """Kill a program and its child processes, if it has not ended."""
     with contextlib.suppress(OSError):
         os.killpg(process.pid, signal.SIGKILL)
 

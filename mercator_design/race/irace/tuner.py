@@ -1,4 +1,4 @@
-"""irace's job done here: the parameters of any program, which irace's scenario.txt describes."""
+"""A race for the parameters of any program that irace's scenario.txt describes."""
 
 import dataclasses
 import hashlib
@@ -26,19 +26,19 @@ from mercator_design.race.running.executors import Executor, ExecutorStopped
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, error_of, is_fatal
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration
-from mercator_design.seeds import generator, instance_seed
+from mercator_design.seeds import generator
 
-_AS_IT_IS = {"parameterFile", "configurationsFile", "instances", "testInstances"} | {
+_WRITTEN_SEPARATELY = {"parameterFile", "configurationsFile", "instances", "testInstances"} | {
     f"{kind}Instances{what}" for kind in ("train", "test") for what in ("Dir", "File")
 }
 
 
 class Tuner(Task[Call]):
-    """Finds the parameters of a scenario's program that cost least.
+    """Finds the parameters with the lowest mean cost of a scenario's program.
 
     Args:
-        scenario: What is tuned.
-        method: Of `METHODS`; for one of `RACES`, the scenario was read with its options as the base.
+        scenario: The scenario.
+        method: A name of `METHODS`; if it is in `RACES`, the scenario was read with its options as the base.
 
     Raises:
         RaceError: if the budget is too small.
@@ -46,7 +46,7 @@ class Tuner(Task[Call]):
 
     WINNER = "best.txt"
     START: ClassVar = {}
-    speculates = False  # a run of a program may take hours of a cluster
+    speculates = False  # a run may be expensive
 
     def __init__(self, scenario: Scenario, method: str = "irace") -> None:
         self.scenario = scenario
@@ -67,17 +67,16 @@ class Tuner(Task[Call]):
         make: Method = partial(IteratedRace, options=scenario.options) if is_race else METHODS[self.method]
         race = make(scenario.space, budget=scenario.budget, seed=scenario.seed, initial=scenario.initial)
         if not is_race:
-            race.notes += [f"{name} makes no difference to {self.method}" for name in of_races(scenario.settings)]
+            race.notes += [f"{name} has no effect on {self.method}" for name in of_races(scenario.settings)]
         return race
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
-        """As `Task.restore`."""
         base = RACES.get(start["method"])
         return cls(read_scenario(folder / "scenario.txt", base=base, name=start["name"]), start["method"])
 
     def start(self) -> dict[str, Any]:
-        """As `Task.start`: how the target runner is called is no part of it, so it may be mended and moved."""
+        """The start has nothing of the target runner, so that it may be corrected and moved."""
         scenario = self.scenario
         return {
             "task": "scenario",
@@ -93,9 +92,9 @@ class Tuner(Task[Call]):
         }
 
     def files(self) -> dict[str, bytes]:
-        """As `Task.files`: a scenario of its own, which irace reads too."""
+        """A scenario of which no file is outside of the folder; irace can read it, too."""
         scenario = self.scenario
-        settings = {name: value for name, value in scenario.settings.items() if name not in _AS_IT_IS}
+        settings = {name: value for name, value in scenario.settings.items() if name not in _WRITTEN_SEPARATELY}
         target = scenario.target
         settings |= {"maxExperiments": scenario.budget, "seed": scenario.seed}
         settings |= {"targetRunner": str(target.runner), "execDir": str(target.folder)}
@@ -115,19 +114,19 @@ class Tuner(Task[Call]):
         return {name: text.encode() for name, text in files.items()}
 
     def runs(self, experiments: int, tests: int) -> list[str]:
-        """As `Task.runs`: how often the target runner ran."""
-        made = self.scenario.target.made.count
+        """How often the target runner ran."""
+        n = self.scenario.target.n_started.count
         parts = [f"{experiments} experiments"] * (experiments > 0) + [f"{tests} tests"] * (tests > 0)
-        if made > experiments + tests:
-            parts.append(f"{made - experiments - tests} ahead of the race or tried again")
-        return [f"Runs       the target runner ran {made} times now: {', '.join(parts)}"]
+        if n > experiments + tests:
+            parts.append(f"{n - experiments - tests} speculative or repeated")
+        return [f"Runs       the target runner ran {n} times now: {', '.join(parts)}"]
 
     def stop(self) -> None:
-        """As `Task.stop`: all runs that are under way."""
+        """End all running programs."""
         self.scenario.target.stop.set()
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> Call:
-        """As `Task.item`; tests are on test instances in turn, or if there are none on the others with other seeds."""
+        """As `Problem.item`; tests use the test instances in turn, or the instances of the race with other seeds."""
         scenario, number = self.scenario, experiment.instance
         instances = (scenario.test_instances or scenario.instances) if test else scenario.instances
         place = number % len(instances) if test else self.place(number)
@@ -139,10 +138,6 @@ class Tuner(Task[Call]):
             arguments=scenario.space.command_line(configuration),
         )
 
-    def test_seed(self, instance: int) -> int:
-        """As `Task.test_seed`."""
-        return instance_seed(self.race.seed, "test", instance)
-
     def test(
         self,
         configurations: Sequence[Configuration],
@@ -151,18 +146,19 @@ class Tuner(Task[Call]):
         on_failure: OnFailure = "stop",
         stopped: Callable[[], bool] = lambda: False,
     ) -> list[list[float]]:
-        """The costs of configurations on all test instances, a row each; they are numbered from 1, as irace does.
+        """The costs of configurations on all test instances, a row for each configuration.
+
+        Target runners get the numbers of the configurations from 1, as in irace.
 
         Args:
-            configurations: Of any race, or of none.
+            configurations: The configurations; they need not be of a race.
             executor: Runs the tests.
-            on_failure: Whether a test that fails ends all, or has an infinite cost, as one by which a configuration is
-                rejected.
-            stopped: Asked before each test whether to stop.
+            on_failure: Whether a test that fails stops all tests, or has an infinite cost.
+            stopped: Returns whether to stop; called before each test.
 
         Raises:
             ExperimentFailed: see `on_failure`.
-            Stopped: see `stopped`.
+            ExecutorStopped: see `stopped`.
         """
         n = len(self.scenario.test_instances)
         tests = [Experiment(number, instance) for number in range(1, len(configurations) + 1) for instance in range(n)]
@@ -184,18 +180,17 @@ class Tuner(Task[Call]):
         return costs
 
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
-        """As `Task.winner_text`: irace's file of configurations, with all elites, the winner first."""
+        """The file has all elites, the winner first, in irace's format of configurations."""
         numbers = dict.fromkeys([result.configuration, *(elite.configuration for elite in self.race.elites)])
         best = [self.race.configurations[number] for number in numbers]
         comments = [f"{key}: {value}" for key, value in header.items()]
         return configurations.to_text(self.scenario.space, best, comments)
 
     def is_winner(self, file: Path, configuration: Configuration) -> bool:
-        """As `Task.is_winner`."""
         return configurations.read_configurations(file, self.scenario.space)[0][:1] == [configuration]
 
     def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:  # noqa: ARG002
-        """As `Task.command_of_failed`: the target runner, in its folder, and then the evaluator if there is one."""
+        """The command of the target runner in its folder, and of the evaluator if there is one."""
         experiment = Experiment(one.configuration, one.instance)
         configuration = self.race.configurations[one.configuration]
         call = self.item(experiment, configuration, test=isinstance(one, TestDone))
@@ -203,17 +198,17 @@ class Tuner(Task[Call]):
         return command if self.evaluate is None else f"{command} && {self.evaluation_line(call, [one.configuration])}"
 
     def command_line(self, call: Call) -> str:
-        """What a shell is told to run an experiment."""
+        """The shell command of an experiment."""
         target = self.scenario.target
         return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.command(call))}"
 
     def evaluation_line(self, call: Call, alive: Sequence[int]) -> str:
-        """What a shell is told to evaluate an experiment that has run."""
+        """The shell command of the evaluation of an experiment that has run."""
         target = self.scenario.target
         return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.evaluation(call, alive))}"
 
     def place(self, instance: int) -> int:
-        """Which of the scenario's instances an instance of the race is: all of them once, then all once more, ..."""
+        """The index of the scenario's instance for an instance of the race; each round uses all instances once."""
         n, options = len(self.scenario.instances), self.scenario.options
         if not options.sample_instances:
             return instance % n
@@ -221,24 +216,23 @@ class Tuner(Task[Call]):
 
     @staticmethod
     def command(start: Start, folder: Path) -> str:
-        """As `Task.command`; budget and seed are in the scenario."""
+        """The command has neither budget nor seed: they are in the scenario."""
         return shlex.join(["mdesign", "tune", str(folder / "scenario.txt"), "--method", start["method"]])
 
     @staticmethod
     def about(start: Start) -> list[str]:
-        """As `Task.about`."""
-        return [f"Scenario   {start['name']}, seed {start['seed']}; scores are costs: less is better"]
+        return [f"Scenario   {start['name']}, seed {start['seed']}; scores are costs: lower is better"]
 
     @staticmethod
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:  # noqa: ARG004
-        """As `Task.columns`: a column for each parameter."""
+        """A column for each parameter."""
         names = dict.fromkeys(name for configuration in configurations for name in configuration)
         return {name: [configuration.get(name) for configuration in configurations] for name in names}
 
 
 @lru_cache(maxsize=64)
 def _order(seed: int, turn: int, n: int, block_size: int) -> tuple[int, ...]:
-    """Random, of blocks; within a block, instances keep theirs."""
+    """The random order of instances in a round: blocks are shuffled, instances within a block are not."""
     blocks = generator(seed, f"instances, turn {turn}").permutation(n // block_size).tolist()
     return tuple(block * block_size + place for block in blocks for place in range(block_size))
 

@@ -10,9 +10,8 @@ import collections
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import cloudpickle
@@ -81,17 +80,14 @@ class DaskExecutor:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._client.close()
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        """As `Executor.run`."""
         from distributed import as_completed
 
         packed = cloudpickle.dumps(function)
-        numbered = enumerate(items)
+        numbered: Iterator[tuple[int, Any]] = enumerate(items)
         under_way = as_completed(loop=self._client.loop)
         bundles: dict[Any, _Bundle[T]] = {}
         seconds = math.inf  # per item
@@ -108,8 +104,8 @@ class DaskExecutor:
                 submit([suspects.popleft()])
             elif not suspects:
                 room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
-                most = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
-                drawn = list(_until_none(islice(numbered, room * most)))
+                bundle_size = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
+                drawn = list(takewhile(lambda one: one[1] is not None, islice(numbered, room * bundle_size)))
                 for k in range(min(room, len(drawn))):
                     submit(drawn[k::room])
             if not bundles:
@@ -151,7 +147,7 @@ class DaskExecutor:
             return 0
 
     @staticmethod
-    def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - whatever the function gives
+    def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - the function's type
         """The results of n items and their time [s]; None if their workers died.
 
         Dask does not know the cause of a death: it counts against all tasks of the worker.
@@ -164,19 +160,12 @@ class DaskExecutor:
             return None, 0.0
         except WorkerUnfit:
             raise
-        except Exception as error:  # noqa: BLE001 - what went wrong in Dask itself
+        except Exception as error:  # noqa: BLE001 - an error in Dask itself
             return [Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")] * n, 0.0
         else:
             return found
         finally:
             future.release()
-
-
-def _until_none(numbered: Iterable[tuple[int, T | None]]) -> Iterator[tuple[int, T]]:
-    for index, item in numbered:
-        if item is None:
-            return
-        yield index, item
 
 
 def _call_all(packed: bytes, items: Sequence[Any]) -> tuple[list[Any], float]:

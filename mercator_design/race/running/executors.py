@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import cloudpickle
@@ -37,9 +36,9 @@ MAX_TIMEOUTS = 2
 """Timeouts after which an experiment fails: the first may be an accident."""
 START = 60.0
 """Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
-_GLANCE = 1.0
+_CHECK_EVERY = 1.0
 """Seconds between two checks of a worker that its main process is alive."""
-_PATIENCE = 0.5
+_MAX_WAIT = 0.5
 """Maximum seconds of one wait: a signal just before a wait is handled only at its end."""
 _MAX_MESSAGE = 2000
 """Maximum length of the reason of a failure, which may have a command in it."""
@@ -50,14 +49,14 @@ class Failed:
     """The result of an experiment that failed."""
 
     reason: str
-    error: Exception | None = None  # that it raised, if it did and if it could be pickled
+    error: Exception | None = None  # the exception, if there was one and it can be pickled
 
 
-class Rejected(RaceError):  # noqa: N818 - as `Failed`, it says what is
+class Rejected(RaceError):  # noqa: N818 - as `Failed`, it says what happened
     """Raised by an experiment to reject its configuration: a failure that does not stop a race."""
 
 
-class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what is
+class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what happened
     """A worker cannot run its function. It is not a failure of the experiment, so it always stops the race."""
 
 
@@ -74,9 +73,7 @@ class Executor(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
 
     def stop(self) -> None:
         """Begin no further item: `run` ends when the running ones have finished. A signal handler may call it."""
@@ -114,7 +111,7 @@ def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
     """As `attempt`, for the main thread: exceptions that concern the program, such as Ctrl-C, are raised."""
     try:
         return function(item)
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is about this item
+    except Exception as error:  # noqa: BLE001 - any error is a failure of this item
         return Failed(described(error, _MAX_MESSAGE), error)
 
 
@@ -178,24 +175,21 @@ class ThreadExecutor:
             thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with contextlib.suppress(queue.Empty):
             while True:
                 self._todo.get_nowait()
-        for _ in self._threads:
+        for _thread in self._threads:
             self._todo.put(None)
-        if kind is None or issubclass(kind, Exception):  # after Ctrl-C nobody wants to wait
+        if kind is None or issubclass(kind, Exception):  # after Ctrl-C it does not wait
             for thread in self._threads:
                 while thread.is_alive():
-                    thread.join(_PATIENCE)
+                    thread.join(_MAX_WAIT)
 
     def stop(self) -> None:
-        """As `Executor.stop`: all that was begun is running."""
+        """Do nothing: all items that have begun are running."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        """As `Executor.run`."""
         if not self._threads:
             raise RuntimeError("expected to be entered (`with ThreadExecutor(...)`) before it runs anything")
         numbered = enumerate(items)
@@ -204,10 +198,10 @@ class ThreadExecutor:
         def job(index: int, item: T) -> Callable[[], None]:
             return lambda: done.put((index, attempt(function, item)))
 
-        most = self.jobs + (self.jobs > 1)  # one running item for each thread; if there are several, one waiting
+        max_under_way = self.jobs + (self.jobs > 1)  # an item for each thread; if there are several, one more waits
         under_way = 0
         while True:
-            while under_way < most:
+            while under_way < max_under_way:
                 index, item = next(numbered, (0, None))
                 if item is None:
                     break
@@ -225,7 +219,7 @@ class ThreadExecutor:
 
 @dataclass(slots=True, eq=False)
 class _Job(Generic[T]):
-    """An item with its failures, as its worker may die."""
+    """An item, and how often its worker died or was too slow."""
 
     index: int
     item: T
@@ -253,24 +247,21 @@ class ProcessExecutor:
         self._new = set(range(self.jobs))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         for worker in self._workers:
             worker.shutdown(wait=True, kill_workers=kind is not None)
 
     def stop(self) -> None:
-        """As `Executor.stop`: all that was begun is running."""
+        """Do nothing: all items that have begun are running."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        """As `Executor.run`."""
         packed = cloudpickle.dumps(function)
         todo = (None if item is None else _Job(index, item) for index, item in enumerate(items))
-        again: collections.deque[_Job[T]] = collections.deque()
+        retries: collections.deque[_Job[T]] = collections.deque()
         idle = list(range(self.jobs))
         running: dict[Future[R | Failed], tuple[int, _Job[T]]] = {}
         while True:
-            while idle and (job := again.popleft() if again else next(todo, None)) is not None:
+            while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
                 place = idle.pop()
                 if self._timeout is not None:
                     job.deadline = self._clock() + self._timeout + START * (place in self._new)
@@ -292,7 +283,7 @@ class ProcessExecutor:
                     self._new.discard(place)
                 idle.append(place)
                 if result is None:
-                    again.append(job)
+                    retries.append(job)
                 else:
                     yield job.index, result
 
@@ -300,8 +291,8 @@ class ProcessExecutor:
         """The futures that have ended; waits for one, but not longer than the deadline."""
         while True:
             left = max(deadline - self._clock(), 0.0)
-            done, _ = wait(running, timeout=min(left, _PATIENCE), return_when=FIRST_COMPLETED)
-            if done or left <= _PATIENCE:
+            done, _ = wait(running, timeout=min(left, _MAX_WAIT), return_when=FIRST_COMPLETED)
+            if done or left <= _MAX_WAIT:
                 return done
 
     def _timed_out(self, job: _Job[T]) -> Failed | None:
@@ -314,7 +305,7 @@ class ProcessExecutor:
 def _next(done: "queue.SimpleQueue[T]") -> T:
     while True:
         with contextlib.suppress(queue.Empty):
-            return done.get(timeout=_PATIENCE)
+            return done.get(timeout=_MAX_WAIT)
 
 
 def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
@@ -330,32 +321,29 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
         job.deaths += 1
         if job.deaths < MAX_DEATHS:
             return None
-        return Failed(f"its worker process died, {job.deaths} times: {_sentence(error)}")
+        reason = str(error).partition("\n")[0]
+        return Failed(f"its worker process died, {job.deaths} times: {reason:.200}")
     if isinstance(error, WorkerUnfit):
         raise error
     # For example a result that cannot be pickled.
     return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
-def _sentence(error: BaseException) -> str:
-    return str(error).partition("\n")[0][:200]
-
-
 def _worker() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(max_workers=1, initializer=_begin, initargs=(os.getpid(),))
+    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(),))
 
 
-def _begin(main: int) -> None:
+def _start_worker(main: int) -> None:
     """Ignore signals, which Ctrl-C and schedulers send to all processes; end when the main process has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(main,), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(main,), daemon=True).start()
 
 
-def _end_with(main: int) -> None:
+def _end_with_parent(main: int) -> None:
     """End this process when its parent has changed: then the main process has been killed."""
     while os.getppid() == main:
-        time.sleep(_GLANCE)
+        time.sleep(_CHECK_EVERY)
     os._exit(1)
 
 
@@ -366,7 +354,7 @@ def _unpacked(packed: bytes) -> Callable[[Any], Any]:
     return function
 
 
-def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the function takes and gives
+def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - the function's types
     """In a worker: call a function, and make sure that its result can be pickled.
 
     Raises:
@@ -374,13 +362,13 @@ def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - whatever the
     """
     try:
         function = _unpacked(packed)
-    except BaseException as error:  # noqa: BLE001 - such as what is not installed; also sys.exit()
+    except BaseException as error:  # noqa: BLE001 - for example a missing package; also sys.exit()
         where = f"process {os.getpid()} on {socket.gethostname()}"
         raise WorkerUnfit(f"a worker ({where}) cannot run this race: {described(error)}") from None
     result = attempt(function, item)
     if isinstance(result, Failed):
         try:
             pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
-        except BaseException:  # noqa: BLE001 - exceptions of strangers' classes fail in many ways here
+        except BaseException:  # noqa: BLE001 - exceptions of other people's classes fail in many ways here
             result = Failed(result.reason)
     return result

@@ -31,12 +31,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from mercator_design.config.checked_lines import checksum, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.running.events import Event, RaceEnded, SessionStarted, SessionStopped, event_of, to_json
+from mercator_design.race.running.events import Event, SessionStarted, SessionStopped, event_of, to_json
 from mercator_design.race.running.record import Record
 from mercator_design.system.files import sync_folder
 
@@ -51,10 +50,10 @@ class Reading:
     """The contents of a journal's file."""
 
     record: Record
-    length: int  # of its whole lines [bytes]
-    lines: int  # that are whole
-    torn: str  # what is wrong with the rest of the file, if there is any
-    last: str  # checksum of the last whole line
+    length: int  # of its complete lines [bytes]
+    lines: int  # number of complete lines
+    torn: str  # what is wrong with the rest of the file; empty if there is no rest
+    last: str  # checksum of the last complete line
 
 
 def read(path: Path) -> Reading:
@@ -74,7 +73,7 @@ def read(path: Path) -> Reading:
                 except ValueError as error:
                     torn = torn or f"line {number}: {error}"
                     continue
-                if torn:  # a whole line after it
+                if torn:  # this line is complete and comes after it
                     raise RaceError(f"{path}, {torn}; {_advice(lines)}")
                 try:
                     _take(record, data, before)
@@ -92,7 +91,7 @@ def read(path: Path) -> Reading:
 
 
 def _advice(lines: int) -> str:
-    """What to do if so many lines are valid, and a later one is not."""
+    """The advice for a file of which only the first lines are valid."""
     advice = "the journal was damaged or changed after it was written"
     if lines:
         advice += f". Lines 1 to {lines} are valid: delete the others; --resume runs their experiments again"
@@ -156,9 +155,7 @@ class Journal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with contextlib.suppress(OSError, RaceError):  # the first error matters more
             if kind is not None:
                 self.note(SessionStopped(why=kind.__name__, time=now()))
@@ -193,14 +190,6 @@ class Journal:
         self.record.note(*events)
         self._append(*map(to_json, events))
 
-    def note_end(self, end: RaceEnded) -> None:
-        """As `Record.note_end`, appended to the file.
-
-        Raises:
-            RaceError: As `note`.
-        """
-        self.note(self.record.with_digest(end))
-
     def sync(self) -> None:
         """Sync the file to the disk."""
         os.fsync(self._file)
@@ -218,9 +207,9 @@ class Journal:
     def _write(self, data: bytes, last: str) -> None:
         try:
             if os.write(self._file, data) != len(data):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as if it had said so
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - handled below
             self._length += len(data)
-            self._last = last  # also if the sync fails: the next line comes after them
+            self._last = last  # also if the sync fails: the lines are in the file
             if time.monotonic() - self._synced > SYNC_EVERY:
                 self.sync()
         except OSError as error:

@@ -12,7 +12,6 @@ first error.
 import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.methods.optimizer import Optimizer
@@ -23,10 +22,10 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
     from optuna.storages import BaseStorage
 
-PATIENCE = 120.0
-"""Seconds to wait for the writer at the end ..."""
-HURRY = 5.0
-"""... and when the race was interrupted."""
+MAX_WAIT = 120.0
+"""Seconds to wait for the writer at the end of a race."""
+MAX_WAIT_INTERRUPTED = 5.0
+"""Seconds to wait for the writer when a race was interrupted."""
 
 
 class OptunaMirror:
@@ -37,14 +36,14 @@ class OptunaMirror:
         name: Name of the study; an existing study of this name is continued.
         race: The race.
         maximise: Whether higher scores are better.
-        complain: Called with a sentence when something goes wrong.
+        warn: Called with a sentence when something goes wrong.
     """
 
     def __init__(
-        self, storage: str, name: str, race: Optimizer, *, maximise: bool, complain: Callable[[str], None]
+        self, storage: str, name: str, race: Optimizer, *, maximise: bool, warn: Callable[[str], None]
     ) -> None:
         self._race = race
-        self._complain = complain
+        self._warn = warn
         self._raced: set[int] = set()  # in this process: a resumed race may have more in the storage
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
@@ -53,13 +52,11 @@ class OptunaMirror:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._events.put(None)
-        self._thread.join(PATIENCE if kind is None else HURRY)
+        self._thread.join(MAX_WAIT if kind is None else MAX_WAIT_INTERRUPTED)
         if self._thread.is_alive():
-            self._complain("the Optuna storage is slow: it does not have the whole race")
+            self._warn("the Optuna storage is slow: it does not have the whole race")
 
     def note(self, event: Event) -> None:
         """Copy an event; experiments come in any order, and some come twice."""
@@ -76,7 +73,7 @@ class OptunaMirror:
         self._events.put(lambda study: study.finish(winner, self._survivors()))
 
     def _survivors(self) -> set[int]:
-        """Of all iterations, with the elites."""
+        """The survivors of all iterations, with the elites."""
         ended = self._race.iterations
         elites = {elite.configuration for summary in ended for elite in summary.elites}
         return elites.union(*(summary.survivors for summary in ended))
@@ -87,9 +84,7 @@ class OptunaMirror:
             while (event := self._events.get()) is not None:
                 event(study)
         except Exception as error:  # noqa: BLE001 - a mirror must never stop a race
-            self._complain(
-                f"the race is no longer copied to the Optuna storage: {type(error).__name__}: {error!s:.300}"
-            )
+            self._warn(f"the race is no longer copied to the Optuna storage: {type(error).__name__}: {error!s:.300}")
 
 
 class _Study:
@@ -106,7 +101,7 @@ class _Study:
             load_if_exists=True,
         )
         self._race = race
-        self._id = study._study_id  # noqa: SLF001 - Optuna's storages want it, and offer no other way to it
+        self._id = study._study_id  # noqa: SLF001 - Optuna has no public way to it
         self._storage: BaseStorage = study._storage  # noqa: SLF001
         self._state = optuna.trial.TrialState
         self._create: Callable[..., Any] = optuna.trial.create_trial

@@ -52,7 +52,7 @@ class Record:
     revised: dict[int, dict[Experiment, ScoreRevised]] = field(default_factory=dict)  # by number of an experiment
     tests: dict[Experiment, TestDone] = field(default_factory=dict)
     iterations: dict[int, IterationEnded] = field(default_factory=dict)
-    budgets: list[int] = field(default_factory=list)  # growing
+    budgets: list[int] = field(default_factory=list)  # in increasing order
     ends: list[RaceEnded] = field(default_factory=list)
     sessions: list[SessionStarted | SessionStopped] = field(default_factory=list)
     scored: set[int] = field(default_factory=set)
@@ -96,8 +96,8 @@ class Record:
     def digest(self, n_ends: int | None = None) -> str:
         """The digest of the start and all events up to one of the ends (by default the last), as hexadecimal text."""
         ends = self.ends[:n_ends]
-        most = ends[-1].experiments if ends else len(self.experiments)
-        counted = sorted(number for number in self.experiments if number < most)
+        n_counted = ends[-1].experiments if ends else len(self.experiments)
+        counted = sorted(number for number in self.experiments if number < n_counted)
         digest = hashlib.sha256(_text(self.start).encode())
         raced = {self.experiments[number].configuration for number in counted}
         for number in sorted(raced):
@@ -106,7 +106,7 @@ class Record:
             e = self.experiments[number]
             words = f"\n{number} {e.iteration} {e.configuration} {e.instance} {e.seed} {e.score!r} {e.outcome}"
             digest.update(words.encode())
-        for number in sorted(number for number in self.revised if number < most):
+        for number in sorted(number for number in self.revised if number < n_counted):
             for where, new in sorted(self.revised[number].items()):
                 digest.update(f"\nrevised {number} {where.configuration} {where.instance} {new.score!r}".encode())
         for end in ends:
@@ -141,10 +141,6 @@ class Record:
             raise RaceError("expected the start of a race first, found another event")
         for event in events:
             self._take(event)
-
-    def note_end(self, end: RaceEnded) -> None:
-        """Add an end of the race, with the digest up to there."""
-        self.note(self.with_digest(end))
 
     def with_digest(self, end: RaceEnded) -> RaceEnded:
         """An end of the race with the digest up to there."""

@@ -32,6 +32,7 @@ from mercator_design.race.running.events import (
     RaceEnded,
     ScoreRevised,
     SpeculativeDone,
+    TestDone,
 )
 from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt_here
 from mercator_design.race.running.journal import Journal
@@ -175,12 +176,7 @@ class RaceRun(Generic[T]):
         results = results_of(problem, self._executor, missing, self._race.configurations, known, self._is_over)
         for where, result in results:
             test = test_of(problem, where, result)
-            if test.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
-                continue
-            if is_fatal(result, self._on_failure):  # not recorded, for the same reason
-                self._failures[missing.index(where)] = ExperimentFailed(test, error_of(result))
-                continue
-            self._note(test)
+            self._accept(result, test, missing.index(where))
             yield from self._unseen()
         if self._failures:
             raise self._failures[min(self._failures)]
@@ -302,27 +298,17 @@ class RaceRun(Generic[T]):
                 if experiment in self._missing:
                     self._finish(experiment, self._evaluated(experiment, alive))
                 elif experiment in before and experiment not in known:
-                    self._note_revised(experiment, self._evaluated(experiment, alive))
+                    self._revise_score(experiment, self._evaluated(experiment, alive))
 
     def _evaluated(self, experiment: Experiment, alive: Sequence[int]) -> Measurement | Failed:
         assert self.problem.evaluate is not None  # noqa: S101 - for mypy; callers have checked
         return attempt_here(partial(self.problem.evaluate, self._item(experiment)), alive)
 
-    def _note_revised(self, experiment: Experiment, result: Measurement | Failed) -> None:
-        score, _, failure = read_result(result)
-        if is_fatal(result, self._on_failure):
-            one = self._finished(self._n_told, experiment, result)
-            self._failures[self._n_told] = ExperimentFailed(one, error_of(result))
-        elif not (failure and self._stopped()):
-            self._note(
-                ScoreRevised(
-                    experiment=self._n_told,
-                    configuration=experiment.configuration,
-                    instance=experiment.instance,
-                    score=score,
-                    failure=failure,
-                )
-            )
+    def _revise_score(self, experiment: Experiment, result: Measurement | Failed) -> None:
+        """Record that the evaluation of a batch has replaced a score."""
+        done = self._done(self._n_told, experiment, result)
+        revised = ScoreRevised(experiment=self._n_told, **experiment._asdict(), score=done.score, failure=done.failure)
+        self._accept(result, done, self._n_told, revised)
 
     def _revise(self) -> None:
         """Report to the race the costs that the evaluation of a batch has replaced."""
@@ -340,21 +326,30 @@ class RaceRun(Generic[T]):
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record an experiment that the race has asked for."""
-        one = self._finished(self._missing.pop(experiment), experiment, result)
-        if one.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
-            return
-        if is_fatal(result, self._on_failure):  # not recorded, for the same reason
-            self._failures[one.experiment] = ExperimentFailed(one, error_of(result))
-            return
-        self._note(one)
+        done = self._done(self._missing.pop(experiment), experiment, result)
+        self._accept(result, done, done.experiment)
 
-    def _finished(self, number: int, experiment: Experiment, result: Measurement | Failed) -> ExperimentDone:
+    def _accept(
+        self,
+        result: Measurement | Failed,
+        done: ExperimentDone | TestDone,
+        number: int,
+        revised: ScoreRevised | None = None,
+    ) -> None:
+        """Record what has run, or the score that it revises; a failure is recorded only if the race continues."""
+        if done.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
+            return
+        if is_fatal(result, self._on_failure):
+            self._failures[number] = ExperimentFailed(done, error_of(result))
+        else:
+            self._note(revised or done)
+
+    def _done(self, number: int, experiment: Experiment, result: Measurement | Failed) -> ExperimentDone:
         score, outcome, failure = read_result(result)
         return ExperimentDone(
             experiment=number,
             iteration=self._race.iteration,
-            configuration=experiment.configuration,
-            instance=experiment.instance,
+            **experiment._asdict(),
             seed=self.problem.seed(experiment.instance),
             score=score,
             outcome=outcome,
@@ -380,7 +375,7 @@ class RaceRun(Generic[T]):
         budget = self._record.budgets[self._n_ends]
         end = RaceEnded(budget=budget, experiments=self._n_told, winner=self._race.best.configuration)
         if self._n_ends == len(self._record.ends):
-            self._journal.note_end(end)
+            self._journal.note(self._record.with_digest(end))
         noted = self._record.ends[self._n_ends]
         self._pending.append(noted)
         if (noted.budget, noted.experiments, noted.winner) != (end.budget, end.experiments, end.winner):

@@ -150,9 +150,7 @@ class TestTune:
         assert f"the target runner ran {made} times now" in out
         if options:
             assert made == len(record.experiments) + unasked
-            assert (
-                not unasked or f"ran {made} times now: {made - unasked} experiments, {unasked} speculative" in out
-            )
+            assert not unasked or f"ran {made} times now: {made - unasked} experiments, {unasked} speculative" in out
         else:
             assert made == len(record.experiments) <= 110
             assert record.speculative == {}

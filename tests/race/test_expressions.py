@@ -213,13 +213,13 @@ def test_a_name_in_backticks():
 
 def test_what_irace_refuses_is_noted():
     expression = Expression("n > 1 && x < 1 || n == 100000", source="p.txt", line=3)
-    assert expression.doubled == ("p.txt:3, column 7: irace refuses '&&' here: write '&'",
+    assert expression.double_operators == ("p.txt:3, column 7: irace refuses '&&' here: write '&'",
                                   "p.txt:3, column 16: irace refuses '||' here: write '|'")  # fmt: skip
-    [(name, told)] = expression.odd_numbers
-    assert (name, told.partition(": ")[2]) == (
+    [(name, note)] = expression.ambiguous_numbers
+    assert (name, note.partition(": ")[2]) == (
         "n", "R compares text with '1e+05' where a condition has the number 100000: put it in quotes"
     )  # fmt: skip
-    assert Expression("n %in% c(1, 2L, 100000L) & x > 0.5").odd_numbers == ()
+    assert Expression("n %in% c(1, 2L, 100000L) & x > 0.5").ambiguous_numbers == ()
 
 
 def test_a_condition_of_the_wrong_type_is_named():
@@ -239,7 +239,7 @@ def test_a_long_row_of_conditions():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("(" * 3000 + "n" + ")" * 3000, "line 1, column 42: expected at most 40 parentheses, .* found '\\('"),
+        ("(" * 3000 + "n" + ")" * 3000, "line 1, column 42: expected at most 40 nested parentheses, .* found '\\('"),
         ("!" * 3000 + "n", "at most 40"),
         ("-" * 3000 + "n", "at most 40"),
         ("n ^ " * 3000 + "n", "at most 40"),

@@ -92,7 +92,7 @@ def test_what_is_active_follows_conditions_by_level():
             "'fixed': expected its only value 'only', found 'other'",
         ),
         ({"rule": "slow", "n": 5, "fixed": "only", "nn": 1}, "expected names of parameters, found 'nn'"),
-        ({"rule": "slow", "n": 9, "fixed": "only"}, "which is forbidden"),
+        ({"rule": "slow", "n": 9, "fixed": "only"}, "as it is forbidden"),
         ({"rule": "fast", "n": 5, "m": 4, "x": "0", "fixed": "only"}, "'x': expected real .* found '0'"),
         ({"rule": "fast", "n": 5, "m": 4, "x": math.nan, "fixed": "only"}, "'x': expected real .* found nan"),
     ],

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
-from mercator_design.race.space.parameter import DEFAULT_DIGITS, LARGEST_DIGITS, Kind, Parameter, bound_of
+from mercator_design.race.space.parameter import DEFAULT_DIGITS, MAX_DIGITS, Kind, Parameter, bound_of
 from mercator_design.race.space.space import Space, Structure
 
 _KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
@@ -63,8 +63,8 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
 def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> list[str]:
     """Notes on what irace refuses in expressions, and on numbers that R writes otherwise when it compares text."""
     of_text = {parameter.name for parameter in parameters if not parameter.is_numeric}
-    notes = [note for expression in expressions for note in expression.doubled]
-    return notes + [note for expression in expressions for name, note in expression.odd_numbers if name in of_text]
+    notes = [note for expression in expressions for note in expression.double_operators]
+    return notes + [note for one in expressions for name, note in one.ambiguous_numbers if name in of_text]
 
 
 class _ParameterLine:
@@ -88,8 +88,8 @@ class _ParameterLine:
 
     def digits(self) -> int:
         match = _DIGITS.match(self.text.strip())
-        if match is None or not 1 <= int(match["digits"]) <= LARGEST_DIGITS:
-            self.fail(f"digits = 1 .. {LARGEST_DIGITS} (parameters belong before [forbidden] and [global])")
+        if match is None or not 1 <= int(match["digits"]) <= MAX_DIGITS:
+            self.fail(f"digits = 1 .. {MAX_DIGITS} (parameters belong before [forbidden] and [global])")
         return int(match["digits"])
 
     def expression(self) -> Expression:

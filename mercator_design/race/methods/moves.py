@@ -32,11 +32,7 @@ class Moves:
         self._structure = space.structure if structure else None
         self._in_structure = structure
         self._generator = generator
-        self._deciding = {
-            name
-            for p in space.parameters
-            for name in (*p.bound_names, *(p.condition.names if p.condition is not None else ()))
-        }
+        self._deciding = {name for parameter in space.parameters for name in parameter.depends_on}
 
     def uniform(self) -> Configuration:
         """A configuration with every active parameter uniform over its domain."""

@@ -1,12 +1,11 @@
 """irace's expression language: conditions, dependent bounds and forbidden combinations over parameter names.
 
-A small part of R, read by a parser of our own and turned into closures, never into Python code. As in R, a
-missing value (NA, here None: the value of an inactive parameter) spreads through whatever uses it, `FALSE &
-NA` is FALSE and `TRUE | NA` is TRUE, and comparing text with a number compares text: `"1" == 1` is TRUE, and
-`"100000" == 100000` is FALSE, as R writes that number as 1e+05. One choice of our own: text is ordered by code
-point, not by locale.
+It is a small part of R. A parser turns an expression into closures; it is never run as code. As in R, the result of an
+operation on a missing value is missing (NA; here None, the value of an inactive parameter), but `FALSE & NA` is FALSE
+and `TRUE | NA` is TRUE. Text and a number are compared as text: `"1" == 1` is TRUE, but `"100000" == 100000` is FALSE,
+because R writes that number as 1e+05. Unlike in R, the order of texts is that of code points, not that of a locale.
 
-    or         := and { ("|" | "||") and }                 operators by R's precedence, loosest first
+    or         := and { ("|" | "||") and }                 operators by R's precedence, lowest first
     and        := not { ("&" | "&&") not }
     not        := "!" not | comparison
     comparison := sum [ ("==" | "!=" | "<" | "<=" | ">" | ">=") sum ]
@@ -24,7 +23,7 @@ import operator
 import re
 import sys
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
 from mercator_design.errors import RaceError, excerpt
@@ -33,6 +32,7 @@ from mercator_design.race.space.r_operators import (
     COMPARISONS,
     CONSTANTS,
     Closure,
+    Operation,
     all_of,
     any_of,
     comparable,
@@ -68,10 +68,10 @@ _ESCAPE = re.compile(
     re.DOTALL,
 )
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v": "\v"} | {c: c for c in "\\\"'` \n"}
-_REMEMBERED = 4096
-"""Results kept for each expression: most depend on one or two parameters with a handful of values."""
-_DEEPEST = 40
-"""Parentheses, functions and signs within one another: each takes a dozen calls to read, of Python's thousand."""
+_CACHE_SIZE = 4096
+"""Results that are cached for each expression: most depend on one or two parameters with few values."""
+_MAX_DEPTH = 40
+"""Maximum depth of parentheses, functions and signs: a level takes a dozen calls, of which Python allows a thousand."""
 _FAILURES = (TypeError, OverflowError, RecursionError)
 
 
@@ -79,22 +79,22 @@ class Expression:
     """An expression over parameter names.
 
     Args:
-        text: in irace's language, see the module.
-        source, line, column: where the text stands, for error messages.
-        arithmetic: only numbers and arithmetic, as in the bounds of a domain.
+        text: In irace's language, see the module.
+        source, line, column: The place of the text, for error messages.
+        arithmetic: Whether only numbers and arithmetic are allowed, as in the bounds of a domain.
 
     Attributes:
-        names: of the parameters that it depends on, in order of appearance.
-        doubled: places of `&&` and `||`, which irace refuses in conditions.
-        odd_numbers: numbers that a parameter is compared with, and that R writes otherwise: the name of the parameter,
-            and what to tell if its values are text.
+        names: The parameters that it depends on, in order of appearance.
+        double_operators: Notes on `&&` and `||`, which irace refuses in conditions.
+        ambiguous_numbers: The parameters that are compared with numbers that R writes in another form, each with a note
+            for the case that its values are text.
 
     Raises:
-        RaceError: the text does not follow the grammar; when called, an operand of the wrong type, too large a number,
-            or too many operators in a row.
+        RaceError: The text does not follow the grammar. When called: an operand has the wrong type, a number is too
+            large, or there are too many operators in a row.
     """
 
-    __slots__ = ("_remembered", "arithmetic", "doubled", "names", "odd_numbers", "text")
+    __slots__ = ("_cached", "ambiguous_numbers", "arithmetic", "double_operators", "names", "text")
 
     def __init__(
         self, text: str, *, source: str = "", line: int = 1, column: int = 1, arithmetic: bool = False
@@ -104,21 +104,21 @@ class Expression:
         self.arithmetic = arithmetic
         closure = parser.parse()
         self.names: tuple[str, ...] = tuple(parser.names)
-        self.doubled: tuple[str, ...] = tuple(parser.doubled)
-        self.odd_numbers: tuple[tuple[str, str], ...] = tuple(parser.odd_numbers)
-        self._remembered = lru_cache(_REMEMBERED)(lambda *values: closure(values))
+        self.double_operators: tuple[str, ...] = tuple(parser.double_operators)
+        self.ambiguous_numbers: tuple[tuple[str, str], ...] = tuple(parser.ambiguous_numbers)
+        self._cached = lru_cache(_CACHE_SIZE)(lambda *values: closure(values))
 
     def __call__(self, configuration: Mapping[str, Any]) -> Any:  # noqa: ANN401 - number, text, bool, None
         """The value for a configuration; None stands for NA."""
         try:
-            return self._remembered(*map(configuration.get, self.names))
+            return self._cached(*map(configuration.get, self.names))
         except _FAILURES as error:
             raise self._failed(error, configuration) from None
 
     def holds(self, configuration: Mapping[str, Any]) -> bool:
         """Whether it is true for a configuration; NA is not."""
         try:
-            return is_true(self._remembered(*map(configuration.get, self.names)))
+            return is_true(self._cached(*map(configuration.get, self.names)))
         except _FAILURES as error:
             raise self._failed(error, configuration) from None
 
@@ -137,11 +137,7 @@ class Expression:
         return f"Expression({self.text!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (self.text, self.arithmetic)
-
-
-def _again(text: str, arithmetic: bool) -> Expression:
-    return Expression(text, arithmetic=arithmetic)
+        return partial(Expression, arithmetic=self.arithmetic), (self.text,)
 
 
 class _Token(NamedTuple):
@@ -158,8 +154,8 @@ class _Parser:
 
     def __init__(self, text: str, source: str, line: int, column: int, *, arithmetic: bool) -> None:
         self.names: dict[str, None] = {}  # in order of appearance
-        self.doubled: list[str] = []
-        self.odd_numbers: list[tuple[str, str]] = []
+        self.double_operators: list[str] = []
+        self.ambiguous_numbers: list[tuple[str, str]] = []
         self._text = text
         self._place = (source, line, column)
         self._arithmetic = arithmetic
@@ -213,7 +209,7 @@ class _Parser:
             position = match.end()
 
     def _unescaped(self, match: re.Match[str], token: _Token) -> str:
-        """What an escape of R's stands for."""
+        """The character of an escape of R."""
         digits = match["octal"] or match["byte"] or match["braced"] or match["point"]
         if digits is None:
             if match["letter"] not in _ESCAPED:
@@ -227,19 +223,19 @@ class _Parser:
         return chr(code) if code <= sys.maxunicode else "\ufffd"
 
     def _logic(self) -> _Token:
-        """Take an operator that gives a truth value, which bounds may not have."""
+        """Take an operator with a logical result, which bounds may not have."""
         if self._arithmetic:
             self._fail("arithmetic", self._next)
         if self._at("&&", "||"):
             twice = self._next.text
-            self.doubled.append(f"{self._where(self._next)}: irace refuses '{twice}' here: write '{twice[0]}'")
+            self.double_operators.append(f"{self._where(self._next)}: irace refuses '{twice}' here: write '{twice[0]}'")
         return self._take()
 
-    def _within(self, part: Callable[[], Closure]) -> Closure:
-        """A part that is inside of another."""
+    def _nested(self, part: Callable[[], Closure]) -> Closure:
+        """Parse a part that is nested in another, and check the depth."""
         self._depth += 1
-        if self._depth > _DEEPEST:
-            self._fail(f"at most {_DEEPEST} parentheses, functions and signs within one another", self._next)
+        if self._depth > _MAX_DEPTH:
+            self._fail(f"at most {_MAX_DEPTH} nested parentheses, functions and signs", self._next)
         found = part()
         self._depth -= 1
         return found
@@ -260,7 +256,7 @@ class _Parser:
     def _not(self) -> Closure:
         if self._at("!"):
             self._logic()
-            return strict(lambda a: not logical(a), self._within(self._not))
+            return strict(lambda a: not logical(a), self._nested(self._not))
         return self._comparison()
 
     def _comparison(self) -> Closure:
@@ -270,12 +266,12 @@ class _Parser:
             middle = self._index
             compare = COMPARISONS[self._logic().text]
             right = self._sum()
-            self._note_odd_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
+            self._note_ambiguous_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
             return strict(lambda a, b: compare(*comparable(a, b)), left, right)
         return left
 
-    def _note_odd_numbers(self, left: list[_Token], right: list[_Token]) -> None:
-        """Note the numbers that a parameter is compared with, if as text they are not what is written."""
+    def _note_ambiguous_numbers(self, left: list[_Token], right: list[_Token]) -> None:
+        """Note the numbers that a parameter is compared with, if R writes them in another form."""
         for one, others in ((left, right), (right, left)):
             if len(one) == 1 and one[0].kind in {"name", "quoted"}:
                 for token in others:
@@ -284,21 +280,19 @@ class _Parser:
                         if text != token.text:
                             what = f"R compares text with '{text}' where a condition has the number {token.text}"
                             note = f"{self._where(token)}: {what}: put it in quotes"
-                            self.odd_numbers.append((one[0].text.strip("`"), note))
+                            self.ambiguous_numbers.append((one[0].text.strip("`"), note))
+
+    def _arithmetic_of(self, part: Callable[[], Closure], operations: Mapping[str, Operation]) -> Closure:
+        left = part()
+        while self._at(*operations):
+            left = numeric(operations[self._take().text], left, part())
+        return left
 
     def _sum(self) -> Closure:
-        left = self._product()
-        while self._at("+", "-"):
-            operation = operator.add if self._take().text == "+" else operator.sub
-            left = numeric(operation, left, self._product())
-        return left
+        return self._arithmetic_of(self._product, {"+": operator.add, "-": operator.sub})
 
     def _product(self) -> Closure:
-        left = self._special()
-        while self._at("*", "/"):
-            operation = operator.mul if self._take().text == "*" else divide
-            left = numeric(operation, left, self._special())
-        return left
+        return self._arithmetic_of(self._special, {"*": operator.mul, "/": divide})
 
     def _special(self) -> Closure:
         start = self._index
@@ -308,7 +302,7 @@ class _Parser:
                 middle = self._index
                 self._logic()
                 left = member(left, self._range())
-                self._note_odd_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
+                self._note_ambiguous_numbers(self._tokens[start:middle], self._tokens[middle + 1 : self._index])
             else:
                 operation = modulo if self._take().text == "%%" else whole_quotient
                 left = numeric(operation, left, self._range())
@@ -324,21 +318,21 @@ class _Parser:
     def _sign(self) -> Closure:
         if self._at("-", "+"):
             sign = -1 if self._take().text == "-" else 1
-            return numeric(lambda a: sign * a, self._within(self._sign))
+            return numeric(lambda a: sign * a, self._nested(self._sign))
         return self._power()
 
     def _power(self) -> Closure:
         base = self._primary()
         if self._at("^"):
             self._take()
-            return numeric(power, base, self._within(self._sign))
+            return numeric(power, base, self._nested(self._sign))
         return base
 
     def _primary(self) -> Closure:
         token = self._next
         if self._at("("):
             self._take()
-            inside = self._within(self._or)
+            inside = self._nested(self._or)
             self._expect(")")
             return inside
         if token.kind not in {"number", "text", "name", "quoted"} or (token.kind == "text" and self._arithmetic):
@@ -358,7 +352,7 @@ class _Parser:
         return lambda values: values[index]
 
     def _number(self, token: _Token) -> float:
-        """A number, which in R is no integer unless it has an L; a bound of integers has integers all the same."""
+        """The value of a number: without an L it is a float, as in R; but bounds may be integers without an L."""
         value = number(token.text.rstrip("L"))
         return value if self._arithmetic or token.text.endswith("L") else float(value)
 
@@ -385,4 +379,4 @@ class _Parser:
         if self._next.kind == "name" and following.kind == "operator" and following.text == "=":
             name = self._take().text
             self._take()
-        return name, self._within(self._or)
+        return name, self._nested(self._or)

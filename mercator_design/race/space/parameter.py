@@ -1,14 +1,14 @@
-"""One parameter: its kind, its domain, when it is active, and its view through the unit interval.
+"""A parameter: its kind, its domain, its condition, and the mapping of its values to the unit interval.
 
-`quantile` maps u in [0, 1] to a value, `position` maps a value back to the middle of its share of the
-interval. The first configurations and the sampling model both speak in this scale.
+`quantile` maps u in [0, 1] to a value; `position` maps a value back to the middle of its part of the interval. The
+first configurations and the sampling model use this scale.
 """
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
@@ -21,30 +21,29 @@ Bounds = tuple[float, float]
 
 DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
-LARGEST_DIGITS = 15
-"""At this many digits a real value is not rounded in any way that matters (irace)."""
+MAX_DIGITS = 15
+"""With more decimal places a value would be rounded by its floating-point format (irace)."""
 MAX_INTEGER = 2**31 - 1
-"""Of R, and so of irace."""
+"""R's largest integer."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Parameter:
-    """One parameter of a space; see `categorical`, `ordered`, `integer` and `real` for the short way to write
-    one.
+    """A parameter of a space; `categorical`, `ordered`, `integer` and `real` make one.
 
     Args:
-        name: letters, digits, dots and underscores.
-        kind: what its values are.
-        switch: what stands before the value on a command line, including the blank or "=".
-        values: of a categorical or ordered parameter, as text.
-        low, high: inclusive bounds of an integer or real parameter; expressions of other numeric parameters
-            may be used.
-        log: sampled on a logarithmic scale.
-        digits: decimal places of a real value.
-        condition: the parameter is active where this is true.
+        name: Letters, digits, dots and underscores.
+        kind: The kind of its values.
+        switch: The text before the value on a command line, including the blank or "=".
+        values: The values of a categorical or ordered parameter, as text.
+        low, high: The inclusive bounds of an integer or real parameter: numbers, or expressions of other numeric
+            parameters.
+        log: Whether it is sampled on a logarithmic scale.
+        digits: Decimal places of a real value.
+        condition: The parameter is active where this is true; None: always.
 
     Raises:
-        RaceError: the domain is not a valid one.
+        RaceError: The domain is not valid.
     """
 
     name: str
@@ -69,7 +68,7 @@ class Parameter:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether there is just one value, so that nothing is to be chosen."""
+        """Whether there is only one value."""
         return len(self.values) == 1
 
     @property
@@ -79,8 +78,13 @@ class Parameter:
 
     @property
     def bound_names(self) -> tuple[str, ...]:
-        """The parameters that the bounds depend on."""
+        """The names of the parameters that the bounds depend on."""
         return tuple(n for bound in (self.low, self.high) if isinstance(bound, Expression) for n in bound.names)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """The names of the parameters that the bounds and the condition depend on."""
+        return (*self.bound_names, *(self.condition.names if self.condition is not None else ()))
 
     @property
     def domain(self) -> str:
@@ -93,7 +97,7 @@ class Parameter:
         """Inclusive bounds for a configuration, or None if they are NA; 1 .. number of values if not numeric.
 
         Raises:
-            RaceError: the lower bound exceeds the upper one, or one is not finite.
+            RaceError: The lower bound exceeds the upper one, or one is not finite.
         """
         if not self.is_numeric:
             return 1, len(self.values)
@@ -103,7 +107,7 @@ class Parameter:
             return None
         if self.kind == "integer" and math.isfinite(low) and math.isfinite(high):
             low, high = int(low), int(high)
-        if low > high or not self._is_within_reach(low, high):
+        if low > high or not self._is_representable(low, high):
             given = ", ".join(f"{n} = {configuration.get(n)}" for n in dict.fromkeys(self.bound_names))
             raise RaceError(
                 f"parameter '{self.name}', domain {self.domain}: expected finite lower <= upper, "
@@ -115,21 +119,23 @@ class Parameter:
         """The value at u in [0, 1], as irace's param_quantile."""
         low, high = bounds
         if self.kind == "real":
-            value = math.exp(_between(u, math.log(low), math.log(high))) if self.log else _between(u, low, high)
+            value = (
+                math.exp(_interpolated(u, math.log(low), math.log(high))) if self.log else _interpolated(u, low, high)
+            )
             return min(max(self.rounded(value), low), high)
         if self.log:
-            value = min(max(math.exp(_between(u, math.log(low), math.log(high + 1))), low), high + 1)
+            value = min(max(math.exp(_interpolated(u, math.log(low), math.log(high + 1))), low), high + 1)
         else:
-            value = _between(u, low, high + 1)
+            value = _interpolated(u, low, high + 1)
         whole = int(min(high, math.floor(value)))
         return whole if self.kind == "integer" else self.values[whole - 1]
 
     def rounded(self, value: float) -> float:
-        """A real value as it is used: with `digits` decimal places, and 0 for what rounds to zero from below."""
+        """Round a real value to `digits` decimal places; -0.0 becomes 0.0."""
         return round(value, self.digits) + 0.0
 
     def position(self, value: Value, bounds: Bounds) -> float:
-        """Where a value lies in the unit interval: undoes `quantile`, in the middle of an integer's share."""
+        """The place of a value in the unit interval; inverse of `quantile`, for integers the middle of their part."""
         low, high = bounds
         if self.kind == "real":
             number = float(value)
@@ -174,16 +180,16 @@ class Parameter:
             if any(b <= a for a, b in pairwise(numbers)):
                 raise RaceError(f"parameter '{self.name}': expected increasing numbers, found {self.domain}")
 
-    def _is_within_reach(self, low: float, high: float) -> bool:
-        """Whether there is a number for every value between two bounds, and for how far apart they are."""
+    def _is_representable(self, low: float, high: float) -> bool:
+        """Whether R's integers, or floats, can represent all values between two bounds, and their difference."""
         if self.kind == "integer":
             return max(abs(low), abs(high)) <= MAX_INTEGER
         return math.isfinite(high - low)
 
     def _check_bounds(self) -> None:
         place = f"parameter '{self.name}', domain {self.domain}"
-        if not 1 <= self.digits <= LARGEST_DIGITS:
-            raise RaceError(f"{place}: expected 1 to {LARGEST_DIGITS} digits, found {self.digits}")
+        if not 1 <= self.digits <= MAX_DIGITS:
+            raise RaceError(f"{place}: expected 1 to {MAX_DIGITS} digits, found {self.digits}")
         if self.log and self.is_dependent:
             raise RaceError(f"{place}: expected numbers as bounds of a log parameter, found a dependent domain")
         for bound in (self.low, self.high):
@@ -197,7 +203,7 @@ class Parameter:
                 raise RaceError(f"{place}: expected bounds of at most {self.digits} digits, found {number_text(bound)}")
         if isinstance(self.low, Expression) or isinstance(self.high, Expression):
             return
-        if not self._is_within_reach(self.low, self.high):
+        if not self._is_representable(self.low, self.high):
             expected = f"integers up to {MAX_INTEGER}" if self.kind == "integer" else "a finite difference"
             raise RaceError(f"{place}: expected {expected}, found too large bounds")
         if self.low >= self.high:
@@ -208,14 +214,12 @@ class Parameter:
 
 def categorical(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
     """A parameter with unordered values, which become text."""
-    return Parameter(
-        name=name, kind="categorical", switch=switch, values=_texts(values), condition=_condition(condition)
-    )
+    return _parameter(name, "categorical", switch, condition, values=tuple(map(str, values)))
 
 
 def ordered(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
     """A parameter with ordered values, which become text."""
-    return Parameter(name=name, kind="ordered", switch=switch, values=_texts(values), condition=_condition(condition))
+    return _parameter(name, "ordered", switch, condition, values=tuple(map(str, values)))
 
 
 def integer(
@@ -228,15 +232,7 @@ def integer(
     condition: str | None = None,
 ) -> Parameter:
     """A whole number within inclusive bounds, which may be expressions of other parameters."""
-    return Parameter(
-        name=name,
-        kind="integer",
-        switch=switch,
-        low=_bound(low),
-        high=_bound(high),
-        log=log,
-        condition=_condition(condition),
-    )
+    return _parameter(name, "integer", switch, condition, low=_bound(low), high=_bound(high), log=log)
 
 
 def real(
@@ -250,38 +246,24 @@ def real(
     condition: str | None = None,
 ) -> Parameter:
     """A real number within inclusive bounds, rounded to `digits` decimal places."""
-    return Parameter(
-        name=name,
-        kind="real",
-        switch=switch,
-        low=_bound(low),
-        high=_bound(high),
-        log=log,
-        digits=digits,
-        condition=_condition(condition),
-    )
+    return _parameter(name, "real", switch, condition, low=_bound(low), high=_bound(high), log=log, digits=digits)
 
 
-def _between(u: float, low: float, high: float) -> float:
+def _parameter(name: str, kind: Kind, switch: str, condition: str | None, **domain: Any) -> Parameter:  # noqa: ANN401
+    active = None if condition is None else Expression(condition)
+    return Parameter(name=name, kind=kind, switch=switch, condition=active, **domain)
+
+
+def _interpolated(u: float, low: float, high: float) -> float:
     return low + u * (high - low)
 
 
-def _texts(values: Iterable[object]) -> tuple[str, ...]:
-    return tuple(map(str, values))
-
-
-def _condition(text: str | None) -> Expression | None:
-    return None if text is None else Expression(text)
-
-
 def _bound(bound: float | str) -> float | Expression:
-    if not isinstance(bound, str):
-        return bound
-    return bound_of(Expression(bound, arithmetic=True))
+    return bound_of(Expression(bound, arithmetic=True)) if isinstance(bound, str) else bound
 
 
 def bound_of(expression: Expression) -> float | Expression:
-    """A bound: the number that an expression without parameters comes to, or else the expression."""
+    """The value of an expression without parameters, or else the expression."""
     if expression.names:
         return expression
     value = expression({})

@@ -1,14 +1,14 @@
-"""The functions of the expression language, as R has them.
+"""The functions of the expression language, as in R.
 
-A function is a maker of closures: it is given the closures of its arguments in the order of their names, None for those
-that are left out. Of one that takes any number of arguments, the names are those that must be written (`na.rm = TRUE`).
+A function makes a closure from the closures of its arguments, in the order of their names. A function with any number
+of arguments has only names that must be written, such as `na.rm = TRUE`.
 """
 
 import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +34,7 @@ from mercator_design.race.space.r_operators import (
 
 _LOGICAL = dict.fromkeys(("TRUE", "true", "T", "True"), True)
 _LOGICAL |= dict.fromkeys(("FALSE", "false", "F", "False"), False)
-_LARGEST_INTEGER = 2**31 - 1
+_MAX_INTEGER = 2**31 - 1
 _POSIX_CLASSES = {
     "[:alnum:]": "0-9A-Za-z",
     "[:alpha:]": "A-Za-z",
@@ -49,18 +49,18 @@ _POSIX_CLASSES = {
 
 
 class Function(NamedTuple):
-    """make: its closure. names: of its arguments. fewest: that it needs. endless: it takes any number of arguments."""
+    """A function of the language."""
 
     make: Callable[..., Closure]
-    names: tuple[str, ...] = ("x",)
-    fewest: int = 1
-    endless: bool = False
+    names: tuple[str, ...] = ("x",)  # of the arguments
+    min_arguments: int = 1
+    is_variadic: bool = False  # whether it takes any number of arguments
 
     def arguments(self, given: list[tuple[str, Closure]]) -> tuple[list[Closure], dict[str, Closure]]:
-        """Arguments in the order of their names, and of an endless function those that were named.
+        """The arguments in the order of their names; for a variadic function, named ones separately.
 
         Raises:
-            TypeError: A name is not known or given twice, or there are too many or too few.
+            TypeError: A name is unknown or given twice, or there are too many or too few arguments.
         """
         named: dict[str, Closure] = {}
         for name, closure in given:
@@ -71,20 +71,21 @@ class Function(NamedTuple):
                 named[full] = closure
         free = [closure for name, closure in given if not name]
         wanted = [name for name in self.names if name not in named]
-        n = len(free) + (0 if self.endless else len(named))
-        if n < self.fewest or (not self.endless and len(free) > len(wanted)):
-            least, most = self.fewest, len(self.names)
-            if self.endless:
-                raise TypeError(f"{least} or more arguments")
-            raise TypeError("1 argument" if most == 1 else f"{least} to {most} arguments")
-        if self.endless:
+        n = len(free) + (0 if self.is_variadic else len(named))
+        if n < self.min_arguments or (not self.is_variadic and len(free) > len(wanted)):
+            if self.is_variadic:
+                raise TypeError(f"{self.min_arguments} or more arguments")
+            raise TypeError(
+                "1 argument" if len(self.names) == 1 else f"{self.min_arguments} to {len(self.names)} arguments"
+            )
+        if self.is_variadic:
             return free, named
         named |= dict(zip(wanted, free, strict=False))
         places = [place for place, name in enumerate(self.names) if name in named]
         return [named.get(name, _absent) for name in self.names[: max(places) + 1]], {}
 
     def _full(self, name: str) -> str:
-        """A name that may have been shortened."""
+        """The full name of an argument; a unique beginning is enough."""
         found = [name] if name in self.names else [one for one in self.names if one.startswith(name)]
         if len(found) != 1:
             raise TypeError(f"arguments {', '.join(self.names)}" if self.names else "arguments without names")
@@ -92,11 +93,11 @@ class Function(NamedTuple):
 
 
 def _absent(_: Values) -> None:
-    """An argument that is left out."""
+    """The closure of an omitted argument."""
 
 
-def _of_numbers(operation: Callable[..., Any], *names: str, fewest: int = 1) -> Function:
-    return Function(lambda *operands: numeric(operation, *operands), names or ("x",), fewest)
+def _of_numbers(operation: Callable[..., Any], *names: str) -> Function:
+    return Function(lambda *operands: numeric(operation, *operands), names or ("x",))
 
 
 def _rounded(operation: Callable[[float], float]) -> Callable[[float], float]:
@@ -104,7 +105,7 @@ def _rounded(operation: Callable[[float], float]) -> Callable[[float], float]:
 
 
 def _double(operation: Callable[[float], float]) -> Callable[[float], float]:
-    """An operation of which a double is made of a double."""
+    """An operation whose result for a double is a double."""
     return lambda a: float(operation(a)) if isinstance(a, float) else operation(a)
 
 
@@ -113,7 +114,7 @@ def _round(a: float, digits: float = 0) -> float:
 
 
 def _quietly(operation: Callable[..., Any]) -> Callable[..., float]:
-    """A function of numpy's, whose infinities and NaN are R's."""
+    """A function of numpy without its warnings; its infinities and NaN are those of R."""
 
     def apply(*arguments: float) -> float:
         with np.errstate(all="ignore"):
@@ -130,7 +131,7 @@ def _log(a: float, base: float | None = None) -> float:
 
 
 def _over_all(operation: Callable[..., Any], *, of_logical: bool = False) -> Callable[..., Closure]:
-    """A function of all members of all arguments; with na.rm those that are missing are left out."""
+    """A function of all members of all arguments; with na.rm, missing members are left out."""
 
     def make(*operands: Closure, **options: Closure) -> Closure:
         remove = options.get("na.rm")
@@ -148,10 +149,6 @@ def _over_all(operation: Callable[..., Any], *, of_logical: bool = False) -> Cal
         return apply
 
     return make
-
-
-def _extreme(choose: Callable[[list[float]], float], of_none: float) -> Callable[[list[float]], float]:
-    return lambda members: choose(members) if members else of_none
 
 
 def _is_missing(operand: Closure) -> Closure:
@@ -177,9 +174,7 @@ def _as_number(value: Any) -> float | None:  # noqa: ANN401
 
 def _as_integer(value: Any) -> int | None:  # noqa: ANN401
     found = _as_number(value)
-    if found is None or not abs(found) <= _LARGEST_INTEGER:
-        return None
-    return int(found)
+    return None if found is None or not abs(found) <= _MAX_INTEGER else int(found)
 
 
 def _if_else(test: Closure, yes: Closure, no: Closure) -> Closure:
@@ -197,7 +192,7 @@ def _if_else(test: Closure, yes: Closure, no: Closure) -> Closure:
 
 
 def _sequence(*given: Closure) -> Closure:
-    """`seq(from, to, by, length.out)`; with one argument the numbers from 1 to it, or to its length."""
+    """`seq(from, to, by, length.out)`; with one argument the numbers from 1 to this, or to the length of this."""
 
     def apply(values: Values) -> Any:  # noqa: ANN401
         found: list[Any] = [operand(values) for operand in given]
@@ -262,7 +257,7 @@ def _pattern(text: str, ignore_case: bool, fixed: bool) -> re.Pattern[str]:
         wanted = wanted if fixed else wanted.replace(name, members)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what may mean something else one day
+            warnings.simplefilter("ignore")  # on syntax that future versions of Python may change
             return re.compile(wanted, re.IGNORECASE if ignore_case else 0)
     except (re.error, OverflowError) as error:
         raise TypeError(f"expected a regular expression, found {text!r}: {error}") from None
@@ -271,14 +266,14 @@ def _pattern(text: str, ignore_case: bool, fixed: bool) -> re.Pattern[str]:
 Functions = Mapping[str, Function]
 
 ARITHMETIC_FUNCTIONS: Functions = {
-    "min": Function(_over_all(_extreme(min, math.inf)), ("na.rm",), endless=True),
-    "max": Function(_over_all(_extreme(max, -math.inf)), ("na.rm",), endless=True),
+    "min": Function(_over_all(partial(min, default=math.inf)), ("na.rm",), is_variadic=True),
+    "max": Function(_over_all(partial(max, default=-math.inf)), ("na.rm",), is_variadic=True),
     "round": _of_numbers(_round, "x", "digits"),
     "floor": _of_numbers(_rounded(math.floor)),
     "ceiling": _of_numbers(_rounded(math.ceil)),
     "trunc": _of_numbers(_rounded(math.trunc)),
 }
-"""Those that a bound of a domain may use."""
+"""The functions that a bound of a domain may use."""
 FUNCTIONS: Functions = {
     **ARITHMETIC_FUNCTIONS,
     "floor": _of_numbers(_double(_rounded(math.floor))),
@@ -290,10 +285,10 @@ FUNCTIONS: Functions = {
     "log": _of_numbers(_quietly(_log), "x", "base"),
     "log2": _of_numbers(_quietly(np.log2)),
     "log10": _of_numbers(_quietly(np.log10)),
-    "sum": Function(_over_all(sum), ("na.rm",), 0, endless=True),
-    "any": Function(_over_all(some, of_logical=True), ("na.rm",), 0, endless=True),
-    "all": Function(_over_all(every, of_logical=True), ("na.rm",), 0, endless=True),
-    "c": Function(_combined, (), endless=True),
+    "sum": Function(_over_all(sum), ("na.rm",), 0, is_variadic=True),
+    "any": Function(_over_all(some, of_logical=True), ("na.rm",), 0, is_variadic=True),
+    "all": Function(_over_all(every, of_logical=True), ("na.rm",), 0, is_variadic=True),
+    "c": Function(_combined, (), is_variadic=True),
     "seq": Function(_sequence, ("from", "to", "by", "length.out")),
     "is.na": Function(_is_missing),
     "as.numeric": Function(lambda operand: strict(_as_number, operand)),

@@ -1,7 +1,7 @@
-"""What the operators of the expression language do: closures over the values of parameters.
+"""The operators of the expression language, as closures over the values of parameters.
 
-As in R: NA, here None, spreads through an operation, except in `FALSE & NA`, `TRUE | NA`, `%in%` and `is.na`. An
-operation on vectors, here tuples, works member by member; a vector of one member is that member. A Python int is an
+As in R, the result of an operation on NA, here None, is NA, except for `FALSE & NA`, `TRUE | NA`, `%in%` and `is.na`.
+An operation on vectors, here tuples, works member by member; a vector of one member is that member. A Python int is an
 integer of R, a float is a double.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 
 Values = tuple[Any, ...]
 Closure = Callable[[Values], Any]
-
+Operation = Callable[[Any, Any], Any]
 
 CONSTANTS = {"TRUE": True, "FALSE": False, "NA": None, "NULL": None, "Inf": math.inf}
 COMPARISONS = {
@@ -26,10 +26,9 @@ COMPARISONS = {
     ">=": operator.ge,
 }
 MAX_MEMBERS = 100_000
-"""Of a vector."""
-_LARGEST_WHOLE = 2**63 - 1
-_SIGNIFICANT = 15
-"""Digits of a number as text."""
+"""Maximum length of a vector."""
+_MAX_WHOLE = 2**63 - 1
+_SIGNIFICANT_DIGITS = 15
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NUMBER = re.compile(
     r"[+-]?(?:(?P<hex>0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[+-]?[0-9]+)?)"
@@ -38,8 +37,8 @@ _NUMBER = re.compile(
 )
 
 
-def is_true(value: Any) -> bool:  # noqa: ANN401 - whatever an expression may give
-    """Whether a condition holds: NA does not."""
+def is_true(value: Any) -> bool:  # noqa: ANN401 - the value of any expression
+    """Whether a condition holds; NA does not hold."""
     if value is True or value is False or value is None:  # nearly always
         return value is True
     return logical(value)
@@ -47,12 +46,12 @@ def is_true(value: Any) -> bool:  # noqa: ANN401 - whatever an expression may gi
 
 def number_text(value: float) -> str:
     """A number as irace writes it on a command line: up to 15 significant digits, no exponent, and no sign of zero."""
-    text = str(value) if isinstance(value, int) else f"{value + 0.0:.{_SIGNIFICANT}g}"
+    text = str(value) if isinstance(value, int) else f"{value + 0.0:.{_SIGNIFICANT_DIGITS}g}"
     return format(Decimal(text), "f") if "e" in text else text
 
 
 def value_text(value: Any) -> str:  # noqa: ANN401
-    """A value as R's as.character has it: 1e+05, not 100000, unless that is an integer."""
+    """A value as text, as R's as.character: a double is 1e+05, not 100000."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
@@ -61,7 +60,7 @@ def value_text(value: Any) -> str:  # noqa: ANN401
         return str(value)
     if not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Inf" if value > 0 else "-Inf"
-    mantissa, _, exponent = f"{value + 0.0:.{_SIGNIFICANT - 1}e}".partition("e")
+    mantissa, _, exponent = f"{value + 0.0:.{_SIGNIFICANT_DIGITS - 1}e}".partition("e")
     mantissa = mantissa.rstrip("0").rstrip(".")
     scientific = f"{mantissa}e{exponent}"
     fixed = format(Decimal(scientific), "f")
@@ -69,16 +68,16 @@ def value_text(value: Any) -> str:  # noqa: ANN401
 
 
 def number(text: str) -> float:
-    """The number that a text is to R, decimal or hexadecimal.
+    """Read a number, decimal or hexadecimal, as R does.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The text is not a number.
     """
     text = text.strip()
     if _WHOLE.fullmatch(text):
         try:
-            return _as_r_has_it(int(text))
-        except (ValueError, OverflowError):  # Python has a limit of its own
+            return _as_r_number(int(text))
+        except (ValueError, OverflowError):  # Python limits the number of digits
             return float(text)
     match = _NUMBER.fullmatch(text)
     if match is None:
@@ -93,7 +92,7 @@ def _hexadecimal(text: str) -> float:
         value = float.fromhex(text)
     except OverflowError:
         return -math.inf if text.startswith("-") else math.inf
-    return int(value) if value.is_integer() and abs(value) <= _LARGEST_WHOLE else value
+    return int(value) if value.is_integer() and abs(value) <= _MAX_WHOLE else value
 
 
 def constant(value: Any) -> Closure:  # noqa: ANN401 - any literal
@@ -101,7 +100,7 @@ def constant(value: Any) -> Closure:  # noqa: ANN401 - any literal
 
 
 def vector(members: tuple[Any, ...]) -> Any:  # noqa: ANN401
-    """Members as a value."""
+    """The value of some members: one member is no tuple."""
     return members[0] if len(members) == 1 else members
 
 
@@ -110,7 +109,7 @@ def members_of(value: Any) -> tuple[Any, ...]:  # noqa: ANN401
 
 
 def each(operation: Callable[..., Any], arguments: list[Any]) -> Any:  # noqa: ANN401
-    """An operation on values, member by member if some are vectors; the shorter ones are repeated."""
+    """The result of an operation on values, member by member if some are vectors; shorter ones are repeated."""
     lengths = [len(a) for a in arguments if isinstance(a, tuple)]
     if not lengths:
         return operation(*arguments)
@@ -120,7 +119,7 @@ def each(operation: Callable[..., Any], arguments: list[Any]) -> Any:  # noqa: A
 
 
 def strict(operation: Callable[..., Any], *operands: Closure) -> Closure:
-    """An operation that is NA as soon as one operand is."""
+    """An operation whose result is NA if an operand is NA."""
 
     def one(*arguments: Any) -> Any:  # noqa: ANN401
         if any(a is None for a in arguments):
@@ -133,7 +132,7 @@ def strict(operation: Callable[..., Any], *operands: Closure) -> Closure:
 
 def numeric(operation: Callable[..., Any], *operands: Closure) -> Closure:
     """A strict operation on numbers."""
-    return strict(lambda *arguments: _as_r_has_it(operation(*map(number_of, arguments))), *operands)
+    return strict(lambda *arguments: _as_r_number(operation(*map(number_of, arguments))), *operands)
 
 
 def any_of(*operands: Closure) -> Closure:
@@ -147,13 +146,13 @@ def all_of(*operands: Closure) -> Closure:
 
 
 def some(*values: Any) -> bool | None:  # noqa: ANN401
-    """Whether one of them is true; NA if that depends on what is missing."""
+    """Whether one of the values is true; NA if that depends on missing values."""
     found = [_truth(value) for value in values]
     return True if True in found else None if None in found else False
 
 
 def every(*values: Any) -> bool | None:  # noqa: ANN401
-    """Whether all of them are true; NA if that depends on what is missing."""
+    """Whether all values are true; NA if that depends on missing values."""
     found = [_truth(value) for value in values]
     return False if False in found else None if None in found else True
 
@@ -176,7 +175,7 @@ def _matches(a: Any, b: Any) -> bool:  # noqa: ANN401
 
 
 def combine(*values: Any) -> Any:  # noqa: ANN401
-    """`c(...)`: one vector of all members, which become text if one of them is, else numbers if one of them is."""
+    """`c(...)`: one vector of all members. If one is text, all become text; else if one is a number, all do."""
     members = tuple(m for value in values for m in members_of(value))
     if any(isinstance(m, str) for m in members):
         members = tuple(m if m is None else value_text(m) for m in members)
@@ -189,11 +188,7 @@ def combine(*values: Any) -> Any:  # noqa: ANN401
 
 def span(low: Closure, high: Closure) -> Closure:
     """`low:high`."""
-
-    def apply(values: Values) -> Any:  # noqa: ANN401
-        return between(low(values), high(values))
-
-    return apply
+    return lambda values: between(low(values), high(values))
 
 
 def between(low: Any, high: Any) -> Any:  # noqa: ANN401
@@ -219,7 +214,7 @@ def check_length(n: float) -> None:
 
 
 def comparable(a: Any, b: Any) -> tuple[Any, Any]:  # noqa: ANN401
-    """Two values as they are compared: as text if one of them is text."""
+    """Convert two values for a comparison: to text if one of them is text."""
     if isinstance(a, str) or isinstance(b, str):
         return value_text(a), value_text(b)
     return a, b
@@ -239,9 +234,9 @@ def number_of(value: Any, expected: str = "a number") -> float:  # noqa: ANN401
     return value  # type: ignore[no-any-return]  # an int stays an int
 
 
-def _as_r_has_it(value: float) -> float:
-    """A whole number that is too large for 64 bits as the nearest float."""
-    return float(value) if abs(value) > _LARGEST_WHOLE else value
+def _as_r_number(value: float) -> float:
+    """Convert a whole number that is too large for 64 bits to a float."""
+    return float(value) if abs(value) > _MAX_WHOLE else value
 
 
 def divide(a: float, b: float) -> float:

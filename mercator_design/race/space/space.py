@@ -1,8 +1,8 @@
-"""What may be configured: parameters with domains and conditions, as in irace's parameters.txt.
+"""A space: parameters with domains and conditions, as in irace's parameters.txt.
 
-A configuration is a dict of the active parameters' values: text for categorical and ordered parameters,
-numbers for the others; the name of an inactive parameter is absent. A condition that is NA, because it looks
-at an inactive parameter, makes a parameter inactive, and so does a bound that is NA.
+A configuration is a dict of the active parameters' values: text for categorical and ordered parameters, numbers for the
+others; inactive parameters are not in it. A parameter is also inactive if its condition or a bound is NA, because these
+depend on an inactive parameter.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -15,36 +15,36 @@ from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.r_operators import number_text
 
-_FEW = 1000
-"""Values of a parameter that are worth remembering."""
+_MAX_CACHED = 1000
+"""Largest number of values of a parameter for which the active children of each value are cached."""
 
 
 class Structure(Protocol):
-    """What configurations of a space mean, as only their owner knows."""
+    """The meaning of the configurations of a space, for example that different ones are the same PFSM."""
 
     def canonical(self, configuration: Configuration) -> Configuration:
-        """The one that stands for all that mean the same."""
+        """The canonical form of a configuration: equal for all configurations of the same meaning."""
         ...
 
     def neighbour(self, configuration: Configuration, draws: Generator) -> Configuration:
-        """One nearby in meaning, in canonical form."""
+        """A configuration of a similar meaning, in canonical form."""
         ...
 
 
 class Space:
-    """Parameters in file order, which is also their order on a command line, and what may not be combined.
+    """Parameters and forbidden combinations of their values.
 
     Attributes:
-        parameters: in file order.
-        levels: name -> 1 for what depends on nothing, else one more than what it depends on.
-        variable: the parameters that are not fixed, in file order.
-        n_variable: how many those are (irace's nbVariable); conditional ones count.
-        forbidden: expressions no configuration may satisfy.
-        structure: what configurations mean beyond the values of their parameters, if anything is known of it.
-        notes: what a user should know of the text that it was read from.
+        parameters: The parameters in file order, which is also their order on a command line.
+        levels: The level of each parameter, by name: 1 if it depends on no other, else one more than these.
+        variable: The parameters that are not fixed, in file order.
+        n_variable: Number of variable parameters (irace's nbVariable), conditional ones included.
+        forbidden: Expressions that must not be true for a configuration.
+        structure: The meaning of the configurations, if it is known.
+        notes: Notes for the user on the text of the space.
 
     Raises:
-        RaceError: a name is used twice, unknown or circular; a bound depends on a parameter that is not
+        RaceError: A name is used twice, is unknown, or depends on itself; a bound depends on a parameter that is not
             numeric.
     """
 
@@ -74,13 +74,13 @@ class Space:
         return self._by_name[name]
 
     def build(self, choose: Callable[[Parameter, Bounds], Value]) -> Configuration:
-        """A configuration in which each active parameter gets the chosen value, or its only one.
+        """Build a configuration from the value that is chosen for each active parameter; fixed ones have their value.
 
         Args:
-            choose: called by level, with the bounds that hold for what was chosen before.
+            choose: Called for each active variable parameter, level by level, with its bounds.
         """
         chosen: Configuration = {}
-        waiting = [list(places) for places in self._always]  # places of parameters to look at, by level
+        waiting = [list(places) for places in self._always]  # the places of parameters to check, by level
         for places in waiting:
             places.sort()
             for place in places:
@@ -98,9 +98,9 @@ class Space:
         return dict(sorted(chosen.items(), key=lambda item: self._order[item[0]]))
 
     def _prepare(self) -> None:
-        """Sort parameters by what must be known before they are looked at.
+        """Sort the parameters by level, and find those that need not be checked in each configuration.
 
-        Most are active where one other has certain values of few. Those are looked at only where they are active.
+        Most parameters are active for some values of one other parameter. They are checked only for these values.
         """
         in_order = sorted(self.parameters, key=lambda p: self.levels[p.name])
         self._steps = [(p, None if p.is_dependent else p.bounds({})) for p in in_order]
@@ -118,7 +118,7 @@ class Space:
                 self._conditional.add(parameter.name)
 
     def _active_children(self, name: str, value: Value) -> list[tuple[int, int]]:
-        """Level and place of each parameter that a value makes active."""
+        """The level and place of each parameter that a value makes active."""
         found = self._active.get((name, value))
         if found is None:
             children = [(self._steps[place][0], place) for place in self._children[name]]
@@ -131,7 +131,11 @@ class Space:
         return parameter.condition is None or parameter.condition.holds(chosen)
 
     def check(self, configuration: Mapping[str, Value]) -> None:
-        """Raise a RaceError unless exactly the active parameters have values, each within its domain."""
+        """Check that exactly the active parameters have values, each within its domain, and that it is not forbidden.
+
+        Raises:
+            RaceError: It is not so; with the parameter.
+        """
         unknown = configuration.keys() - self._by_name.keys()
         if unknown:
             raise RaceError(f"configuration: expected names of parameters, found '{min(unknown)}'")
@@ -152,18 +156,18 @@ class Space:
                 raise RaceError(f"parameter '{name}': expected no value as it is inactive, found {value!r}")
         for expression in self.forbidden:
             if expression.holds(configuration):
-                raise RaceError(f"configuration: expected none that satisfies {expression.text}, which is forbidden")
+                raise RaceError(f"configuration: expected {expression.text} to be false, as it is forbidden")
 
     def is_forbidden(self, configuration: Mapping[str, Value]) -> bool:
         """Whether a forbidden expression is true; NA is not."""
         return any(expression.holds(configuration) for expression in self.forbidden)
 
     def key(self, configuration: Mapping[str, Value]) -> tuple[Value | None, ...]:
-        """The values in file order, None where inactive: equal for equal configurations."""
+        """The values in file order, None for inactive parameters; equal configurations have equal keys."""
         return tuple(map(configuration.get, self._by_name))
 
     def command_line(self, configuration: Mapping[str, Value]) -> str:
-        """Switches and values joined by blanks, as irace hands them to a program."""
+        """The switches and values joined by blanks, as irace passes them to a program."""
         words = []
         for parameter in self.parameters:
             value = configuration.get(parameter.name)
@@ -177,7 +181,7 @@ class Space:
             if parameter.name in seen:
                 raise RaceError(f"parameter '{parameter.name}': expected a new name, found it twice")
             seen.add(parameter.name)
-            for name in _depends_on(parameter):
+            for name in parameter.depends_on:
                 if name not in self._by_name:
                     raise RaceError(f"parameter '{parameter.name}': expected names of parameters, found '{name}'")
             for name in parameter.bound_names:
@@ -196,7 +200,7 @@ class Space:
             raise RaceError(f"parameter '{parameter.name}': depends on itself ({' -> '.join((*path, parameter.name))})")
         if parameter.name not in self.levels:
             path = (*path, parameter.name)
-            below = [self._find_level(self._by_name[name], path) for name in _depends_on(parameter)]
+            below = [self._find_level(self._by_name[name], path) for name in parameter.depends_on]
             self.levels[parameter.name] = 1 + max(below, default=0)
         return self.levels[parameter.name]
 
@@ -205,9 +209,4 @@ def _has_few_values(parameter: Parameter) -> bool:
     if parameter.kind == "real" or parameter.is_dependent:
         return False
     low, high = parameter.bounds({}) or (0, 0)
-    return high - low < _FEW
-
-
-def _depends_on(parameter: Parameter) -> tuple[str, ...]:
-    condition = parameter.condition.names if parameter.condition is not None else ()
-    return (*parameter.bound_names, *condition)
+    return high - low < _MAX_CACHED

@@ -917,8 +917,8 @@ class TestAnalysis:
         task = SimpleNamespace(name="aggregation", columns=Designer.columns, start=lambda: {"flavour": "watermelon"})
         task.score = lambda cost: -cost
         steps = (
-            Step(change="", there=0, costs=(1.0, 1.2), p_value=math.nan),
-            Step(change="without transition 1 -> 0", there=1, costs=costs, p_value=p),
+            Step(change="", variant=0, costs=(1.0, 1.2), p_value=math.nan),
+            Step(change="without transition 1 -> 0", variant=1, costs=costs, p_value=p),
         )
         configurations = tuple(from_pfsm(pfsm) for pfsm in (whole, less))
         ablation = Ablation(task=task, start="the winner", steps=steps, configurations=configurations, simplifies=True)

@@ -154,7 +154,7 @@ def _ablation(
     *,
     simplifies: bool,
 ) -> Ablation:
-    configurations = tuple(configuration(one.there) for one in steps)
+    configurations = tuple(configuration(one.variant) for one in steps)
     return Ablation(task=task, start=start, steps=tuple(steps), configurations=configurations, simplifies=simplifies)
 
 

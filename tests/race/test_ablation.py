@@ -62,11 +62,11 @@ class TestPath:
         assert changes[-1] == "y = 1.0"  # which costs
 
     def test_it_ends_at_the_target(self, steps):
-        assert Flips(SPACE, WINNER).configuration(steps[-1].there) == WINNER
+        assert Flips(SPACE, WINNER).configuration(steps[-1].variant) == WINNER
 
     def test_costs_are_of_instances_that_no_change_was_chosen_on(self, steps):
         flips = Flips(SPACE, WINNER)
-        expected = measuring(flips, 0.3)([step.there for step in steps], range(20, 40))
+        expected = measuring(flips, 0.3)([step.variant for step in steps], range(20, 40))
         assert [list(step.costs) for step in steps] == expected
 
     def test_p_values(self, steps):
@@ -93,7 +93,7 @@ def test_what_it_takes(k):
 def test_nothing_to_change():
     flips = Flips(SPACE, START)
     [step] = ablate(SPACE.key(START), flips.changes, measuring(flips), 5)
-    assert (step.change, flips.configuration(step.there)) == ("", START)
+    assert (step.change, flips.configuration(step.variant)) == ("", START)
 
 
 def test_what_makes_no_difference():
@@ -116,6 +116,6 @@ def test_every_path_is_of_valid_configurations_and_ends(space):
 
         steps = ablate(space.key(here), flips.changes, any_costs, 2)
         for step in steps:
-            space.check(flips.configuration(step.there))
-        assert flips.configuration(steps[-1].there) == target
+            space.check(flips.configuration(step.variant))
+        assert flips.configuration(steps[-1].variant) == target
         assert len(steps) <= len(target) + 1

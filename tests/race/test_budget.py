@@ -5,11 +5,12 @@ import pytest
 from mercator_design.errors import RaceError
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.iterated import IteratedRace
-from mercator_design.race.racing.budget import n_iterations, plan
+from mercator_design.race.racing.budget import n_iterations
 from mercator_design.race.racing.options import RaceOptions
+from mercator_design.race.racing.planning import Planner
 
 NUMBERS = parse_space("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
-DEFAULTS = {"mu": 5, "each_test": 1, "n_new": 1, "elitist": True}
+IRACE = RaceOptions.irace()
 
 
 @pytest.mark.parametrize(
@@ -17,19 +18,19 @@ DEFAULTS = {"mu": 5, "each_test": 1, "n_new": 1, "elitist": True}
     [(1, 42), (2, 96), (5, 180), (11, 300), (20, 504), (45, 728), (100, 1008), (149, 1350)],
 )
 def test_from_iraces_least_budget_on_the_plan_is_iraces(n_variable, least):
-    enough = plan(least, n_variable=n_variable, **DEFAULTS)
-    assert (enough.iterations, enough.configurations, enough.note) == (n_iterations(n_variable), None, None)
-    fewer = plan(least - 1, n_variable=n_variable, **DEFAULTS)
-    assert fewer.iterations < enough.iterations
+    enough = Planner(IRACE, n_variable, least)
+    assert (enough.n_iterations, enough.max_configurations, enough.note) == (n_iterations(n_variable), None, None)
+    fewer = Planner(IRACE, n_variable, least - 1)
+    assert fewer.n_iterations < enough.n_iterations
     assert fewer.survivors == enough.survivors
-    assert fewer.configurations == 2 * enough.survivors
-    assert f"{least} experiments would allow all {enough.iterations}" in str(fewer.note)
+    assert fewer.max_configurations == 2 * enough.survivors
+    assert f"{least} experiments would allow all {enough.n_iterations}" in str(fewer.note)
 
 
 def test_a_budget_for_no_iteration_is_refused_with_the_one_that_would_do():
-    assert plan(60, n_variable=149, **DEFAULTS).iterations == 1
+    assert Planner(IRACE, 149, 60).n_iterations == 1
     with pytest.raises(RaceError, match=r"expected at least 60 experiments for 149 parameters \(1350 .*\), found 59"):
-        plan(59, n_variable=149, **DEFAULTS)
+        Planner(IRACE, 149, 59)
 
 
 @pytest.mark.parametrize(("iterations", "goes_on"), [(None, True), (4, False)])

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from mercator_design.race import IteratedRace, RaceOptions, parse_space
-from mercator_design.race.racing.stagnation import PATIENCE, agreement, is_better, judged
+from mercator_design.race.racing.stagnation import MIN_ITERATIONS, agreement, is_better, judged
 from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
 from mercator_design.race.running.events import IterationEnded
@@ -51,7 +51,7 @@ class TestRaces:
     @pytest.mark.parametrize("seed", range(4))
     def test_one_that_has_reached_the_best_there_is(self, options, seed):
         [(iteration, note)] = notes(lambda d, _: float(d > 8), options, seed)
-        assert iteration <= 2 + PATIENCE
+        assert iteration <= 2 + MIN_ITERATIONS
         assert re.match(r"no gain in [34] iterations, since iteration 1: \d+ is still the best", note)
 
     def test_most_that_see_noise_only_say_so(self, options):

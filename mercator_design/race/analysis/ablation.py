@@ -1,12 +1,11 @@
-"""Which changes make the difference between two configurations, one after the other.
+"""Ablation analysis: which changes from one configuration to another matter.
 
-Ablation analysis (Fawcett and Hoos 2016, Analysing differences between algorithm configurations through ablation,
-Journal of Heuristics 22:431-458), as irace's `ablation()`: of all changes that are left, the one that costs least is
-made, until none is left. Whatever can be changed in steps can be ablated; `Flips` goes from one configuration to
-another by parameters.
+As irace's `ablation()`, after Fawcett and Hoos 2016 (Analysing differences between algorithm configurations through
+ablation, Journal of Heuristics 22:431-458): each step makes the change with the lowest mean cost, until no change is
+left. `Flips` changes one configuration into another, a parameter in each step; other kinds of changes are possible.
 
-That a change costs least on some instances flatters it there. So when the path is known, it is measured again on
-others, and it is these costs that are given.
+A change that was selected on some instances looks better on these instances than it is. So the path is measured again
+on other instances, and the results have these costs.
 """
 
 import math
@@ -29,15 +28,15 @@ Costs = Sequence[float]
 class Step(Generic[C]):
     """A step of a path.
 
-    change: in words; empty for the start.
-    there: where it leads.
-    costs: there, on the instances of the second measurement.
-    p_value: of no difference from the start (paired t-test on these, corrected over the steps by Holm); NaN for the
-        start.
+    change: A description of the change; empty for the start.
+    variant: The variant after the change.
+    costs: The costs of the variant on the instances of the second measurement.
+    p_value: The p-value of no difference from the start (paired t-test on these costs, with Holm's correction for all
+        steps); NaN for the start.
     """
 
     change: str
-    there: C
+    variant: C
     costs: tuple[float, ...]
     p_value: float
 
@@ -48,32 +47,33 @@ def ablate(
     measure: Callable[[Sequence[C], range], Sequence[Costs]],
     runs: int,
 ) -> list[Step[C]]:
-    """The path from a start on which each change costs least.
+    """Find the path from a start on which each change has the lowest mean cost.
 
-    A path of k steps takes runs * k * (k + 3) / 2 measurements if each change leaves all others.
+    A path of k steps takes runs * k * (k + 3) / 2 measurements if each change leaves all others possible.
 
     Args:
-        start: Where it begins.
-        changes: What can be changed somewhere: where each change leads, and what it is in words. Must come to an end.
-        measure: The costs of each of several, on instances of these numbers.
-        runs: Instances that changes are chosen on, and as many others that the path is measured on.
+        start: The first variant.
+        changes: Returns the variants that one change can make from a variant, with descriptions of the changes; after
+            some changes there must be none.
+        measure: Returns the costs of each of several variants, on instances of these numbers.
+        runs: Number of instances on which changes are chosen, and of other instances on which the path is measured.
     """
     path: list[tuple[str, C]] = [("", start)]
     while candidates := changes(path[-1][1]):
-        there = list(candidates)
-        means = [sum(costs) / runs for costs in measure(there, range(runs))] if len(there) > 1 else [0.0]
-        chosen = there[int(np.argmin(means))]
+        variants = list(candidates)
+        means = [sum(costs) / runs for costs in measure(variants, range(runs))] if len(variants) > 1 else [0.0]
+        chosen = variants[int(np.argmin(means))]
         path.append((candidates[chosen], chosen))
-    costs = measure([there for _, there in path], range(runs, 2 * runs))
+    costs = measure([variant for _, variant in path], range(runs, 2 * runs))
     p_values = holm(np.array([_p_value(costs[0], own) for own in costs[1:]])).tolist()
     return [
-        Step(change=change, there=there, costs=tuple(own), p_value=p)
-        for (change, there), own, p in zip(path, costs, [math.nan, *p_values], strict=True)
+        Step(change=change, variant=variant, costs=tuple(own), p_value=p)
+        for (change, variant), own, p in zip(path, costs, [math.nan, *p_values], strict=True)
     ]
 
 
 def _p_value(costs: Costs, others: Costs) -> float:
-    """Two-sided, of the paired t-test; 1 where all are equal."""
+    """The two-sided p-value of the paired t-test; 1 if all costs are equal."""
     differences = np.array(others) - np.array(costs)
     error = float(differences.std(ddof=1)) / math.sqrt(len(differences))
     if error == 0:
@@ -82,9 +82,9 @@ def _p_value(costs: Costs, others: Costs) -> float:
 
 
 class Flips:
-    """From one configuration to another, a parameter at a time, with those that it makes active or inactive.
+    """Changes one configuration into another by parameters, with those that become active or inactive.
 
-    Configurations are given and returned as keys of the space.
+    The variants are keys of the space.
     """
 
     def __init__(self, space: Space, target: Configuration) -> None:
@@ -92,7 +92,7 @@ class Flips:
         self._target = target
 
     def changes(self, key: tuple[Value | None, ...]) -> dict[tuple[Value | None, ...], str]:
-        """As `ablate` wants them."""
+        """The variants after one more change, for `ablate`."""
         here = self.configuration(key)
         found: dict[tuple[Value | None, ...], str] = {}
         for parameter in self._space.parameters:
@@ -101,21 +101,21 @@ class Flips:
                 continue
             changed = self._space.build(self._choice({**self._target, **here, parameter.name: new}))
             if self._distance(changed) < self._distance(here) and not self._space.is_forbidden(changed):
-                found.setdefault(self._space.key(changed), _words(parameter.name, here, changed))
-        if not found and self._space.key(self._target) != key:  # what is left needs each other
+                found.setdefault(self._space.key(changed), _description(parameter.name, here, changed))
+        if not found and self._space.key(self._target) != key:  # no single change is possible
             found[self._space.key(self._target)] = "all that is left"
         return found
 
     def configuration(self, key: tuple[Value | None, ...]) -> Configuration:
-        """That of a key."""
+        """The configuration of a key."""
         return {p.name: value for p, value in zip(self._space.parameters, key, strict=True) if value is not None}
 
     def _distance(self, configuration: Configuration) -> int:
-        """How many of the target's values are still missing."""
+        """The number of the target's values that a configuration does not have."""
         return sum(configuration.get(name) != value for name, value in self._target.items())
 
     def _choice(self, wanted: Configuration) -> Callable[[Parameter, Bounds], Value]:
-        """The value that is wanted, or else the target's, or else the middle of the domain."""
+        """Returns a function that chooses the wanted value, or else the target's, or else the middle of the domain."""
 
         def choose(parameter: Parameter, bounds: Bounds) -> Value:
             for values in (wanted, self._target):
@@ -127,7 +127,7 @@ class Flips:
         return choose
 
 
-def _words(name: str, here: Configuration, there: Configuration) -> str:
-    """A change of a parameter, and how many others change with it."""
-    others = sum(here.get(other) != there.get(other) for other in here.keys() | there.keys()) - 1
-    return f"{name} = {there[name]}" + (f", with {others} more" if others else "")
+def _description(name: str, before: Configuration, after: Configuration) -> str:
+    """The description of a change of a parameter, with the number of others that change with it."""
+    others = sum(before.get(other) != after.get(other) for other in before.keys() | after.keys()) - 1
+    return f"{name} = {after[name]}" + (f", with {others} more" if others else "")

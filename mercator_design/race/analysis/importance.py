@@ -1,15 +1,16 @@
-"""Which parameters explain what configurations cost in a race.
+"""Importance analysis: which parameters explain the costs of the configurations of a race.
 
-The costs of each configuration, corrected for the instances that it happened to see, are learnt by the race's surrogate
-(surrogate.py) from four fifths of the configurations and predicted for the others, for each fifth in turn. A parameter
-matters as far as predictions get worse when its values are shuffled among those others where it is active (Breiman
-2001, Random forests, Machine Learning 45:5-32). Half of the squared error that this adds is, for independent
-parameters, the total effect of Sobol's method: the share of the variance that the parameter has a part in, alone or
-together with others (Jansen 1999, Computer Physics Communications 117:35-43). But a model that has learnt from few or
-noisy results predicts smaller differences than there are, so a share is a lower bound rather than an estimate.
+The mean costs of configurations are corrected for the instances that they have seen. The race's surrogate
+(surrogate.py) learns them from four fifths of the configurations and predicts them for the others, for each fifth in
+turn. Then the values of one parameter are shuffled among those others in which it is active: the worse the predictions
+get, the more important is the parameter (Breiman 2001, Random forests, Machine Learning 45:5-32). Half of the squared
+error that this adds is, for independent parameters, the total effect of Sobol's method: the share of the variance in
+which the parameter has a part, alone or with others (Jansen 1999, Computer Physics Communications 117:35-43). A model
+that has learnt from few or noisy results predicts too small differences, so a share is rather a lower bound than an
+estimate.
 
-So importance is about the configurations that were raced, of which most are like the elites; and parameters that
-always change together cannot be told apart.
+Importance is about the configurations that were raced, and most of them are similar to the elites. The importance of
+parameters that always change together cannot be separated.
 """
 
 import math
@@ -26,28 +27,26 @@ from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
-FEWEST = 30
-"""Configurations that something can be learnt from."""
-_MOST = 600
-"""Configurations; of more, as many are taken evenly, since fitting takes the cube of their number."""
+MIN_CONFIGURATIONS = 30
+_MAX_CONFIGURATIONS = 600
+"""If there are more, so many are taken evenly, because the time of a fit grows with the cube of their number."""
 _FOLDS = 5
 _FITS = 10
-"""Of the surrogate, each of which goes on from the one before."""
+"""Number of fits of the surrogate; each continues from the one before."""
 _SHUFFLES = 20
 _GRID = 7
-"""Values of a parameter that are tried to find the one it favours."""
+"""Number of values of a parameter that are tried to find the best one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Importance:
-    """What one parameter has to do with the costs.
+    """The importance of one parameter.
 
-    share: of the variance between configurations that it has a part in, at least; may be below 0.
-    error: the standard error of that over the configurations, given the models: that others might have been learnt is
-        not in it.
-    active: the part of the configurations in which it is active.
-    favours: the value of which the least cost is predicted, all else as it was.
-    gain: how much less that is than with the value of which the most is predicted.
+    share: The share of the variance between configurations in which it has a part, at least; may be below 0.
+    error: The standard error of the share over the configurations, for the given models.
+    active: The share of the configurations in which it is active.
+    favours: The value with the lowest predicted cost, if all others stay as they are.
+    gain: The difference between the highest and the lowest predicted cost.
     """
 
     name: str
@@ -60,11 +59,11 @@ class Importance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explanation:
-    """What parameters explain.
+    """The result of the analysis.
 
-    configurations: how many were learnt from.
-    explained: the share of the variance between configurations, beyond noise, that is predicted of new ones.
-    parameters: the most important first; those that nowhere vary are left out.
+    configurations: Number of configurations that were learnt from.
+    explained: The share of the variance between new configurations, without noise, that is predicted.
+    parameters: The most important first; parameters that do not vary are left out.
     """
 
     configurations: int
@@ -75,21 +74,22 @@ class Explanation:
 def explain(
     space: Space, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]], *, seed: int
 ) -> Explanation:
-    """Explain costs.
+    """Find the importance of all parameters.
 
     Args:
-        space: Of the configurations.
-        configurations: That were raced.
-        costs: Theirs, by instance; of those that were rejected some are infinite.
-        seed: Of what is random here: folds and shuffles.
+        space: The space of the configurations.
+        configurations: The configurations of a race.
+        costs: The costs of each configuration, by instance; an infinite cost rejects it.
+        seed: Seed of folds and shuffles.
 
     Raises:
-        RaceError: There are too few configurations, or all cost the same.
+        RaceError: There are too few configurations, or there is no difference between their costs.
     """
     usable = [k for k, own in enumerate(costs) if own and not any(map(math.isinf, own.values()))]
-    usable = [usable[k * len(usable) // min(len(usable), _MOST)] for k in range(min(len(usable), _MOST))]
-    if len(usable) < FEWEST:
-        raise RaceError(f"importance: expected at least {FEWEST} configurations that were raced, found {len(usable)}")
+    n = min(len(usable), _MAX_CONFIGURATIONS)
+    usable = [usable[k * len(usable) // n] for k in range(n)]
+    if n < MIN_CONFIGURATIONS:
+        raise RaceError(f"importance: expected at least {MIN_CONFIGURATIONS} configurations that were raced, found {n}")
     known = table([costs[k] for k in usable])
     known = known[:, ~np.isnan(known).all(axis=0)]
     means, variance = effects(known)
@@ -109,7 +109,7 @@ def _explain(
     places = features.places(configurations)
     fold = generator.permutation(len(places)) % _FOLDS
     before = np.zeros(len(places))
-    added = np.zeros(places.shape)  # to the squared error of each configuration, when each parameter is shuffled
+    added = np.zeros(places.shape)  # how much shuffling a parameter adds to the squared error of each configuration
     for number in range(_FOLDS):
         held = np.flatnonzero(fold == number)
         model = _Model(features, places[fold != number], means[fold != number], noise[fold != number])
@@ -144,7 +144,7 @@ def _explain(
 
 
 class _Model:
-    """A surrogate of costs as they are."""
+    """A surrogate of costs that are not standardised."""
 
     def __init__(self, features: Features, places: Floats, means: Floats, noise: Floats) -> None:
         self._features = features
@@ -160,7 +160,7 @@ class _Model:
 
 
 def _favoured(model: _Model, places: Floats, column: int) -> tuple[int, float]:
-    """The row whose value of a parameter is predicted to cost least, and how much less than the worst one tried."""
+    """The row of the value with the lowest predicted cost, and the difference to the highest one."""
     order = np.argsort(places[:, column], kind="stable")
     values, first = np.unique(places[order, column], return_index=True)
     tried = order[first][np.unique(np.linspace(0, len(values) - 1, _GRID).round().astype(int))]

@@ -79,7 +79,7 @@ class IteratedRace(Optimizer):
 
     @property
     def _left(self) -> int:
-        """Of the budget."""
+        """The remaining budget."""
         return self.budget - self.used
 
     @property
@@ -98,16 +98,16 @@ class IteratedRace(Optimizer):
         )
 
     @property
-    def returning(self) -> set[int]:
+    def may_run_again(self) -> set[int]:
         if self.options.confirms:
             return set(self.history.former_elites)
         if self.options.elitist and self.options.postselection:
             return set(range(len(self.configurations)))
-        return super().returning
+        return super().may_run_again
 
-    def beside(self, instance: int) -> list[int]:
+    def competitors(self, instance: int) -> list[int]:
         if self._race is None:
-            return super().beside(instance)
+            return super().competitors(instance)
         return [number for number in self._race.alive if instance in self.history.costs[number]]
 
     def revise(self, costs: Mapping[Experiment, float]) -> None:
@@ -135,8 +135,8 @@ class IteratedRace(Optimizer):
         while not isinstance(planned := self._next(), str):
             self._iteration = planned.number
             self._planner.n_iterations = max(self._planner.n_iterations, self._iteration)
-            hold = self._later_race if self.elites else self._first_race
-            yield from hold(planned.budget, planned.n_configurations)
+            run = self._later_race if self.elites else self._first_race
+            yield from run(planned.budget, planned.n_configurations)
         if not self.iterations:
             raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
@@ -166,13 +166,13 @@ class IteratedRace(Optimizer):
                 lambda c: self.history.is_excluded(c) or self.space.key(c) in present,
             )
         sampled = [child for child, _ in self._canonical([(configuration, None) for configuration in sampled])]
-        self._allow_for_few(len(initial + sampled))
+        self._limit_survivors(len(initial + sampled))
         numbers = self.history.add([(configuration, None) for configuration in initial + sampled])
         race = self._new_race(numbers, budget, elites=[])
-        yield from self._hold(race, budget, n_new=len(numbers), soft_restart=False)
+        yield from self._run_race(race, budget, n_new=len(numbers))
         self._model.initialise(self.history.elite_configurations)
 
-    def _allow_for_few(self, n: int) -> None:
+    def _limit_survivors(self, n: int) -> None:
         """Reduce the number of survivors if it is not below the number of configurations, so that a race can begin."""
         if n == 1:
             raise RaceError("space: expected several different configurations to be allowed, found one")
@@ -209,7 +209,7 @@ class IteratedRace(Optimizer):
             return
         numbers = elites + self.history.add(children)
         race = self._new_race(numbers, budget, elites=elites)
-        yield from self._hold(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+        yield from self._run_race(race, budget, n_new=n_new, soft_restart=bool(to_restart))
 
     def _canonical(self, children: Sequence[tuple[Configuration, Parent]]) -> list[tuple[Configuration, Parent]]:
         """Children in canonical form, without duplicates, if the space has a structure that is used."""
@@ -305,7 +305,7 @@ class IteratedRace(Optimizer):
             limit=remaining,
             max_instances=self.options.instances,
         )
-        yield from self._hold(race, remaining, n_new=0, soft_restart=False, postselection=True)
+        yield from self._run_race(race, remaining, postselection=True)
 
     def _confirm(self) -> Batches:
         """Compare the best few of all iterations on new instances, with the rest of the budget."""
@@ -327,7 +327,9 @@ class IteratedRace(Optimizer):
         self._n_seen += summary.n_instances
         self._end_iteration(summary, order, newcomers=[])
 
-    def _hold(self, race: Race, budget: int, *, n_new: int, soft_restart: bool, postselection: bool = False) -> Batches:
+    def _run_race(
+        self, race: Race, budget: int, *, n_new: int = 0, soft_restart: bool = False, postselection: bool = False
+    ) -> Batches:
         """Run a race to its end; its best are the new elites."""
         newcomers = sorted(set(race.configurations) - {elite.configuration for elite in self.elites})
         self._race = race
@@ -346,7 +348,6 @@ class IteratedRace(Optimizer):
             n_new=n_new,
             n_instances=race.n_instances,
             n_alive=len(race.alive),
-            elites=(),
             soft_restart=soft_restart,
             stop_reason=race.stop_reason or "",
             survivors=tuple(survivors),

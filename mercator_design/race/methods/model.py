@@ -13,6 +13,7 @@ and scales with them; irace keeps the value, which may lie outside a child's bou
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +51,6 @@ class EliteModel:
     weights: dict[str, Floats]
     centres: Floats
     spreads: Floats
-
-    def copy(self) -> "EliteModel":
-        return EliteModel(
-            weights={name: w.copy() for name, w in self.weights.items()},
-            centres=self.centres.copy(),
-            spreads=self.spreads.copy(),
-        )
 
 
 class SamplingModel:
@@ -110,7 +104,7 @@ class SamplingModel:
             iteration: The iteration that begins, from 1.
             iterations: Number of planned iterations.
         """
-        self.elites = {e: self.elites[e] if e in self.elites else self.elites[parents[e]].copy() for e in elites}
+        self.elites = {e: self.elites[e] if e in self.elites else deepcopy(self.elites[parents[e]]) for e in elites}
         shrinking = (1 / n_new) ** (1 / self._space.n_variable)
         certainty = (iteration - 1) / iterations
         for elite, configuration in elites.items():
@@ -176,11 +170,8 @@ class SamplingModel:
             )
         cumulated = [{name: w.cumsum().tolist() for name, w in m.weights.items()} for m in models]
         return [
-            (
-                self._space.build(self._chooser(models[k], cumulated[k], place, uniforms[row])),
-                ranked[k],
-            )
-            for row, (k, place) in enumerate(zip(chosen.tolist(), places.tolist(), strict=True))
+            (self._space.build(self._chooser(models[k], cumulated[k], place, row)), ranked[k])
+            for k, place, row in zip(chosen.tolist(), places.tolist(), uniforms, strict=True)
         ]
 
     def _chooser(

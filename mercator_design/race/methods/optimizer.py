@@ -53,7 +53,6 @@ class Optimizer(ABC):
         self.history = RaceHistory(space)
         self.notes: list[str] = []
         self.stop_reason: str | None = None
-
         self._iteration = 0
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
@@ -69,11 +68,11 @@ class Optimizer(ABC):
         """At most n experiments that `ask` will probably give after the current batch."""
 
     @property
-    def returning(self) -> set[int]:
+    def may_run_again(self) -> set[int]:
         """The configurations of ended iterations that may run again."""
         return set(self.history.elite_configurations)
 
-    def beside(self, instance: int) -> list[int]:
+    def competitors(self, instance: int) -> list[int]:
         """The configurations that compete with the current batch and already have a result on an instance."""
         return [number for number in self.history.elite_configurations if instance in self.history.costs[number]]
 
@@ -209,7 +208,7 @@ class Optimizer(ABC):
         return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")
 
 
-def _whole(name: str, value: int, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise RaceError(f"{name}: expected a whole number, {least} or more, found {value!r}")
+def _whole(name: str, value: int, minimum: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < minimum:
+        raise RaceError(f"{name}: expected a whole number, {minimum} or more, found {value!r}")
     return int(value)

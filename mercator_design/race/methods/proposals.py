@@ -29,7 +29,7 @@ _CHILDREN = 4
 """Mutations of each promising candidate; one more child is made by crossing."""
 _MAX_SAMPLED = 300
 """Maximum number of candidates at which functions are sampled: the time grows with its cube."""
-_FEWEST_PARENTS = 5
+_MIN_PARENTS = 5
 
 
 class Proposer:
@@ -68,7 +68,7 @@ class Proposer:
         """
         with self._threads.limit(limits=1, user_api="blas"):
             expected = self._learn(configurations, costs)
-            best = sorted(expected, key=lambda number: expected[number])[: max(_FEWEST_PARENTS, len(ranked))]
+            best = sorted(expected, key=lambda number: expected[number])[: max(_MIN_PARENTS, len(ranked))]
             parents = [configurations[number] for number in (*ranked, *best)]
             candidates, places = self._candidates(parents, ranked, model, generator, excluded)
             if not candidates:
@@ -163,10 +163,9 @@ def _most_informative(costs: Sequence[Mapping[int, float]]) -> list[int]:
     if len(known) <= MAX_LEARNT_FROM:
         return known
     half = MAX_LEARNT_FROM // 2
-    most = sorted(known, key=lambda number: -len(costs[number]))[:half]
-    chosen = set(most)
+    chosen = set(sorted(known, key=lambda number: -len(costs[number]))[:half])
     newest = [number for number in reversed(known) if number not in chosen]
-    return sorted([*most, *newest[: MAX_LEARNT_FROM - half]])
+    return sorted([*chosen, *newest[: MAX_LEARNT_FROM - half]])
 
 
 def _compressed(means: Floats, noise: Floats) -> tuple[Floats, Floats]:

@@ -227,10 +227,10 @@ class Search(Optimizer):
         before, first = self.used, self.elites[0].n_results
         raced = [elite.configuration for elite in self.elites if elite.n_results == first]
         while (left := self.budget - self.used) > 0:
-            most = self.elites[0].n_results
-            self._alive = [elite.configuration for elite in self.elites if elite.n_results == most][:left]
-            self._instances = range(most + 1, most + left // len(self._alive))
-            yield [Experiment(number, most) for number in self._alive]
+            new = self.elites[0].n_results  # the first instance that the best has not seen
+            self._alive = [elite.configuration for elite in self.elites if elite.n_results == new][:left]
+            self._instances = range(new + 1, new + left // len(self._alive))
+            yield [Experiment(number, new) for number in self._alive]
             self._rank([])
             if not self.elites:
                 raise RaceError(ALL_REJECTED)
@@ -264,7 +264,6 @@ class Search(Optimizer):
             n_instances=n_instances,
             n_alive=len(alive),
             elites=tuple(self.elites),
-            soft_restart=False,
             stop_reason="all instances were seen" if alive else "all were pruned or rejected",
             survivors=tuple(alive),
             concordance=concordance(costs.T.reshape(n_instances, len(alive))),

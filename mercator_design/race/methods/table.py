@@ -8,7 +8,7 @@ from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
-from mercator_design.race.methods.search import MakeSampler, Proposal, Sampler, Search, SearchOptions
+from mercator_design.race.methods.search import Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
@@ -33,28 +33,21 @@ def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: A
     return propose
 
 
-def _learning(
-    space: Space,
-    *,
-    budget: int,
-    seed: int,
-    options: SearchOptions,
-    sampler: MakeSampler,
-    initial: Sequence[Mapping[str, Value]] = (),
-) -> Search:
-    """A search whose sampler learns from earlier generations, with a note if the budget is too small for that."""
-    race = Search(space, budget=budget, seed=seed, options=options, sampler=sampler, initial=initial)
-    if budget <= options.generation * options.instances:
-        race.notes.append(
-            f"a budget of {budget} is little more than random search: it suffices for one generation of "
-            f"{options.generation} random configurations, on up to {options.instances} instances each"
-        )
-    return race
-
-
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
+    """A search with a sampler of Optuna, and with a note if the budget is too small for it to learn."""
     options = SearchOptions(instances=20, generation=10, pruning=0.1)
-    return partial(_learning, options=options, sampler=partial(OptunaSampler, name=name))
+
+    def make(space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()) -> Search:
+        sampler = partial(OptunaSampler, name=name)
+        race = Search(space, budget=budget, seed=seed, options=options, sampler=sampler, initial=initial)
+        if budget <= options.generation * options.instances:
+            race.notes.append(
+                f"a budget of {budget} is little more than random search: it suffices for one generation of "
+                f"{options.generation} random configurations, on up to {options.instances} instances each"
+            )
+        return race
+
+    return make
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}

@@ -99,9 +99,9 @@ class RaceOptions:
         for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
             count = getattr(self, name)
             _require(name, count, "1 or more", valid=count is None or count >= 1)
-        least = self._instances_of_first_test
-        few = self.instances is not None and (self.instances < least or self.instances % self.block_size > 0)
-        expected = f"{least} or more, for the first test, and a multiple of block_size ({self.block_size})"
+        first = self._instances_of_first_test
+        few = self.instances is not None and (self.instances < first or self.instances % self.block_size > 0)
+        expected = f"{first} or more, for the first test, and a multiple of block_size ({self.block_size})"
         _require("instances", self.instances, expected, valid=not few)
         _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
         threshold = self.soft_restart_threshold
@@ -142,11 +142,12 @@ class RaceOptions:
         """New instances that a later elitist race begins with."""
         return self.elitist_new_instances * self.block_size
 
-    def minimum_budget(self, n_variable: int) -> int:
-        """The smallest budget for all iterations, which irace requires, and to which its minExperiments is raised."""
+    def minimum_budget(self, n_variable: int, iterations: int | None = None) -> int:
+        """The smallest budget for some iterations; by default for all, which irace requires."""
+        usual = arithmetic.n_iterations(n_variable)
         return arithmetic.minimum_budget(
-            self.iterations or arithmetic.n_iterations(n_variable),
-            self.survivors or arithmetic.n_iterations(n_variable),
+            iterations or self.iterations or usual,
+            self.survivors or usual,
             mu=self.planned_mu,
             each_test=self.instances_each_test,
             n_new=self.new_instances,

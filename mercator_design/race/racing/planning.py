@@ -24,8 +24,11 @@ class IterationPlan:
 class Planner:
     """Plans one iteration after the other from the remaining budget.
 
+    If irace would refuse a small budget, fewer iterations are planned, as irace does when it has a time budget.
+
     n_iterations: Expected number of iterations.
     survivors: How many configurations end a race.
+    max_configurations: Maximum number of configurations in one race; None: no limit.
     reserved: Experiments reserved for the confirmation of the winner.
     note: How the plan differs from irace's, if it does.
     """
@@ -34,23 +37,24 @@ class Planner:
         """Plan a race.
 
         Args:
-            options: Of the race.
-            n_variable: Parameters to choose.
+            options: The options of the race.
+            n_variable: Number of variable parameters.
             budget: Experiments in all.
 
         Raises:
             RaceError: The budget is not enough for one iteration, or n_configurations for a race.
         """
         self._options, self._n_variable = options, n_variable
-        plan = self._plan(budget)
-        self.n_iterations, self.survivors, self.note = plan.iterations, plan.survivors, plan.note
-        self._max_configurations = plan.configurations
+        self.survivors = options.survivors or arithmetic.n_iterations(n_variable)
+        self.max_configurations: int | None = None
+        self.note: str | None = None
+        self.n_iterations = self._plan(budget)
         self._n_new_instances = options.new_instances
         self._before = 0  # iterations before the budget was extended; they are not counted
         wanted = options.n_configurations
-        if wanted is not None and wanted <= plan.survivors:
+        if wanted is not None and wanted <= self.survivors:
             raise RaceError(
-                f"race option n_configurations: expected more than the {plan.survivors} survivors that end a race, "
+                f"race option n_configurations: expected more than the {self.survivors} survivors that end a race, "
                 f"found {wanted}"
             )
 
@@ -61,12 +65,9 @@ class Planner:
         """
         self._before = iteration - 1
         try:
-            plan = self._plan(left)
+            self.n_iterations = iteration + self._plan(left)
         except RaceError:  # too small for a first iteration, perhaps not for one that has elites
             self.n_iterations = iteration + 1
-        else:
-            self.n_iterations = iteration + plan.iterations
-            self._max_configurations = plan.configurations
         self._n_new_instances = self._options.new_instances
 
     def age(self, iteration: int) -> int:
@@ -113,23 +114,30 @@ class Planner:
             return "the budget left is too small to test configurations"
         return IterationPlan(number, budget, n)
 
-    def _plan(self, left: int) -> arithmetic.Plan:
-        """Plan the remaining budget; reserve a part for the confirmation if an iteration still fits."""
-        options = self._options
+    def _plan(self, budget: int) -> int:
+        """The number of iterations for a budget; reserve a part for the confirmation if an iteration still fits."""
+        options, n_variable = self._options, self._n_variable
         self.reserved = 0
-        plan = arithmetic.plan(
-            left,
-            n_variable=self._n_variable,
-            mu=options.planned_mu,
-            each_test=options.instances_each_test,
-            n_new=options.new_instances,
-            elitist=options.elitist,
-            iterations=options.iterations,
-            survivors=options.survivors,
-        )
+        wanted = options.iterations or arithmetic.n_iterations(n_variable)
+        needed = {count: options.minimum_budget(n_variable, count) for count in range(wanted, 0, -1)}
+        fitting = next((count for count, experiments in needed.items() if experiments <= budget), None)
+        if fitting is None:
+            raise RaceError(
+                f"budget: expected at least {needed[1]} experiments for {n_variable} parameters "
+                f"({needed[wanted]} for all {wanted} iterations), found {budget}"
+            )
+        self.max_configurations = self.note = None
+        if fitting < wanted:
+            self.max_configurations = 2 * self.survivors
+            further = "" if options.iterations else ", and more follow while budget is left"
+            self.note = (
+                f"a budget of {budget} is planned for {fitting} instead of {wanted} iterations, with at most "
+                f"{self.max_configurations} configurations in each{further}; "
+                f"{needed[wanted]} experiments would allow all {wanted}"
+            )
         if options.confirms:
-            self.reserved = min(int(options.confirmation * left), left - plan.least)
-        return plan
+            self.reserved = min(int(options.confirmation * budget), budget - needed[1])
+        return fitting
 
     def _n_configurations(self, budget: int, age: int, n_elites: int, n_seen: int) -> int:
         """As many as the budget allows; if they are too few, without new instances, and then with a single one."""
@@ -153,6 +161,6 @@ class Planner:
             n = fitting(age, options.planned_mu)
         if n <= self.survivors:
             n = fitting(1, 1)
-        if self._max_configurations is None or options.n_configurations:
+        if self.max_configurations is None or options.n_configurations:
             return n
-        return min(n, self._max_configurations)
+        return min(n, self.max_configurations)

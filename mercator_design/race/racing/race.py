@@ -190,21 +190,20 @@ class Race:
         found: list[Experiment] = []
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
-        most = max(min(n, self._budget - self.used - asked), 0)
-        while len(found) < most and row < self._max_instances:
+        n = max(min(n, self._budget - self.used - asked), 0)
+        while len(found) < n and row < self._max_instances:
             known = row < len(self._known)
             if not known and self._alive.sum() <= self._survivors:
                 break
             new = self._alive & np.isnan(self._costs[row]) if known else self._alive
             found += [Experiment(self.configurations[column], self._instance(row)) for column in np.flatnonzero(new)]
             row += 1
-        return found[:most]
+        return found[:n]
 
     def ranked(self) -> list[int]:
         """The alive configurations, best first: sorted by number of results, then by the ranks of the test."""
-        columns = np.flatnonzero(self._alive)
-        ranks = overall_ranks(self._table()[:, columns], self._rules.test)
-        return [self.configurations[column] for column in columns[np.argsort(ranks, kind="stable")]]
+        ranks = self.ranks()
+        return sorted(ranks, key=ranks.__getitem__)
 
     def ranks(self) -> dict[int, float]:
         """The ranks that `ranked` sorts by."""

@@ -15,10 +15,10 @@ from scipy.special import chdtrc, stdtrit
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
 
-PATIENCE = 3
-"""Iterations without a gain before a note is written ..."""
-SHARE = 0.4
-"""... if they used this share of the budget. A race that improves has short pauses, too, and small last iterations."""
+MIN_ITERATIONS = 3
+"""Minimum number of iterations without a gain before a note is written."""
+MIN_SHARE = 0.4
+"""Minimum share of the budget that these iterations have used: a race that improves has short pauses, too."""
 _ALPHA = 0.05
 
 
@@ -83,7 +83,7 @@ def judged(
     if is_better(costs(iteration.best), costs(before.best)):
         return iteration
     idle = [*earlier[len(earlier) - earlier[-1].stagnant :], iteration]
-    is_long = len(idle) >= PATIENCE and sum(one.used for one in idle) >= SHARE * budget
+    is_long = len(idle) >= MIN_ITERATIONS and sum(one.used for one in idle) >= MIN_SHARE * budget
     is_new = not any(one.note for one in idle)
     return replace(iteration, stagnant=len(idle), note=_of_stagnation(before, idle) if is_long and is_new else "")
 

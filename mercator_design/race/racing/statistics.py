@@ -10,7 +10,7 @@ scipy, because it is quick to import.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Literal, NamedTuple
 
@@ -119,11 +119,7 @@ def signed_rank_p_value(differences: Floats) -> float:
     It is exact, also with ties. Zeros are ranked, and half of their ranks counts (zero_method="zsplit" in scipy).
     """
     ranks = np.rint(2 * mid_ranks(np.abs(differences)[np.newaxis])[0][0]).astype(int)  # twice, so that they are whole
-    probabilities = np.zeros(ranks.sum() + 1)  # of the sums of the positive ranks
-    probabilities[0] = 1.0
-    for rank in ranks[differences != 0].tolist():
-        probabilities[rank:] += probabilities[:-rank].copy()
-        probabilities /= 2
+    probabilities = _subset_sum_probabilities(ranks[differences != 0].tolist())
     return float(probabilities[ranks[differences > 0].sum() :].sum())
 
 
@@ -200,22 +196,21 @@ def _duel(winner: int, p_value: float, *, dropped: bool) -> Verdict:
     return Verdict(survivors, ranks, winner, p_value)
 
 
+@cache
 def _exact_p_value(n: int, statistic: int) -> float:
     """The two-sided p-value of a sum of signed ranks without ties."""
-    probabilities = _signed_rank_probabilities(n)
+    probabilities = _subset_sum_probabilities(range(1, n + 1))
     low, high = probabilities[: statistic + 1].sum(), probabilities[statistic:].sum()
     return min(1.0, 2 * float(min(low, high)))
 
 
-@cache
-def _signed_rank_probabilities(n: int) -> Floats:
-    """The probability of each sum of a random subset of the ranks 1 .. n."""
-    probabilities = np.zeros(n * (n + 1) // 2 + 1)
+def _subset_sum_probabilities(ranks: Sequence[int]) -> Floats:
+    """The probability of each sum of a random subset of ranks."""
+    probabilities = np.zeros(sum(ranks) + 1)
     probabilities[0] = 1.0
-    for rank in range(1, n + 1):
-        without = probabilities / 2
-        probabilities = without.copy()
-        probabilities[rank:] += without[:-rank]
+    for rank in ranks:
+        probabilities[rank:] += probabilities[:-rank].copy()
+        probabilities /= 2
     return probabilities
 
 

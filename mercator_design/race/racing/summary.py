@@ -38,15 +38,15 @@ class IterationSummary:
     """What one iteration did, for reports."""
 
     iteration: int
-    postselection: bool
+    postselection: bool = False
     budget: int
     used: int
     n_configurations: int
-    n_new: int
+    n_new: int = 0
     n_instances: int  # raced on in this iteration
     n_alive: int
-    elites: tuple[Elite, ...]  # best first
-    soft_restart: bool
+    elites: tuple[Elite, ...] = ()  # best first
+    soft_restart: bool = False
     stop_reason: str
     concordance: Concordance
     survivors: tuple[int, ...] = ()  # alive at its end

@@ -65,7 +65,7 @@ class OptunaMirror:
                 self._raced.add(event.configuration)
                 self._events.put(lambda study: study.report(event))
             case IterationEnded():
-                survivors, done = self._survivors(), self._raced - self._race.returning
+                survivors, done = self._survivors(), self._raced - self._race.may_run_again
                 self._events.put(lambda study: study.close(done, survivors))
 
     def finish(self, winner: int) -> None:

@@ -289,7 +289,7 @@ class RaceRun(Generic[T]):
             return
         for instance in dict.fromkeys(experiment.instance for experiment in self._batch):
             asked = [e for e in self._batch if e.instance == instance and e in self._record.speculative]
-            before = [Experiment(configuration, instance) for configuration in self._race.beside(instance)]
+            before = [Experiment(configuration, instance) for configuration in self._race.competitors(instance)]
             alive = [experiment.configuration for experiment in (*before, *asked)]
             known = self._record.revised.get(self._n_told, {})
             for experiment in (*before, *asked):
@@ -321,7 +321,11 @@ class RaceRun(Generic[T]):
     def _check_revised(self, revised: Collection[Experiment]) -> None:
         instances = {experiment.instance for experiment in self._batch}
         for number, instance in revised:
-            if self.problem.evaluate is None or instance not in instances or number not in self._race.beside(instance):
+            if (
+                self.problem.evaluate is None
+                or instance not in instances
+                or number not in self._race.competitors(instance)
+            ):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:

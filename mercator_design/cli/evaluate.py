@@ -6,9 +6,9 @@ import click
 
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
-from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of
-from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
-from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.options import JOBS, JSON, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller, warn
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
@@ -40,7 +40,7 @@ from mercator_design.sim.simulate import Simulator
 @LENIENT
 @SET
 @PLUGIN
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 @click.option(
     "--cost",
     "cost_alone",

@@ -1,23 +1,21 @@
 """mdesign export: missions, races and logs of robots, for other programs."""
 
-import contextlib
 import io
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 import click
 
-from mercator_design.cli.options import JOBS, PLUGIN, SET
+from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
 from mercator_design.exports.irace_log import write_irace_log
 from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
 from mercator_design.exports.robot_log_table import write_csv
 from mercator_design.exports.robot_logs import write_mcap
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.executors import available_jobs
 from mercator_design.runs.files import read_journal, task_of
@@ -32,13 +30,7 @@ def export() -> None:
 
 @export.command(short_help="Write a mission as a scenario of irace.")
 @click.argument("mission")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Folder to write to, new or empty.",
-)
+@click.option("-o", "--output", type=FOLDER, required=True, help="Folder to write to, new or empty.")
 @click.option("--budget", type=click.IntRange(1, 10**9), default=5000, show_default=True, help="Experiments to run.")
 @click.option(
     "--seed",
@@ -48,9 +40,7 @@ def export() -> None:
     help="Master seed of all randomness, at most R's largest integer.",
 )
 @JOBS
-@click.option(
-    "--flavour", type=click.Choice(FLAVOURS), default="watermelon", show_default=True, help="Modules to design with."
-)
+@DESIGN_FLAVOUR
 @SET
 @PLUGIN
 def irace(
@@ -70,12 +60,12 @@ def irace(
 
 
 @export.command("irace-log", short_help="Write a race as a log of irace, for R.")
-@click.argument("directory", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("directory", type=FOLDER)
 @click.option("-o", "--output", type=OUTPUT_FILE, help="File to write.  [default: irace.Rdata in DIRECTORY]")
 def irace_log(directory: Path, output: Path | None) -> None:
     """Write the race of DIRECTORY as a log of irace, for irace's functions and iraceplot in R.
 
-    The race may still run. It may be of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
+    The race may be running. It may be of a mission or of a program. In R: irace::read_logfile("irace.Rdata").
     """
     file = output or directory / "irace.Rdata"
     record = read_journal(directory).record
@@ -90,7 +80,7 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     """Write LOGs, of runs or of recordings of mercator-robot, as one table for pandas, R and spreadsheets.
 
     docs/reference/robot-logs.md describes the columns. Rows of several robots are in the order of a common clock if
-    `mdesign deploy --start` started them. A log that is still being written is exported up to its last line.
+    `mdesign deploy --start` started them. A log may still be growing: it is exported up to its last line.
     """
 
     def write(file: BinaryIO) -> list[str]:
@@ -112,8 +102,7 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
 def mcap(log: Path, output: Path) -> None:
     """Write LOG, of a run or a recording of mercator-robot, as MCAP, which Foxglove shows and plots.
 
-    docs/reference/robot-logs.md describes the channels. A log that is still being written is exported up to its last
-    line.
+    docs/reference/robot-logs.md describes the channels. A log may still be growing: it is exported up to its last line.
     """
     if output == Path("-"):
         raise click.BadParameter("expected a file, as MCAP has its index at the end", param_hint="-o")
@@ -128,13 +117,10 @@ def _write(
 ) -> None:
     if output.exists() and any(log.exists() and output.samefile(log) for log in logs):
         raise click.BadParameter("expected another file than the log", param_hint="-o")
-    with contextlib.nullcontext(stdout) if stdout else _new(output) as file:
-        summaries = write(file)
+    if stdout is not None:
+        summaries = write(stdout)
+    else:
+        with writing(output), replacing(output) as file:
+            summaries = write(file)
     for log, summary in zip(logs, summaries, strict=True):
         print_message(f"{output}: {f'{log}: ' if len(logs) > 1 else ''}{summary}")
-
-
-@contextlib.contextmanager
-def _new(path: Path) -> Iterator[BinaryIO]:
-    with writing(path), replacing(path) as file:
-        yield file

@@ -11,39 +11,55 @@ from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import FsmFile, read_fsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import run_plugin
 from mercator_design.runs.files import read_provenance
+from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
 
-def new_simulator(mission: Mission, robot_model: str | None) -> "Simulator":
+def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
     """The simulator of a mission, with the mission's robot model if no other is given."""
     return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
 
 
+def warn_of_no_effect(simulator: Simulator, flavour: str, pfsm: Pfsm | None = None) -> None:
+    """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
+    warn(no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
+
+
+def warn_of_mission(simulator: Simulator, *, refuse: bool) -> None:
+    """Warn of what is impossible in a mission or probably a mistake.
+
+    Raises:
+        MissionError: Something is impossible, and it is to be refused.
+    """
+    warn(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible))
+    if refuse:
+        simulator.refuse_impossible()
+
+
 class Given(TypedDict):
-    """What a user names besides a controller's file."""
+    """The mission, robot model and overrides that a user gives with a controller's file."""
 
     mission: str | None
     robot_model: str | None
     overrides: tuple[str, ...]
 
 
-def simulator_of(
-    fsm: Path, file: FsmFile, given: Given, *, warn: "Callable[[Iterable[str]], None]" = warn
-) -> Simulator:
+def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[Iterable[str]], None] = warn) -> Simulator:
     """The simulator for a controller, with the mission and robot model that the user gives or that its header names.
 
-    The header has digests of what was raced. What the user does not give must have these digests. There is a warning if
-    a given mission has the same name but another digest, or comes with another robot model. There is no warning for a
-    given robot model, because messages recommend to give one.
+    The header has digests of the raced mission and robot model. Those that the header names must have these digests.
+    There is a warning if a given mission has the same name but another digest, or comes with another robot model. There
+    is no warning for a given robot model, because messages recommend to give one.
 
     Raises:
-        MissionError: Something that the user did not give has changed since the race.
+        MissionError: The mission or robot model that the header names has changed since the race.
     """
     header, origin = file.header, origin_of(fsm, file.header)
     mission = _mission_of(origin, given["mission"], given["overrides"])

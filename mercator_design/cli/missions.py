@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import new_simulator
-from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SEED, SET, picture, seed_of
-from mercator_design.cli.terminal import terminal_width, warn_of_mission
+from mercator_design.cli.inputs import new_simulator, warn_of_mission
+from mercator_design.cli.options import FOLDER, PICTURE, PLUGIN, ROBOT_MODEL, SEED, SET, seed_of
+from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import print_result
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
@@ -23,7 +23,7 @@ from mercator_design.system.files import write_text, writing
 def missions(context: click.Context) -> None:
     """List, show and draw missions, and make random ones.
 
-    Without a command it lists the shipped missions.
+    Without a command, list the shipped missions.
     """
     if context.invoked_subcommand is None:
         context.invoke(list_missions)
@@ -56,11 +56,7 @@ def show(mission: str, overrides: tuple[str, ...]) -> None:
 @missions.command(short_help="Draw a mission from above.")
 @click.argument("mission")
 @click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    callback=picture,
-    help="Picture to write, .png or .svg.  [default: MISSION.png in the current folder]",
+    "-o", "--output", type=PICTURE, help="Picture to write, .png or .svg.  [default: MISSION.png in the current folder]"
 )
 @seed_of("Seed of the instance to show: starting poses and colours of tiles.")
 @ROBOT_MODEL
@@ -92,17 +88,11 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 )
 @SEED
 @click.option("-n", "--number", type=click.IntRange(1, 10_000), default=1, show_default=True, help="Missions to make.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=".",
-    help="Folder of the missions.  [default: the current folder]",
-)
+@click.option("-o", "--output", type=FOLDER, default=".", help="Folder of the missions.  [default: the current folder]")
 def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
-    """Write random missions of a class, to test a method on missions that it was not made with.
+    """Write random missions of a class, for a test of a method on new missions.
 
-    The same class and seed give the same missions, whatever their number. Prints the names of the files,
+    The same class and seed give the same missions; they do not depend on the number. Prints the names of the files,
     CLASS-SEED-1.yaml and so on. These files must not exist.
     """
     with writing(output):

@@ -1,4 +1,4 @@
-"""Options that several verbs have."""
+"""Types and options that several verbs have."""
 
 import functools
 from collections.abc import Callable
@@ -9,7 +9,14 @@ import click
 
 from mercator_design.cli.inputs import load_plugins
 from mercator_design.command import FILE
+from mercator_design.fsm.pfsm import FLAVOURS
 
+FOLDER = click.Path(path_type=Path, file_okay=False)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+CSV = click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+DESIGN_FLAVOUR = click.option(
+    "--flavour", type=click.Choice(FLAVOURS), default="watermelon", show_default=True, help="Modules to design with."
+)
 SET = click.option(
     "--set",
     "overrides",
@@ -64,8 +71,19 @@ def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as
     )(with_plugins)
 
 
-def picture(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-    """The callback of an option for the name of a picture."""
-    if path is not None and path.suffix.lower() not in {".png", ".svg"}:
-        raise click.BadParameter(f"expected a name that ends in .png or .svg, found '{path.name}'")
-    return path
+class PictureFile(click.Path):
+    """The file of a picture; its suffix is the format."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
+        path: Any = super().convert(value, param, ctx)
+        if path.suffix.lower() not in {".png", ".svg"}:
+            self.fail(f"expected a name that ends in .png or .svg, found '{path.name}'", param, ctx)
+        return path
+
+
+PICTURE = PictureFile(path_type=Path, dir_okay=False)
+
+
+def plot_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --plot, with a help text."""
+    return click.option("--plot", type=PICTURE, metavar="FILE.png|FILE.svg", help=text)

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import simulator_of
+from mercator_design.cli.inputs import simulator_of, warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.cli.terminal import warn_of_mission, warn_of_no_effect
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording

@@ -6,33 +6,11 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from os import EX_TEMPFAIL
-from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Self
+from types import FrameType
+from typing import Self
 
-from mercator_design.command import print_message, warn
+from mercator_design.command import print_message
 from mercator_design.errors import Signalled
-
-if TYPE_CHECKING:
-    from mercator_design.fsm.pfsm import Pfsm
-    from mercator_design.sim.simulate import Simulator
-
-
-def warn_of_no_effect(simulator: "Simulator", flavour: str, pfsm: "Pfsm | None" = None) -> None:
-    """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
-    from mercator_design.sim.checks.no_effect import no_effect_warnings
-
-    warn(no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
-
-
-def warn_of_mission(simulator: "Simulator", *, refuse: bool) -> None:
-    """Warn of what is impossible in a mission or probably a mistake.
-
-    Raises:
-        MissionError: Something is impossible, and it is to be refused.
-    """
-    warn(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible))
-    if refuse:
-        simulator.refuse_impossible()
 
 
 def terminal_width() -> int | None:
@@ -75,20 +53,20 @@ class Interrupt:
 
     Args:
         then: Called at the first signal.
+        notice: Printed when `came` is first called after a signal.
     """
 
-    def __init__(self, *, then: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, *, then: Callable[[], None] = lambda: None, notice: str = "") -> None:
         self._came: int | None = None
         self._then = then
+        self._notice = notice
 
     def __enter__(self) -> Self:
         numbers = (signal.SIGINT, signal.SIGTERM, *_hang_up())
         self._usual = {number: signal.signal(number, self._note) for number in numbers}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._usual.items():
             signal.signal(number, handler)
 
@@ -100,6 +78,9 @@ class Interrupt:
 
     def came(self) -> bool:
         """Whether to stop."""
+        if self._came is not None and self._notice:
+            print_message(self._notice)
+            self._notice = ""
         return self._came is not None
 
     def check(self, what: str) -> None:

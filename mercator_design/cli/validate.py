@@ -5,9 +5,8 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.inputs import new_simulator
+from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import PLUGIN
-from mercator_design.cli.terminal import warn_of_mission
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import fields_of
@@ -16,7 +15,9 @@ from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.checks.impossible import angle_warnings
+from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 
 @click.command(short_help="Check missions, robot models and FSM files.")
@@ -45,10 +46,6 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """Describe a valid file in a few words."""
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
-        from mercator_design.sim.checks.impossible import angle_warnings
-        from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
-        from mercator_design.sim.robot_model import load_robot_model
-
         content = _content(file)
         keys = set(map(spelling.folded, content))
         if _is_of_one_robot(keys):
@@ -92,9 +89,8 @@ def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
 
 def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
     """Whether more keys belong only to robot models than only to missions; misspelt keys do not count."""
-    model, mission = (
-        set(map(spelling.folded, names)) for names in (["base", *fields_of(RobotModel)], fields_of(Mission))
-    )
+    model, mission = (set(map(spelling.folded, fields_of(kind))) for kind in (RobotModel, Mission))
+    model.add("base")
     return len(keys & (model - mission)) > len(keys & (mission - model))
 
 

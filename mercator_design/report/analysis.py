@@ -1,7 +1,6 @@
 """The results of an analysis as text, tables and pictures."""
 
-import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from operator import sub
 from pathlib import Path
 from statistics import fmean
@@ -13,7 +12,7 @@ from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.task import Task
-from mercator_design.report.columns import aligned, difference
+from mercator_design.report.columns import aligned, csv_text, difference
 
 _ALPHA = 0.05
 _MOST = 20
@@ -57,7 +56,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
 def importance_csv(_: Task[Any], explanation: Explanation) -> str:
     """The same as CSV: name, share, error, active, favours, gain."""
     names = Importance.__slots__
-    return _csv([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
+    return csv_text([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
 
 
 def _value(task: Task[Any], one: Importance) -> str:
@@ -133,7 +132,7 @@ def ablation_csv(ablation: Ablation) -> str:
                 *(column[number] for column in columns.values()),
             ]
         )
-    return _csv(rows)
+    return csv_text(rows)
 
 
 def save_ablation(path: Path, ablation: Ablation) -> None:
@@ -190,11 +189,3 @@ def _rows(ablation: Ablation) -> Iterator[_Row]:
             against_start=Scores(tuple(map(sub, own, table[0]))),
             p_value=step.p_value,
         )
-
-
-def _csv(rows: Iterable[Iterable[object]]) -> str:
-    import csv
-
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

@@ -324,7 +324,10 @@ def test_an_existing_file_is_kept(mdesign, tmp_path):
     model = tmp_path / "robot.yaml"
     model.write_text("name: mine\n")
     code, _, err = mdesign("calibrate", tmp_path / "any.jsonl", "-o", model)
-    assert (code, err) == (1, f"Error: {model} exists; give another name, or remove it\n")
+    assert (code, err) == (
+        1,
+        f"Error: {model}: expected a new file, found an existing one; give another name, or remove it\n",
+    )
     assert model.read_text() == "name: mine\n"
 
 

@@ -4,19 +4,19 @@ import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 import click
 from click.core import ParameterSource
 
+from mercator_design.cli.options import FOLDER
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_result
-from mercator_design.race.running.events import ExperimentDone, IterationEnded
+from mercator_design.race.methods.table import METHODS
+from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
 from mercator_design.race.running.executors import Executor, ExecutorStopped
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.task import RaceResult
 from mercator_design.report.columns import with_notes_wrapped
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.report.summary import race_summary
@@ -25,17 +25,16 @@ from mercator_design.runs.folder import RunFolder
 
 _MAX_WARNINGS = 10
 """Number of failures that are reported one by one."""
+NOTICE = "Stopping when the running experiments have ended; Ctrl-C again stops at once"
+"""Printed after a signal."""
 
 RESUME = click.option(
-    "--resume",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIRECTORY",
-    help="Resume the race of this folder instead of starting a new one.",
+    "--resume", type=FOLDER, metavar="DIRECTORY", help="Resume the race of this folder instead of starting a new one."
 )
 OUTPUT = click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Folder of the results, new or empty.  [default: the next free runs/NAME-N]",
 )
 ON_FAILURE = click.option(
@@ -56,24 +55,24 @@ def method_option(default: str) -> Callable[[Callable[..., None]], Callable[...,
     """The option --method of a verb."""
     return click.option(
         "--method",
-        type=click.Choice(["irace", "surrogate", "random", "tpe", "cma-es"]),
+        type=click.Choice(list(METHODS)),
         default=default,
         show_default=True,
         help="The method that proposes and eliminates configurations.",
     )
 
 
-def check_usage(context: click.Context, *, resumed: bool, began_with: Sequence[str], needed: Sequence[str]) -> None:
+def check_usage(context: click.Context, *, resumed: bool, fixed: Sequence[str], needed: Sequence[str]) -> None:
     """Refuse parameters that exclude each other.
 
     Args:
         context: The context of the verb.
         resumed: Whether a race is resumed.
-        began_with: Parameters of a new race, which a resumed race cannot have.
+        fixed: Parameters that only a new race can have.
         needed: Parameters that a new race must have.
     """
     parameters = {one.name: one for one in context.command.params if one.name}
-    for name in began_with if resumed else ():
+    for name in fixed if resumed else ():
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             hint = _hint(parameters[name])
             raise click.UsageError(f"{hint} is fixed when a race begins: it cannot be given with --resume")
@@ -112,7 +111,7 @@ def free_folder(name: str) -> Path:
 def run(
     folder: RunFolder,
     executor: Executor,
-    how: dict[str, Any],
+    executor_name: str,
     *,
     on_failure: OnFailure,
     optuna: str | None,
@@ -123,26 +122,36 @@ def run(
     Args:
         folder: The run folder.
         executor: Runs the experiments.
-        how: The executor and its jobs, for the journal.
+        executor_name: The name of the executor, for the journal.
         on_failure: As in `RaceRun`.
         optuna: Optuna storage to copy the race into.
         interrupt: Handles signals that stop the race.
     """
+    record, jobs = folder.journal.record, executor.jobs
     for note in folder.journal.notes:
         print_message(f"Note: {note}")
-    folder.journal.open_session(**how)
-    before, tested = len(folder.journal.record.experiments), len(folder.journal.record.tests)
+    folder.journal.open_session(executor_name, jobs)
+    experiments, tests = len(record.experiments), len(record.tests)
     resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
+    race = RaceRun(
+        folder.task, executor, folder.journal, on_failure=on_failure, testing=folder.testing, stopped=interrupt.came
+    )
+    messages = _Messages(folder)
     try:
         with (
             executor,
-            RaceDisplay(folder.task, folder.journal.record.budget, folder.testing) as display,
+            RaceDisplay(folder.task, record.budget, folder.testing) as display,
             _mirror(optuna, folder) as mirror,
         ):
-            result = _run(folder, executor, on_failure, interrupt, display, mirror)
+            for event in race:
+                display.note(event)
+                if mirror is not None:
+                    mirror.note(event)
+                messages.note(event)
+            if mirror is not None:
+                mirror.finish(race.result.configuration)
     except ExecutorStopped:
-        n, tests = len(folder.journal.record.experiments), len(folder.journal.record.tests)
-        what = f"{n} experiments and {tests} tests" if tests else f"{n} experiments"
+        what = f"{len(record.experiments)} experiments" + (f" and {len(record.tests)} tests" if record.tests else "")
         interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to resume: {resume}")
         raise
     except ExperimentFailed as error:
@@ -150,65 +159,45 @@ def run(
         print_message(f"To continue without it:            {resume} --on-failure reject")
         raise
     summary = race_summary(
-        result,
+        race.result,
         folder.task,
-        folder.journal.record,
-        new=len(result.finished) - before,
-        tested=len(folder.journal.record.tests) - tested,
+        record,
+        new=len(race.result.finished) - experiments,
+        tested=len(record.tests) - tests,
         seconds=display.seconds,
-        jobs=how["jobs"],
+        jobs=jobs,
         folder=folder.path,
     )
     try:
-        folder.finish(result, seconds=round(display.seconds, 3))
+        folder.finish(race.result, seconds=round(display.seconds, 3))
     finally:
         print_result(with_notes_wrapped(summary, terminal_width()), nl=False)
 
 
-def _run(
-    folder: RunFolder,
-    executor: Executor,
-    on_failure: OnFailure,
-    interrupt: Interrupt,
-    display: RaceDisplay,
-    mirror: OptunaMirror | None,
-) -> RaceResult:
-    record = folder.journal.record
-    known_failures = {number for number, one in record.experiments.items() if one.failure}
-    known_iterations = set(record.iterations)
-    failed = 0
-    is_announced = False
+class _Messages:
+    """Prints messages on new failures and notes of a race."""
 
-    def stopped() -> bool:
-        nonlocal is_announced
-        if interrupt.came() and not is_announced:
-            is_announced = True
-            print_message("Stopping when the running experiments have ended; Ctrl-C again stops at once")
-        return interrupt.came()
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        record = folder.journal.record
+        self._known_failures = {number for number, one in record.experiments.items() if one.failure}
+        self._known_iterations = set(record.iterations)
+        self._n_failed = 0
 
-    race = RaceRun(
-        folder.task, executor, folder.journal, on_failure=on_failure, testing=folder.testing, stopped=stopped
-    )
-    for event in race:
-        display.note(event)
-        if mirror is not None:
-            mirror.note(event)
+    def note(self, event: Event) -> None:
         match event:
-            case ExperimentDone() if event.failure and event.experiment not in known_failures:
-                command = folder.keep_failed(event)
-                failed += 1
-                if failed <= _MAX_WARNINGS:
+            case ExperimentDone() if event.failure and event.experiment not in self._known_failures:
+                command = self._folder.keep_failed(event)
+                self._n_failed += 1
+                if self._n_failed <= _MAX_WARNINGS:
                     print_message(
                         f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}"
                     )
-            case IterationEnded() if event.note and event.iteration not in known_iterations:
+            case IterationEnded() if event.note and event.iteration not in self._known_iterations:
                 print_message(f"Note: iteration {event.iteration}: {event.note}")
-    if mirror is not None:
-        mirror.finish(race.result.configuration)
-    return race.result
 
 
-def _mirror(storage: str | None, folder: RunFolder) -> "AbstractContextManager[OptunaMirror | None]":
+def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[OptunaMirror | None]:
     """The mirror that copies the race into an Optuna storage, if one is given."""
     if storage is None:
         return nullcontext()

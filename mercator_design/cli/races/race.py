@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
-from mercator_design.cli.options import JOBS, PLUGIN, SEED, SET
+from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
+from mercator_design.cli.options import DESIGN_FLAVOUR, JOBS, PLUGIN, SEED, SET
 from mercator_design.cli.races.common import (
+    NOTICE,
     ON_FAILURE,
     OPTUNA,
     OUTPUT,
@@ -19,10 +21,9 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
-from mercator_design.cli.terminal import Interrupt, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_message
 from mercator_design.designer import Designer
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.executors import Executor, ProcessExecutor, ThreadExecutor, available_jobs
@@ -31,7 +32,7 @@ from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
-_WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overrides")
+_FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 
 
 @click.command(short_help="Design control software for a mission.")
@@ -46,13 +47,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
 @JOBS
 @OUTPUT
 @RESUME
-@click.option(
-    "--flavour",
-    type=click.Choice(FLAVOURS),
-    default="watermelon",
-    show_default=True,
-    help="Modules to design with.",
-)
+@DESIGN_FLAVOUR
 @method_option("surrogate")
 @click.option(
     "--executor",
@@ -78,12 +73,7 @@ _WHAT_IT_BEGAN_WITH = ("mission", "seed", "output", "flavour", "method", "overri
     metavar="N",
     help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
 )
-@click.option(
-    "--test-elites",
-    type=click.IntRange(1, 10**6),
-    metavar="N",
-    help="Test the N best elites.  [default: 1]",
-)
+@click.option("--test-elites", type=click.IntRange(1, 10**6), metavar="N", help="Test the N best elites.  [default: 1]")
 @click.option("--test-iterations", is_flag=True, help="Test as many elites of each iteration, too.")
 @OPTUNA
 @SET
@@ -117,34 +107,34 @@ def race(
     An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
     larger --budget.
     """
-    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=("mission", "budget"))
+    check_usage(context, resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
     executor = _executor(executor_name, jobs, scheduler, timeout)
-    how: dict[str, Any] = {"executor": executor_name, "jobs": executor.jobs}
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
         folder = reopen(resume, "mission")
     else:
-        assert mission is not None  # noqa: S101 - as was checked
+        assert mission is not None  # noqa: S101 - `check_usage` has checked
         assert budget is not None  # noqa: S101
         testing = _testing(None, tests)
-        folder = _new_folder(
-            mission, overrides, output, how, testing, budget=budget, seed=seed, flavour=flavour, method=method
+        simulator = Simulator(load_mission(mission, overrides))
+        warn_of_mission(simulator, refuse=True)
+        designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
+        warn_of_no_effect(simulator, flavour)
+        simulator.rehearse(announce=print_message)
+        request = Request(
+            mission=mission, set=overrides, flavour=flavour, method=method, executor=executor_name, jobs=executor.jobs
         )
-
-    def stop() -> None:
-        folder.task.stop()
-        executor.stop()
-
-    with folder, Interrupt(then=stop) as interrupt:
+        folder = RunFolder.create(output or free_folder(designer.name), designer, request=request, testing=testing)
+    with folder, Interrupt(then=executor.stop, notice=NOTICE) as interrupt:
         if resume is not None:
             if budget is not None:
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
             folder.task.prepare(print_message)
-        run(folder, executor, how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+        run(folder, executor, executor_name, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
 
 
-def _testing(before: Testing | None, given: dict[str, Any]) -> "Testing | None":
+def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:
     """The tests: as before, unless options change them."""
     asked = {name: value for name, value in given.items() if value is not None}
     if before is None and "runs" not in asked and asked:
@@ -171,24 +161,3 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     if name == "processes":
         return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
     return ThreadExecutor(jobs or available_jobs())
-
-
-def _new_folder(
-    mission: str,
-    overrides: tuple[str, ...],
-    output: Path | None,
-    how: dict[str, Any],
-    testing: Testing | None,
-    *,
-    budget: int,
-    seed: int,
-    flavour: str,
-    method: str,
-) -> RunFolder:
-    simulator = Simulator(load_mission(mission, overrides))
-    warn_of_mission(simulator, refuse=True)
-    designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
-    warn_of_no_effect(simulator, flavour)
-    simulator.rehearse(announce=print_message)
-    request = Request(mission=mission, set=overrides, flavour=flavour, method=method, **how)
-    return RunFolder.create(output or free_folder(simulator.mission.name), designer, request=request, testing=testing)

@@ -1,13 +1,14 @@
 """mdesign runs: shows and analyses the run folders of races."""
 
 import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from mercator_design.analysis import analysis
-from mercator_design.cli.options import JOBS, PLUGIN, picture, seed_of
+from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
@@ -21,14 +22,9 @@ from mercator_design.runs.tables import configurations_table, experiments_table,
 from mercator_design.runs.verification import verify as verify_run
 from mercator_design.system.files import writing
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-
 
 @contextlib.contextmanager
-def _stoppable(task: Task[Any], jobs: int | None) -> "Iterator[tuple[Executor, Callable[[], bool]]]":
+def _stoppable(task: Task[Any], jobs: int | None) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     """The executor of a task's experiments, and a function that returns whether to stop."""
     with Interrupt(then=task.stop) as interrupt:
         try:
@@ -51,8 +47,8 @@ def runs(context: click.Context) -> None:
 
 
 @runs.command("list")
-@click.argument("folder", type=_FOLDER, default="runs")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.argument("folder", type=FOLDER, default="runs")
+@JSON
 def list_runs(folder: Path, *, as_json: bool = False) -> None:
     """List the races in the folders within FOLDER, by default runs."""
     if as_json:
@@ -64,7 +60,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 
 
 @runs.command(short_help="Show a race and its results.")
-@click.argument("directory", type=_FOLDER)
+@click.argument("directory", type=FOLDER)
 @click.option(
     "--csv", "what", type=click.Choice(["experiments", "configurations", "tests"]), help="Print a table as CSV."
 )
@@ -81,7 +77,7 @@ def show(directory: Path, what: str | None) -> None:
 
 
 @runs.command(short_help="Check the journal of a race, and run a sample of it again.")
-@click.argument("directory", type=_FOLDER)
+@click.argument("directory", type=FOLDER)
 @click.option(
     "-n",
     "--number",
@@ -104,7 +100,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 
 
 @runs.command(short_help="Show which modules or parameters explain the scores.")
-@click.argument("directory", type=_FOLDER)
+@click.argument("directory", type=FOLDER)
 @click.option(
     "--of",
     "what",
@@ -113,7 +109,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     "[default: modules, if there are any]",
 )
 @seed_of("Seed of the analysis.")
-@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
+@CSV
 @PLUGIN
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Show which modules or parameters explain the scores in the race of DIRECTORY."""
@@ -122,7 +118,7 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
 
 
 @runs.command(short_help="Find which parts the winner of a race needs.")
-@click.argument("directory", type=_FOLDER)
+@click.argument("directory", type=FOLDER)
 @click.option(
     "--from", "start", type=click.IntRange(0), metavar="CONFIGURATION", help="Go from this configuration to the winner."
 )
@@ -138,14 +134,8 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
     help="Number of fresh instances to choose changes on, and of other instances to measure the path on.",
 )
 @JOBS
-@click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path, dir_okay=False),
-    callback=picture,
-    metavar="FILE.png|FILE.svg",
-    help="Draw it, too.",
-)
+@CSV
+@plot_of("Draw the path, too.")
 @PLUGIN
 def ablation(
     directory: Path, start: int | None, first: bool, runs: int, jobs: int | None, as_csv: bool, plot: Path | None

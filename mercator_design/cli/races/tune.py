@@ -1,15 +1,13 @@
 """mdesign tune: finds parameters of any program by irace's scenario."""
 
-import csv
-import io
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
 from mercator_design.cli.races.common import (
+    NOTICE,
     ON_FAILURE,
     OPTUNA,
     OUTPUT,
@@ -32,12 +30,12 @@ from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected, ThreadExecutor
 from mercator_design.race.running.outcome import OnFailure
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import aligned, csv_text
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.system.files import write_text, writing
 
-_WHAT_IT_BEGAN_WITH = (
+_FIXED = (
     "scenario",
     "scenario_option",
     "seed",
@@ -115,7 +113,7 @@ def tune(
     if scenario is not None and scenario_option is not None:
         raise click.UsageError("SCENARIO and --scenario exclude each other")
     needed = () if scenario_option is not None else ("scenario",)
-    check_usage(context, resumed=resume is not None, began_with=_WHAT_IT_BEGAN_WITH, needed=needed)
+    check_usage(context, resumed=resume is not None, fixed=_FIXED, needed=needed)
     scenario = scenario or scenario_option
     if (check or only_test is not None) and (optuna is not None or speculate):
         raise click.UsageError("--optuna and --speculate need a race: --check and --only-test run none")
@@ -124,7 +122,7 @@ def tune(
     if resume is not None:
         folder = reopen(resume, "scenario")
     else:
-        assert scenario is not None  # noqa: S101 - as was checked
+        assert scenario is not None  # noqa: S101 - `check_usage` has checked
         given = _given(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
@@ -138,17 +136,16 @@ def tune(
             _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, on_failure)
             return
         folder = _new_folder(scenario, tuner, output, method)
-    assert isinstance(folder.task, Tuner)  # noqa: S101 - as was asked for
+    assert isinstance(folder.task, Tuner)  # noqa: S101 - `reopen` has checked
     folder.task.speculates = speculate
-    jobs = parallel or folder.task.scenario.jobs
-    with folder, Interrupt(then=folder.task.stop) as interrupt:
+    executor = ThreadExecutor(parallel or folder.task.scenario.jobs)
+    with folder, Interrupt(then=folder.task.stop, notice=NOTICE) as interrupt:
         if resume is not None and max_experiments is not None:
             folder.extend(max_experiments)
-        how: dict[str, Any] = {"executor": "threads", "jobs": jobs}
-        run(folder, ThreadExecutor(jobs), how, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+        run(folder, executor, "threads", on_failure=on_failure, optuna=optuna, interrupt=interrupt)
 
 
-def _given(**options: Path | int | None) -> "list[Assignment]":
+def _given(**options: Path | int | None) -> list[Assignment]:
     """The settings of the command line, by irace's names; paths are relative to the current folder."""
     return [
         Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")
@@ -160,7 +157,7 @@ def _given(**options: Path | int | None) -> "list[Assignment]":
 def _check(tuner: Tuner) -> None:
     """Run the first experiments of a race: the initial configurations and two more.
 
-    They run in a thread, as all programs: so a signal in the main thread finds every program that has started.
+    They run in a thread, so that a signal in the main thread can end a running program.
     """
     failed = False
 
@@ -192,7 +189,7 @@ def _check(tuner: Tuner) -> None:
         raise MercatorError("expected a cost from each of these, found failures")
 
 
-def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_failure: "OnFailure") -> None:
+def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_failure: OnFailure) -> None:
     """Test configurations and show their costs as a table; write it as tests.csv if there is an output folder."""
     instances = tuner.scenario.test_instances
     if not instances:
@@ -215,14 +212,12 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
     means = [f"{sum(of) / len(of):.6g}" for of in costs]
     print_result("\n".join(aligned([*rows, ["mean", None, *means]])))
     if output is not None:
-        table = io.StringIO()
-        csv.writer(table, lineterminator="\n").writerows(rows)
         with writing(output):
             output.mkdir(parents=True, exist_ok=True)
-            write_text(output / "tests.csv", table.getvalue())
+            write_text(output / "tests.csv", csv_text(rows))
 
 
-def _new_folder(scenario: Path, tuner: Tuner, output: Path | None, method: str) -> "RunFolder":
+def _new_folder(scenario: Path, tuner: Tuner, output: Path | None, method: str) -> RunFolder:
     of = tuner.scenario
     testing = None
     if of.test_instances and of.test_elites:

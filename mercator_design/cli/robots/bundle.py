@@ -13,14 +13,9 @@ from mercator_design.system.files import write_bytes, writing
 
 @click.command(short_help="Write mercator-robot as one file.")
 @click.option(
-    "-o",
-    "--output",
-    type=OUTPUT_FILE,
-    default="mercator-robot.pyz",
-    show_default=True,
-    metavar="FILE",
+    "-o", "--output", type=OUTPUT_FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE",
     help="File to write.",
-)
+)  # fmt: skip
 def bundle(output: Path) -> None:
     """Write mercator-robot as one file, which needs only Python 3.11 or later on a robot's Pi.
 

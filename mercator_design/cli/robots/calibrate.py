@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from mercator_design.calibration.sensors import calibrate as fit
-from mercator_design.cli.options import picture, seed_of
+from mercator_design.cli.options import JSON, plot_of, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result
 from mercator_design.config.building import is_name
 from mercator_design.errors import MercatorError
@@ -18,22 +18,15 @@ from mercator_design.system.files import write_text, writing
 @click.command(short_help="Fit the noise of a robot's sensors to recordings.")
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option(
-    "-o",
-    "--output",
-    type=OUTPUT_FILE,
-    required=True,
-    metavar="MODEL.yaml",
-    help="Robot model to write, a new file.",
+    "-o", "--output", type=OUTPUT_FILE, required=True, metavar="MODEL.yaml", help="Robot model to write, a new file."
 )
-@click.option(
-    "--plot", type=FILE, callback=picture, metavar="FILE.png|FILE.svg", help="Draw what was measured and fitted."
-)
+@plot_of("Draw the measured noise and the fitted distributions.")
 @click.option(
     "--base", default="mercator", show_default=True, help="Robot model whose noise is measured: a file or name."
 )
 @click.option("--name", help="Name of the robot model.  [default: the file's]")
 @seed_of("Seed of the simulated measurements for intervals and p-values.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 def calibrate(
     recordings: tuple[Path, ...],
     output: Path,
@@ -43,20 +36,20 @@ def calibrate(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Fit the noise of a robot's sensors to what `mercator-robot record` wrote, and write it as a robot model.
+    """Fit the noise of a robot's sensors to recordings of `mercator-robot record`, and write it as a robot model.
 
     The robot must be at rest. It may be moved between recordings: each time that it stands still is a scene. For each
-    sensor the likelier distribution is taken, Gaussian or uniform. `mdesign evaluate --robot-model MODEL.yaml`
-    then measures controllers with this noise.
+    sensor the more likely distribution is used, Gaussian or uniform. `mdesign evaluate --robot-model MODEL.yaml`
+    measures controllers with this noise.
 
     \b
-    Columns: sensor; samples that counted; scenes; noise, with the
-    interval of its parameter; by how much Akaike's criterion is larger
-    for the other distribution (below 2: not decided); the p-value of the
-    fit (below 0.05: the noise has another distribution).
+    Columns: sensor; used samples; scenes; noise, with the interval of its
+    parameter; Akaike's criterion of the other distribution minus that of
+    this one (below 2: not decided); the p-value of the fit (below 0.05:
+    the noise has another distribution).
     """  # noqa: D301 - click reads the control character
     if output.exists():
-        raise MercatorError(f"{output} exists; give another name, or remove it")
+        raise MercatorError(f"{output}: expected a new file, found an existing one; give another name, or remove it")
     result = fit(recordings, load_robot_model(base), seed=seed)
     for note in result.notes:
         print_message(f"Note: {note}")

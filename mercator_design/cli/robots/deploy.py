@@ -122,10 +122,9 @@ def _check(fleet: Fleet, timeout: float, options: list[str]) -> None:
     checked = check(fleet, timeout, options)
     for row in table(checked):
         print_result(printable(row))
-    for row in (found := [*wrong(checked)]):
+    for row in wrong(checked):
         print_result(f"WRONG  {printable(row)}")
-    if found:
-        names = {each.robot.name for each in checked if [*wrong([each])]}
+    if names := {each.robot.name for each in checked if [*wrong([each])]}:
         raise RobotError(f"{len(names)} of {len(checked)} robots failed the check")
 
 
@@ -139,7 +138,7 @@ def _start(fleet: Fleet, options: list[str], timeout: float, cycle: float) -> No
         print_message(f"All {len(started.results)} began within {spread:.1f} ms, give or take {uncertainty:.1f} ms")
 
 
-def _shown(results: list[RobotOutcome]) -> "list[RobotOutcome]":
+def _shown(results: list[RobotOutcome]) -> list[RobotOutcome]:
     for each in results:
         row = f"{'ok    ' if each.is_done else 'FAILED'}  {each.robot.name:<16} {each.words}"
         print_result(printable(row))

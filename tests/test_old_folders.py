@@ -48,7 +48,7 @@ def test_another_simulator_does_not_go_on_with_them(mdesign, old):
         code, out, err = mdesign(*words)
         assert (code, out) == (1, "")
         assert "raced with" in err
-        assert "cannot be continued, verified or ablated by this" in err
+        assert "this version cannot continue, verify or ablate the race" in err
 
 
 def test_a_race_that_was_stopped_goes_on_in_its_format(mdesign, old):

@@ -235,7 +235,7 @@ class TestRunFolder:
         (tmp_path / "parts" / "values.py").write_text("def value():\n    return 1000.0\n")
         code, out, err = mdesign("runs", "verify", raced)
         assert code == 0, err
-        assert "all as they were" in out
+        assert "with the same results" in out
 
     @pytest.mark.parametrize("file", ["my.py", "parts/values.py"])
     @pytest.mark.parametrize("verb", [("race", "--resume"), ("runs", "verify"), ("runs", "ablation")])

@@ -739,7 +739,7 @@ class TestRuns:
     def test_verify(self, mdesign, folder):
         code, out, _ = mdesign("runs", "verify", folder, "-n", 10)
         assert code == 0
-        assert "10 of 120 experiments were run again: all as they were" in out
+        assert "10 of 120 experiments were run again, with the same results" in out
         assert digest(folder)[:16] in out
 
     @pytest.mark.parametrize("key", ["score", "outcome"])

@@ -171,7 +171,7 @@ class TestTune:
         assert table["mean"].iloc[-1] <= table["mean"][0]
         code, _, err = mdesign("runs", "ablation", run)
         assert code == 1
-        assert "no PFSM to take apart: give --from CONFIGURATION or --from-first" in err
+        assert "the winner is not a PFSM: give --from CONFIGURATION or --from-first" in err
 
     def test_a_larger_budget(self, mdesign, folder, tmp_path):
         run = tmp_path / "r"

@@ -3,11 +3,12 @@
 The statistics (race/analysis/) do not depend on robots; this module applies them to run folders and PFSMs.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from mercator_design.analysis.pruning import Element, elements, max_modules, module_counts, removed, without
 from mercator_design.designer import Designer
@@ -21,17 +22,16 @@ from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.task import Task
 from mercator_design.runs.files import check_configurations, read_journal, task_of
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ablation:
     """A path of changes.
 
-    start: what it begins with, in words.
-    steps: see `race.ablation.ablate`.
-    configurations: at each step.
-    simplifies: whether each step leaves less of a PFSM.
+    task: The task of the race.
+    start: A description of the first configuration.
+    steps: The steps, see `race.analysis.ablation.ablate`.
+    configurations: The configuration after each step.
+    simplifies: Whether each step removes a part of a PFSM.
     """
 
     task: Task[Any]
@@ -42,12 +42,12 @@ class Ablation:
 
 
 def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tuple[Task[Any], Explanation]:
-    """Which parameters of the configurations explain their scores in a race, or how often each module is in a PFSM.
+    """Find how much parameters, or the numbers of modules in a PFSM, explain the scores of a race.
 
     Args:
-        path: Of the run folder.
-        modules: Whether to ask for modules; by default if PFSMs were raced.
-        seed: Of folds and shuffles.
+        path: The path of the run folder.
+        modules: Whether to explain scores by modules; by default if PFSMs were raced.
+        seed: Seed of folds and shuffles.
 
     Raises:
         RaceError: There is no such race, or too little to learn from; see also `runs.files.task_of`.
@@ -58,15 +58,14 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
     for one in record.experiments.values():
-        costs[one.configuration][one.instance] = float("inf") if one.score is None else task.cost(one.score)
+        costs[one.configuration][one.instance] = math.inf if one.score is None else task.cost(one.score)
     space = task.race.space
     if modules is None:
         modules = isinstance(task, Designer)
     if modules:
         if not isinstance(task, Designer):
             raise RaceError(f"{path}: expected a race of PFSMs, whose modules can be counted, found another")
-        most = max_modules(task.flavour)
-        space = Space([integer(name, 0, number) for name, number in most.items()])
+        space = Space([integer(name, 0, number) for name, number in max_modules(task.flavour).items()])
         configurations = [dict(module_counts(to_pfsm(one, task.flavour))) for one in configurations]
     return task, explain(space, configurations, [costs[number] for number in numbers], seed=seed)
 
@@ -83,14 +82,14 @@ def ablation(
     watch: Callable[[int, int], None] = lambda step, done: None,  # noqa: ARG005
     stopped: Callable[[], bool] = lambda: False,
 ) -> Ablation:
-    """The path to the winner of a race from another configuration, or from a winning PFSM to its initial state alone.
+    """Find the path to the winner of a race from another configuration, or from a winning PFSM to its initial state.
 
     Args:
         path: The path of the run folder.
         task: The task, from `runs.files.restored`.
         executor: Runs experiments.
-        start: The number of the configuration to begin with.
-        first: Begin with the best of the first iteration.
+        start: The number of the first configuration.
+        first: Whether to start with the best configuration of the first iteration.
         runs: Number of test instances to choose changes on, and of others to measure the path on.
         announce: Called with a message if there is something to compile.
         watch: Called with the numbers of measurements and experiments done.
@@ -112,29 +111,53 @@ def ablation(
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
     if start is None and not isinstance(task, Designer):
-        raise RaceError(f"{path}: its winner is no PFSM to take apart: give --from CONFIGURATION or --from-first")
+        raise RaceError(f"{path}: the winner is not a PFSM: give --from CONFIGURATION or --from-first")
     task.prepare(announce)
-    measured = _Measuring(task, executor, watch, stopped)
+    if task.evaluate is not None:
+        expected = "a targetRunner that prints costs, as a targetEvaluator compares configurations of a race"
+        raise RaceError(f"{task.name}: expected {expected}, found a targetEvaluator: it cannot be ablated")
+    variants: Flips | _Pruning
+    first_variant: Any
     if start is not None:
-        flips = Flips(task.race.space, winner)
-        key = task.race.space.key(record.configurations[start])
-        path_of_keys = ablate(key, flips.changes, measured.of(flips.configuration), runs)
-        return _ablation(task, f"configuration {start}", path_of_keys, flips.configuration, simplifies=False)
-    assert isinstance(task, Designer)  # noqa: S101 - as was checked
-    simpler = _Simpler(to_pfsm(winner, task.flavour))
-    start_of = removed(simpler.pfsm, frozenset())
-    steps = ablate(start_of, simpler.changes, measured.of(simpler.configuration), runs)
-    return _ablation(task, "the winner", steps, simpler.configuration, simplifies=True)
+        variants = Flips(task.race.space, winner)
+        first_variant = task.race.space.key(record.configurations[start])
+    else:
+        assert isinstance(task, Designer)  # noqa: S101 - checked above
+        variants = _Pruning(to_pfsm(winner, task.flavour))
+        first_variant = removed(variants.pfsm, frozenset())
+    numbers = count(10**9)  # above all numbers of configurations
+    n_calls = n_done = 0
+
+    def measure(several: Sequence[Any], instances: range) -> list[list[float]]:
+        nonlocal n_calls, n_done
+        items = [
+            task.item(Experiment(number, instance), configuration, test=True)
+            for configuration, number in zip(map(variants.configuration, several), numbers, strict=False)
+            for instance in instances
+        ]
+        found = in_order(executor, task.function, items, lambda done: watch(n_calls, n_done + done), stopped)
+        n_calls, n_done = n_calls + 1, n_done + len(items)
+        costs = [task.cost(one.score) for one in found]
+        return [costs[k : k + len(instances)] for k in range(0, len(costs), len(instances))]
+
+    steps = ablate(first_variant, variants.changes, measure, runs)
+    return Ablation(
+        task=task,
+        start="the winner" if start is None else f"configuration {start}",
+        steps=tuple(steps),
+        configurations=tuple(variants.configuration(step.variant) for step in steps),
+        simplifies=start is None,
+    )
 
 
-class _Simpler:
-    """A PFSM without some of its elements."""
+class _Pruning:
+    """Removes elements of a PFSM; a variant is the set of the removed elements."""
 
     def __init__(self, pfsm: Pfsm) -> None:
         self.pfsm = pfsm
 
     def changes(self, out: frozenset[Element]) -> dict[frozenset[Element], str]:
-        """As `ablate` wants them: one more element out, and what cannot be reached without it."""
+        """The variants with one more element removed, and all that cannot be reached without it."""
         found: dict[frozenset[Element], str] = {}
         for element, words in elements(self.pfsm).items():
             if element not in out:
@@ -144,54 +167,3 @@ class _Simpler:
     def configuration(self, out: frozenset[Element]) -> Configuration:
         """The reduced PFSM as a configuration of the grammar."""
         return from_pfsm(without(self.pfsm, out))
-
-
-def _ablation(
-    task: Task[Any],
-    start: str,
-    steps: Sequence[Step[T]],
-    configuration: Callable[[T], Configuration],
-    *,
-    simplifies: bool,
-) -> Ablation:
-    configurations = tuple(configuration(one.variant) for one in steps)
-    return Ablation(task=task, start=start, steps=tuple(steps), configurations=configurations, simplifies=simplifies)
-
-
-class _Measuring:
-    """Measures configurations on test instances, all at once."""
-
-    def __init__(
-        self, task: Task[Any], executor: Executor, watch: Callable[[int, int], None], stopped: Callable[[], bool]
-    ) -> None:
-        if task.evaluate is not None:
-            expected = "a targetRunner that gives the costs, as a targetEvaluator compares configurations of a race"
-            raise RaceError(f"{task.name}: expected {expected}, found a targetEvaluator: it cannot be ablated")
-        self._task = task
-        self._executor = executor
-        self._watch = watch
-        self._stopped = stopped
-        self._numbers = count(10**9)  # not the number of a configuration
-        self._calls = 0
-        self._done = 0
-
-    def of(self, configuration: Callable[[T], Configuration]) -> Callable[[Sequence[T], range], list[list[float]]]:
-        """The function that `ablate` measures with."""
-
-        def measure(several: Sequence[T], instances: range) -> list[list[float]]:
-            items = []
-            for one in several:
-                number, chosen = next(self._numbers), configuration(one)
-                items += [self._task.item(Experiment(number, k), chosen, test=True) for k in instances]
-            before = self._done
-
-            def watch(done: int) -> None:
-                self._done = before + done
-                self._watch(self._calls, self._done)
-
-            found = in_order(self._executor, self._task.function, items, watch, self._stopped)
-            self._calls += 1
-            costs = [self._task.cost(one.score) for one in found]
-            return [costs[k : k + len(instances)] for k in range(0, len(costs), len(instances))]
-
-        return measure

@@ -13,7 +13,7 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.progress import EvaluationDisplay
+from mercator_design.report.progress import Display
 from mercator_design.report.summary import evaluation_json, evaluation_summary
 from mercator_design.sim.simulate import Simulator
 
@@ -79,7 +79,7 @@ def evaluate(
         warn_of_no_effect(simulator, pfsm.flavour, pfsm)
     simulator.rehearse(announce=ignore if cost_alone else print_message)
     seeds = instances or fresh_instances(seed, runs)
-    with Interrupt() as interrupt, EvaluationDisplay(loaded, len(seeds)) as display:
+    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", len(seeds)) as display:
 
         def watch(done: int) -> None:
             display.show(done)

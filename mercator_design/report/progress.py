@@ -1,7 +1,6 @@
 """Progress bars on stderr; none if stderr is not a terminal."""
 
 import time
-from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console
@@ -9,7 +8,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column
 
 from mercator_design.errors import printable
-from mercator_design.missions.mission import Mission
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Event, ExperimentDone, TestDone
 from mercator_design.race.running.task import Task
@@ -20,7 +18,7 @@ _WIDE = 100
 """Minimum width of a terminal for a bar and the spread of scores [characters]."""
 
 
-class _Display:
+class Display:
     """A line that counts experiments, with their rate, the remaining time, and a bar if there is space."""
 
     def __init__(self, what: str, total: int) -> None:
@@ -50,9 +48,7 @@ class _Display:
         self._progress.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
     def _is_silent(self) -> bool:
@@ -75,7 +71,7 @@ class _Display:
         self._progress.update(self._task, completed=done, total=total, rate=rate, description=description)
 
 
-class RaceDisplay(_Display):
+class RaceDisplay(Display):
     """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time."""
 
     def __init__(self, task: Task[Any], budget: int, testing: Testing | None) -> None:
@@ -112,21 +108,14 @@ class RaceDisplay(_Display):
         self.show(self._n_run, f"{self._raced.name}: {stage}, {now.alive} alive{best}")
 
 
-class EvaluationDisplay(_Display):
-    """Progress of an evaluation."""
-
-    def __init__(self, mission: Mission, runs: int) -> None:
-        super().__init__(f"{mission.name}: evaluating", runs)
-
-
-class AblationDisplay(_Display):
+class AblationDisplay(Display):
     """Progress of an ablation, whose length is not known."""
 
     def __init__(self) -> None:
         super().__init__("ablation", 0)
 
     def __enter__(self) -> Self:
-        return self  # there may be nothing to do: it starts with the first experiment
+        return self  # it starts with the first experiment, as there may be none
 
     def update(self, step: int, done: int) -> None:
         """Show the current step and the number of experiments done."""

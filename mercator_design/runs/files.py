@@ -21,7 +21,7 @@ from mercator_design.runs.provenance import PROVENANCE, Provenance
 from mercator_design.system.files import Unreadable, read_small
 
 JOURNAL = "journal.jsonl"
-_LARGEST = 1024 * 1024  # bytes of the file of a winner
+_MAX_SIZE = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """The tasks, by their names in the start of a race."""
 _START: Mapping[str, Kind] = {
@@ -63,7 +63,7 @@ def restored(path: Path) -> Task[Any]:
             raise RaceError(
                 f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
                 f"{start['mercator_design']}, found {excerpt(str(here.get(key)))} in mercator_design {__version__}: "
-                "the race cannot be continued, verified or ablated by this"
+                "this version cannot continue, verify or ablate the race"
             )
     return task
 
@@ -150,7 +150,7 @@ def wrong_end(path: Path, record: Record) -> str:
 def _comments(file: Path) -> dict[str, str]:
     """The header of a winner's file: its comments `# key: value`; empty if there is no such file."""
     try:
-        lines = read_small(file, _LARGEST).decode(errors="replace").splitlines()
+        lines = read_small(file, _MAX_SIZE).decode(errors="replace").splitlines()
     except Unreadable:
         return {}
     found = [line.lstrip("# ").partition(": ") for line in lines if line.startswith("#")]

@@ -20,7 +20,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from mercator_design import __version__
@@ -91,7 +90,7 @@ class RunFolder:
             journal.begin(start)
             journal.sync()
         except BaseException:
-            folder.__exit__(None, None, None)
+            folder.__exit__(None)
             raise
         return folder
 
@@ -119,17 +118,15 @@ class RunFolder:
             with _naming(path):
                 folder._remove_drafts()
         except BaseException:
-            folder.__exit__(None, None, None)
+            folder.__exit__(None)
             raise
         return folder
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.journal.__exit__(kind, error, traceback)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.journal.__exit__(kind)
 
     def extend(self, budget: int) -> None:
         """Extend the budget of the race.
@@ -175,15 +172,14 @@ class RunFolder:
         """
         scores, race = result.scores, self.task.race
         tested = result.tests.get(result.configuration)
+        digest = self.journal.record.ends[-1].digest
         header = self._header() | {
             "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
             "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
-            **(
-                {"test": f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"} if tested else {}
-            ),
-            "budget": str(race.budget),
-            "journal": self.journal.record.ends[-1].digest[:16],
         }
+        if tested:
+            header["test"] = f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"
+        header |= {"budget": str(race.budget), "journal": digest[:16]}
         with _naming(self.path):
             write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
             results = configurations_of(self.journal.record)
@@ -197,21 +193,16 @@ class RunFolder:
                 budget=race.budget,
                 experiments=race.used,
                 winner=result.configuration,
-                journal=self.journal.record.ends[-1].digest,
+                journal=digest,
                 seconds=seconds,
             )
             write(self.path, self._provenance)
 
     def _header(self) -> dict[str, str]:
         """The header of the winner's file."""
-        start, overrides = self._provenance.race, self._provenance.request.set
-        raced_with = {} if overrides is None else {"set": json.dumps(overrides)}
-        return {
-            **self.task.header(),
-            **raced_with,
-            "seed": str(start["seed"]),
-            "mercator_design": __version__,
-        }
+        overrides = self._provenance.request.set
+        header = self.task.header() if overrides is None else self.task.header() | {"set": json.dumps(overrides)}
+        return header | {"seed": str(self._provenance.race["seed"]), "mercator_design": __version__}
 
     def _remove_drafts(self) -> None:
         """Remove incomplete files of an interruption."""
@@ -229,8 +220,8 @@ def _claimed(path: Path) -> Journal:
     if any(path.iterdir()) if is_new else (path / PROVENANCE).exists() or file.stat().st_size:
         raise _taken(path)
     journal = Journal(file, new=is_new)
-    if journal.record.start:  # by now
-        journal.__exit__(None, None, None)
+    if journal.record.start:  # written by another process just now
+        journal.__exit__(None)
         raise _taken(path)
     return journal
 

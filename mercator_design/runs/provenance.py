@@ -14,7 +14,7 @@ from mercator_design.race.running.events import Number
 from mercator_design.system.files import Unreadable, read_small, write_text
 
 PROVENANCE = "provenance.json"
-_LARGEST = 1024 * 1024  # bytes
+_MAX_SIZE = 1024 * 1024  # bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ def read(folder: Path) -> Provenance:
     if not file.exists():
         raise RaceError(f"{folder}: not a run folder: {PROVENANCE} is missing")
     try:
-        data = json.loads(read_small(file, _LARGEST))
+        data = json.loads(read_small(file, _MAX_SIZE))
     except Unreadable as error:
         raise RaceError(f"{folder}: not a run folder: {PROVENANCE}: {error}") from None
     except (ValueError, RecursionError) as error:

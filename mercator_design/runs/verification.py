@@ -20,7 +20,7 @@ def verify(
     announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """Check a run folder, and run a sample of its experiments again; yield what was checked, as sentences.
+    """Check a run folder, and run a sample of its experiments again; return what was checked, as sentences.
 
     Args:
         path: The folder.
@@ -36,9 +36,8 @@ def verify(
     """
     reading = read_journal(path)
     record = reading.record
-    checked = [
-        f"{JOURNAL}: {reading.lines} lines are whole" + (f"; {reading.torn}, as if torn" if reading.torn else "")
-    ]
+    torn = f"; {reading.torn}: incomplete, for example after a loss of power" if reading.torn else ""
+    checked = [f"{JOURNAL}: {reading.lines} lines are valid{torn}"]
     if missing := wrong_end(path, record):
         raise RaceError(missing)
     check_configurations(path, record, task.race.space)
@@ -50,8 +49,8 @@ def verify(
         if not task.is_winner(path / task.WINNER, record.configurations[winner]):
             raise RaceError(f"{path / task.WINNER}: expected configuration {winner}, found another")
         checked.append(f"{task.WINNER}: is configuration {winner}, the winner")
-    ran: list[ExperimentDone | TestDone] = [record.experiments[number] for number in sorted(record.experiments)]
-    ran += [record.tests[where] for where in sorted(record.tests)]
+    ran: list[ExperimentDone | TestDone] = [one for _, one in sorted(record.experiments.items())]
+    ran += [one for _, one in sorted(record.tests.items())]
     finished = [one for one in ran if one.score is not None]
     n = min(number, len(finished)) if task.evaluate is None else 0  # an evaluator compares with others
     sample = [finished[k * len(finished) // n] for k in range(n)]
@@ -73,10 +72,10 @@ def verify(
                 what = f"test on instance {one.instance}"
             raise RaceError(
                 f"{path}: {what}: expected score {one.score!r} and digest {one.outcome}, found "
-                f"{score!r} and {outcome}: figures may differ in their last digits on another kind of machine"
+                f"{score!r} and {outcome}: the last digits may differ on another kind of machine"
             )
     tests = sum(isinstance(one, TestDone) for one in finished)
     among = f"{len(finished) - tests} experiments" + (f" and {tests} tests" if tests else "")
     if task.evaluate is not None:
         return [*checked, f"{among} were not run again, as their targetEvaluator compares them with others"]
-    return [*checked, f"{n} of {among} were run again: all as they were"]
+    return [*checked, f"{n} of {among} were run again, with the same results"]

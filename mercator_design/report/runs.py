@@ -24,7 +24,9 @@ def runs_table(folder: Path) -> tuple[str, list[str]]:
     found = _runs(folder)
     names = ("run", "name", "method", "seed", "experiments", "budget", "state", "started")
     rows: list[tuple[object, ...]] = [(*names, "mean of winner")]
-    rows += [(*(run[name] for name in names), _score(run)) for run in found]
+    for run in found:
+        score = None if run["score"] is None else f"{run['score']:.4g}"
+        rows.append((*(run[name] for name in names), score))
     wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
     return "\n".join(aligned(rows)), [note for run in wrong for note in run["notes"]]
 
@@ -142,10 +144,6 @@ def _warnings(path: Path, record: Record) -> tuple[str, list[str]]:
         return wrong_end(path, record), []
     except RaceError as error:
         return "", [*error.messages]
-
-
-def _score(run: dict[str, Any]) -> str | None:
-    return None if run["score"] is None else f"{run['score']:.4g}"
 
 
 def _session(session: SessionStarted | SessionStopped) -> str:

@@ -271,7 +271,7 @@ class TestSearch:
     def test_the_winner_has_the_least_mean_of_those_that_have_seen_most(self, method):
         race = search_of(method, budget=400, instances=8, generation=8)
         run(race)
-        found = [race.statistics(number) for number in range(len(race.configurations))]
+        found = [race.history.statistics(number) for number in range(len(race.configurations))]
         most = max(one.n_results for one in found)
         assert race.best == min((one for one in found if one.n_results == most), key=lambda one: one.mean)
 
@@ -281,7 +281,7 @@ class TestSearch:
         most, n = race.best.n_results, len(race.configurations)
         race.extend(600)
         run(race)
-        seen = {race.statistics(number).n_results for number in range(n, len(race.configurations))}
+        seen = {race.history.statistics(number).n_results for number in range(n, len(race.configurations))}
         assert max(seen) >= most > 10
 
     def test_it_begins_with_given_configurations(self, method):
@@ -306,7 +306,7 @@ class TestSearch:
 def test_optuna_prunes_what_is_worse(method):
     race = search_of(method, budget=600)
     run(race)
-    seen = [race.statistics(number).n_results for number in range(len(race.configurations))]
+    seen = [race.history.statistics(number).n_results for number in range(len(race.configurations))]
     assert sum(n < 20 for n in seen) > len(seen) / 2
     assert min(seen) >= 4  # the least that its test can tell apart at 0.1
 
@@ -342,7 +342,7 @@ def test_optuna_s_own_pruner_does_the_same():
                 race.history.costs[number][instance] = cost
                 decisions.append((race._is_worse(number), trial.should_prune()))
             study.tell(trial, costs.mean())
-            race.history.elites = [race.statistics(0)]
+            race.history.elites = [race.history.statistics(0)]
     assert all(ours == theirs for ours, theirs in decisions)
     assert 20 < sum(ours for ours, _ in decisions) < 300
 

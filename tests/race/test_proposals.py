@@ -10,6 +10,7 @@ from mercator_design.race.methods.additive_model import effects
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.proposals import MAX_LEARNT_FROM, Proposer
+from mercator_design.race.racing.history import RaceHistory
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 
 
@@ -36,8 +37,7 @@ def proposed(n, configurations, costs, *, excluded=lambda _: False, space=MIXED)
     return Proposer(space).propose(
         n,
         [0, 1],
-        configurations=configurations,
-        costs=costs,
+        RaceHistory(space, configurations=configurations, costs=costs),
         model=model,
         generator=np.random.default_rng(3),
         excluded=excluded,

@@ -161,10 +161,10 @@ def _check(tuner: Tuner) -> None:
     """
     failed = False
 
-    def show(command: str, run: Callable[[], Measurement], *, is_cost: bool) -> bool:
+    def show(command: list[str], run: Callable[[], Measurement], *, is_cost: bool) -> bool:
         """Show a command and its result; return whether it succeeded."""
         nonlocal failed
-        print_result(command)
+        print_result(tuner.shell_command(command))
         ((_, result),) = executor.run(lambda _: run(), [0])
         interrupt.check("Not all of these experiments have run")
         if isinstance(result, Failed):
@@ -174,17 +174,17 @@ def _check(tuner: Tuner) -> None:
             print_result(f"  cost {result.score:g}")
         return not isinstance(result, Failed)
 
-    evaluate = tuner.evaluate
+    evaluate, target = tuner.evaluate, tuner.scenario.target
     ran = []
     with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(1) as executor:
         for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
             call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
-            if show(tuner.command_line(call), partial(tuner.function, call), is_cost=evaluate is None):
+            if show(target.command(call), partial(tuner.function, call), is_cost=evaluate is None):
                 ran.append(call)
         if evaluate is not None:
             alive = [call.configuration for call in ran]
             for call in ran:
-                show(tuner.evaluation_line(call, alive), partial(evaluate, call, alive), is_cost=True)
+                show(target.evaluation(call, alive), partial(evaluate, call, alive), is_cost=True)
     if failed:
         raise MercatorError("expected a cost from each of these, found failures")
 

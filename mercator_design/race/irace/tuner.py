@@ -160,12 +160,10 @@ class Tuner(Task[Call]):
             ExperimentFailed: see `on_failure`.
             ExecutorStopped: see `stopped`.
         """
-        n = len(self.scenario.test_instances)
-        tests = [Experiment(number, instance) for number in range(1, len(configurations) + 1) for instance in range(n)]
+        n, numbered = len(self.scenario.test_instances), dict(enumerate(configurations, start=1))
+        tests = [Experiment(number, instance) for number in numbered for instance in range(n)]
         failed: list[ExperimentFailed] = []
         costs = [[math.inf] * n for _ in configurations]
-
-        numbered = dict(enumerate(configurations, start=1))
         results = results_of(self, executor, tests, numbered, [], lambda: bool(failed) or stopped())
         for where, result in results:
             test = test_of(self, where, result)
@@ -194,18 +192,15 @@ class Tuner(Task[Call]):
         experiment = Experiment(one.configuration, one.instance)
         configuration = self.race.configurations[one.configuration]
         call = self.item(experiment, configuration, test=isinstance(one, TestDone))
-        command = self.command_line(call)
-        return command if self.evaluate is None else f"{command} && {self.evaluation_line(call, [one.configuration])}"
-
-    def command_line(self, call: Call) -> str:
-        """The shell command of an experiment."""
         target = self.scenario.target
-        return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.command(call))}"
+        command = self.shell_command(target.command(call))
+        if self.evaluate is None:
+            return command
+        return f"{command} && {self.shell_command(target.evaluation(call, [one.configuration]))}"
 
-    def evaluation_line(self, call: Call, alive: Sequence[int]) -> str:
-        """The shell command of the evaluation of an experiment that has run."""
-        target = self.scenario.target
-        return f"cd {shlex.quote(str(target.folder))} && {shlex.join(target.evaluation(call, alive))}"
+    def shell_command(self, command: list[str]) -> str:
+        """The shell command that runs a command of the scenario in its folder."""
+        return f"cd {shlex.quote(str(self.scenario.target.folder))} && {shlex.join(command)}"
 
     def place(self, instance: int) -> int:
         """The index of the scenario's instance for an instance of the race; each round uses all instances once."""

@@ -33,9 +33,7 @@ class IteratedRace(Optimizer):
     """An iterated race over a space.
 
     Args:
-        space: What to configure.
-        budget: Maximum number of experiments.
-        seed: Seed of all random draws.
+        space, budget, seed: As `Optimizer`.
         options: The defaults are ours; `RaceOptions.irace()` is irace's algorithm.
         initial: The first configurations; the first iteration samples the others.
 
@@ -87,7 +85,7 @@ class IteratedRace(Optimizer):
         best = self.elites[0] if self.elites else None
         if self._race is not None:
             leader = self._race.ranked()[0]
-            best = self.statistics(leader) if self.history.costs[leader] else best
+            best = self.history.statistics(leader) if self.history.costs[leader] else best
         return Progress(
             iteration=self._iteration,
             iterations=self._planner.n_iterations,
@@ -235,8 +233,7 @@ class IteratedRace(Optimizer):
         return self._proposer.propose(
             n,
             elites,
-            configurations=self.configurations,
-            costs=self.history.costs,
+            self.history,
             model=self._model,
             generator=self._generator("proposals"),
             excluded=lambda c: (

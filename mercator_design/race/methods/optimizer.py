@@ -133,10 +133,6 @@ class Optimizer(ABC):
         """The costs of a configuration so far, by instance."""
         return dict(self.history.costs[configuration])
 
-    def statistics(self, configuration: int) -> Elite:
-        """Mean, standard deviation and number of the costs of a configuration; it must have some."""
-        return self.history.statistics(configuration)
-
     def ask(self) -> list[Experiment]:
         """The next experiments; the same until `tell` has their costs; none at the end.
 

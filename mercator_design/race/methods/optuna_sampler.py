@@ -9,6 +9,7 @@ suggested as a place in [0, 1]; an integer or ordered one as an integer.
 """
 
 import warnings
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from threadpoolctl import ThreadpoolController
@@ -21,7 +22,6 @@ from mercator_design.seeds import generator
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
-    from optuna.study import Study
     from optuna.trial import Trial
 
 
@@ -81,21 +81,12 @@ class OptunaSampler:
             configuration = self._space.build(
                 lambda parameter, bounds: _external(parameter, _suggest(trial, parameter), bounds)
             )
-        return _Trial(configuration, self._study, trial)
+        return Proposal(configuration, partial(self._finish, trial))
 
-
-class _Trial(Proposal):
-    """A configuration with its trial."""
-
-    def __init__(self, configuration: Configuration, study: "Study", trial: "Trial") -> None:
-        super().__init__(configuration)
-        self._study = study
-        self._trial = trial
-
-    def finish(self, cost: float | None) -> None:
+    def _finish(self, trial: "Trial", cost: float | None) -> None:
         from optuna.trial import TrialState
 
-        self._study.tell(self._trial, cost, state=TrialState.FAIL if cost is None else TrialState.COMPLETE)
+        self._study.tell(trial, cost, state=TrialState.FAIL if cost is None else TrialState.COMPLETE)
 
 
 def _suggest(trial: "Trial", parameter: Parameter) -> Value:

@@ -16,6 +16,7 @@ from mercator_design.race.methods.additive_model import effects, table
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
+from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
@@ -48,9 +49,8 @@ class Proposer:
         self,
         n: int,
         ranked: Sequence[int],
+        history: RaceHistory,
         *,
-        configurations: Sequence[Configuration],
-        costs: Sequence[Mapping[int, float]],
         model: SamplingModel,
         generator: Generator,
         excluded: Callable[[Configuration], bool],
@@ -60,16 +60,15 @@ class Proposer:
         Args:
             n: Maximum number.
             ranked: The elites, best first.
-            configurations: All configurations.
-            costs: Their costs, by instance.
+            history: The history of the race.
             model: The elites' distributions.
             generator: Makes all random draws.
             excluded: Returns True for a configuration that must not be proposed.
         """
         with self._threads.limit(limits=1, user_api="blas"):
-            expected = self._learn(configurations, costs)
+            expected = self._learn(history)
             best = sorted(expected, key=lambda number: expected[number])[: max(_MIN_PARENTS, len(ranked))]
-            parents = [configurations[number] for number in (*ranked, *best)]
+            parents = [history.configurations[number] for number in (*ranked, *best)]
             candidates, places = self._candidates(parents, ranked, model, generator, excluded)
             if not candidates:
                 return []
@@ -81,14 +80,14 @@ class Proposer:
             for values in self._surrogate.sample(features[promising], n, generator):
                 values[chosen] = np.inf
                 chosen.append(int(values.argmin()))
-            elites = self._features.of(self._places_of(ranked, configurations))
+            elites = self._features.of(self._places_of(ranked, history.configurations))
             nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
             return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
 
-    def _learn(self, configurations: Sequence[Configuration], costs: Sequence[Mapping[int, float]]) -> dict[int, float]:
+    def _learn(self, history: RaceHistory) -> dict[int, float]:
         """Fit the surrogate; return the expected cost of each configuration that it was fitted to."""
-        learnt_from = _most_informative(costs)
-        known = table([costs[number] for number in learnt_from])
+        learnt_from = _most_informative(history.costs)
+        known = table([history.costs[number] for number in learnt_from])
         rejected = np.isinf(known).any(axis=1)
         known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
         means, variance = effects(known[~rejected])
@@ -96,7 +95,7 @@ class Proposer:
         values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
         values[~rejected], errors[~rejected] = y, noise
         scale = values.std() or 1.0
-        features = self._features.of(self._places_of(learnt_from, configurations))
+        features = self._features.of(self._places_of(learnt_from, history.configurations))
         self._surrogate.fit(features, (values - values.mean()) / scale, errors / scale**2)
         expected, _ = self._surrogate.predict(features)
         return dict(zip(np.array(learnt_from)[~rejected].tolist(), expected[~rejected].tolist(), strict=True))

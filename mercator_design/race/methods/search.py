@@ -5,10 +5,10 @@ it is pruned.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,14 +25,12 @@ _MAX_TRIES = 100
 """Stop after so many successive proposals that are not new or not allowed."""
 
 
-class Proposal:
-    """A configuration that a sampler proposes; `finish` reports its mean cost to the sampler (here: does nothing)."""
+class Proposal(NamedTuple):
+    """A configuration that a sampler proposes."""
 
-    def __init__(self, configuration: Configuration) -> None:
-        self.configuration = configuration
-
-    def finish(self, cost: float | None) -> None:
-        """Take the mean cost of the configuration; None if it is not allowed."""
+    configuration: Configuration
+    finish: Callable[[float | None], object] = lambda _: None
+    """Takes the mean cost of the configuration; None if it is not allowed."""
 
 
 class Sampler(Protocol):
@@ -76,9 +74,7 @@ class Search(Optimizer):
     other. An extended search runs new configurations on all instances seen so far.
 
     Args:
-        space: What to configure.
-        budget: Maximum number of experiments.
-        seed: Seed of all random draws.
+        space, budget, seed: As `Optimizer`.
         options: How the budget is spent.
         sampler: Proposes configurations.
         initial: The first configurations.
@@ -186,7 +182,7 @@ class Search(Optimizer):
         yield from self._run_through(waiting, n_instances)
         for number, same in proposals.items():
             if not self.history.is_rejected(number):
-                self._means[number] = self.statistics(number).mean
+                self._means[number] = self.history.statistics(number).mean
             for proposal in same:
                 proposal.finish(self._means.get(number))
         self._rank(proposals)
@@ -243,7 +239,7 @@ class Search(Optimizer):
         accepted = [number for number in dict.fromkeys([*former, *newcomers]) if not self.history.is_rejected(number)]
         if not accepted:
             accepted = [number for number in self._means if not self.history.is_rejected(number)]
-        ranked = sorted(map(self.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
+        ranked = sorted(map(self.history.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
         self.history.elites = ranked[:_MAX_ELITES]
 
     def _end_iteration(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from mercator_design.race.space.parameter import Configuration, Parameter
+from mercator_design.race.space.parameter import Configuration
 from mercator_design.race.space.space import Space
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Features:
 
     def __init__(self, space: Space) -> None:
         self._space = space
-        codes = [_codes(p) for p in space.variable]
+        codes = [np.arange(_INACTIVE, len(p.values)) if p.kind == "categorical" else _CENTRES for p in space.variable]
         self.n_parameters = len(codes)
         self.owner = np.repeat(np.arange(len(codes)), [len(c) for c in codes])
         self.starts = np.flatnonzero(np.diff(self.owner, prepend=-1))
@@ -93,12 +93,6 @@ class Features:
         lengths = np.sqrt(np.add.reduceat(found * found, self.starts, axis=1))
         unit: Floats = found / np.where(lengths == 0, 1.0, lengths)[:, self.owner]
         return unit
-
-
-def _codes(parameter: Parameter) -> Floats:
-    if parameter.kind == "categorical":
-        return np.arange(_INACTIVE, len(parameter.values))
-    return _CENTRES
 
 
 class Surrogate:

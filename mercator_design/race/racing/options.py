@@ -80,33 +80,36 @@ class RaceOptions:
     confirmation: float = 0.1
 
     def __post_init__(self) -> None:
-        _require("surrogate", self.surrogate, "between 0 and 1", valid=0 <= self.surrogate <= 1)
-        _require("structure", self.structure, "between 0 and 1", valid=0 <= self.structure <= 1)
-        _require("test", self.test, " or ".join(get_args(TestName)), valid=self.test in get_args(TestName))
-        _require("confidence", self.confidence, "between 0 and 1", valid=0 < self.confidence < 1)
-        _require("each_test", self.each_test, "1 or more", valid=self.each_test >= 1)
-        multiple = f"a multiple of each_test ({self.each_test})"
-        even = self.first_test % self.each_test == 0
-        _require("first_test", self.first_test, f"1 or more and {multiple}", valid=self.first_test >= 1 and even)
-        _require("block_size", self.block_size, "1 or more", valid=self.block_size >= 1)
-        even = self.mu % self.block_size == 0
-        expected = f"0 or more and a multiple of block_size ({self.block_size})"
-        _require("mu", self.mu, expected, valid=self.mu >= 0 and (even or self.mu < self._instances_of_first_test))
-        _require(
-            "elitist_new_instances", self.elitist_new_instances, "0 or more", valid=self.elitist_new_instances >= 0
-        )
-        _require("elitist_limit", self.elitist_limit, "0 or more", valid=self.elitist_limit >= 0)
-        for name in ("iterations", "survivors", "n_configurations", "experiments_per_iteration"):
+        for name in ("surrogate", "structure"):
+            self._require(name, "between 0 and 1", 0 <= getattr(self, name) <= 1)
+        self._require("test", " or ".join(get_args(TestName)), self.test in get_args(TestName))
+        self._require("confidence", "between 0 and 1", 0 < self.confidence < 1)
+        for name in (
+            "each_test",
+            "block_size",
+            "iterations",
+            "survivors",
+            "n_configurations",
+            "experiments_per_iteration",
+        ):
             count = getattr(self, name)
-            _require(name, count, "1 or more", valid=count is None or count >= 1)
-        first = self._instances_of_first_test
-        few = self.instances is not None and (self.instances < first or self.instances % self.block_size > 0)
-        expected = f"{first} or more, for the first test, and a multiple of block_size ({self.block_size})"
-        _require("instances", self.instances, expected, valid=not few)
-        _require("instances", self.instances, "none if elitist is off", valid=self.elitist or self.instances is None)
-        threshold = self.soft_restart_threshold
-        _require("confirmation", self.confirmation, "0 or more, below 1", valid=0 <= self.confirmation < 1)
-        _require("soft_restart_threshold", threshold, "0 or more", valid=threshold >= 0)
+            self._require(name, "1 or more", count is None or count >= 1)
+        even = self.first_test % self.each_test == 0
+        expected = f"1 or more and a multiple of each_test ({self.each_test})"
+        self._require("first_test", expected, self.first_test >= 1 and even)
+        first, whole_blocks = self._instances_of_first_test, f"a multiple of block_size ({self.block_size})"
+        even = self.mu % self.block_size == 0
+        self._require("mu", f"0 or more and {whole_blocks}", self.mu >= 0 and (even or self.mu < first))
+        for name in ("elitist_new_instances", "elitist_limit", "soft_restart_threshold"):
+            self._require(name, "0 or more", getattr(self, name) >= 0)
+        enough = self.instances is None or (self.instances >= first and self.instances % self.block_size == 0)
+        self._require("instances", f"{first} or more, for the first test, and {whole_blocks}", enough)
+        self._require("instances", "none if elitist is off", self.elitist or self.instances is None)
+        self._require("confirmation", "0 or more, below 1", 0 <= self.confirmation < 1)
+
+    def _require(self, name: str, expected: str, is_valid: bool) -> None:
+        if not is_valid:
+            raise RaceError(f"race option {name}: expected {expected}, found {getattr(self, name)}")
 
     @classmethod
     def irace(cls) -> "RaceOptions":
@@ -168,8 +171,3 @@ class RaceOptions:
     @property
     def _instances_of_first_test(self) -> int:
         return self.first_test * self.block_size
-
-
-def _require(name: str, found: object, expected: str, *, valid: bool) -> None:
-    if not valid:
-        raise RaceError(f"race option {name}: expected {expected}, found {found}")

@@ -208,15 +208,13 @@ class Race:
     def ranks(self) -> dict[int, float]:
         """The ranks that `ranked` sorts by."""
         columns = np.flatnonzero(self._alive)
-        ranks = overall_ranks(self._table()[:, columns], self._rules.test)
+        table = self._costs[: max(self._row, len(self._known)), columns]
+        ranks = overall_ranks(table, self._rules.test)
         return {self.configurations[column]: float(rank) for column, rank in zip(columns, ranks, strict=True)}
 
     def concordance(self) -> Concordance:
         """How well the instances agree on the alive configurations."""
         return concordance(self._costs[: self._row, self._alive])
-
-    def _table(self) -> Floats:
-        return self._costs[: max(self._row, len(self._known))]
 
     def _instance(self, row: int) -> int:
         return self._known[row] if row < len(self._known) else self._next_instance + row - len(self._known)

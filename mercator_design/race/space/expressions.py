@@ -33,18 +33,19 @@ from mercator_design.race.space.r_operators import (
     CONSTANTS,
     Closure,
     Operation,
-    all_of,
-    any_of,
     comparable,
     constant,
     divide,
+    every,
     is_true,
+    lift,
     logical,
     member,
     modulo,
     number,
     numeric,
     power,
+    some,
     span,
     strict,
     value_text,
@@ -240,18 +241,20 @@ class _Parser:
         self._depth -= 1
         return found
 
-    def _joined(self, part: Callable[[], Closure], operators: tuple[str, ...], join: Callable[..., Closure]) -> Closure:
+    def _joined(
+        self, part: Callable[[], Closure], operators: tuple[str, ...], operation: Callable[..., Any]
+    ) -> Closure:
         operands = [part()]
         while self._at(*operators):
             self._logic()
             operands.append(part())
-        return join(*operands) if len(operands) > 1 else operands[0]
+        return lift(operation, *operands) if len(operands) > 1 else operands[0]
 
     def _or(self) -> Closure:
-        return self._joined(self._and, ("|", "||"), any_of)
+        return self._joined(self._and, ("|", "||"), some)
 
     def _and(self) -> Closure:
-        return self._joined(self._not, ("&", "&&"), all_of)
+        return self._joined(self._not, ("&", "&&"), every)
 
     def _not(self) -> Closure:
         if self._at("!"):

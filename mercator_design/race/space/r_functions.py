@@ -21,6 +21,7 @@ from mercator_design.race.space.r_operators import (
     combine,
     each,
     every,
+    lift,
     logical,
     members_of,
     number,
@@ -149,10 +150,6 @@ def _over_all(operation: Callable[..., Any], *, of_logical: bool = False) -> Cal
         return apply
 
     return make
-
-
-def _is_missing(operand: Closure) -> Closure:
-    return lambda values: each(lambda a: a is None, [operand(values)])
 
 
 def _combined(*operands: Closure) -> Closure:
@@ -290,7 +287,7 @@ FUNCTIONS: Functions = {
     "all": Function(_over_all(every, of_logical=True), ("na.rm",), 0, is_variadic=True),
     "c": Function(_combined, (), is_variadic=True),
     "seq": Function(_sequence, ("from", "to", "by", "length.out")),
-    "is.na": Function(_is_missing),
+    "is.na": Function(lambda operand: lift(lambda a: a is None, operand)),
     "as.numeric": Function(lambda operand: strict(_as_number, operand)),
     "as.integer": Function(lambda operand: strict(_as_integer, operand)),
     "as.logical": Function(lambda operand: strict(_as_logical, operand)),

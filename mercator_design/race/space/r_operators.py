@@ -127,7 +127,12 @@ def strict(operation: Callable[..., Any], *operands: Closure) -> Closure:
         result = operation(*arguments)
         return None if isinstance(result, float) and math.isnan(result) else result
 
-    return lambda values: each(one, [operand(values) for operand in operands])
+    return lift(one, *operands)
+
+
+def lift(operation: Callable[..., Any], *operands: Closure) -> Closure:
+    """An operation on values as one on closures; it has to take NA."""
+    return lambda values: each(operation, [operand(values) for operand in operands])
 
 
 def numeric(operation: Callable[..., Any], *operands: Closure) -> Closure:
@@ -135,24 +140,14 @@ def numeric(operation: Callable[..., Any], *operands: Closure) -> Closure:
     return strict(lambda *arguments: _as_r_number(operation(*map(number_of, arguments))), *operands)
 
 
-def any_of(*operands: Closure) -> Closure:
-    """`a | b | ...`."""
-    return lambda values: each(some, [operand(values) for operand in operands])
-
-
-def all_of(*operands: Closure) -> Closure:
-    """`a & b & ...`."""
-    return lambda values: each(every, [operand(values) for operand in operands])
-
-
 def some(*values: Any) -> bool | None:  # noqa: ANN401
-    """Whether one of the values is true; NA if that depends on missing values."""
+    """`a | b | ...`: whether one of the values is true; NA if that depends on missing values."""
     found = [_truth(value) for value in values]
     return True if True in found else None if None in found else False
 
 
 def every(*values: Any) -> bool | None:  # noqa: ANN401
-    """Whether all values are true; NA if that depends on missing values."""
+    """`a & b & ...`: whether all values are true; NA if that depends on missing values."""
     found = [_truth(value) for value in values]
     return False if False in found else None if None in found else True
 

@@ -187,11 +187,7 @@ def _draw_floor(axes: Axes, mission: Mission, instance: Instance) -> None:
     image = axes.imshow(
         np.round(pixels).astype(np.uint8), extent=_bounds(grid), interpolation="antialiased", aspect="equal", zorder=3
     )
-    image.set_clip_path(_arena_clip(axes, mission))
-
-
-def _arena_clip(axes: Axes, mission: Mission) -> Area:
-    return Area(mission.arena.corners(), transform=axes.transData)
+    image.set_clip_path(Area(mission.arena.corners(), transform=axes.transData))
 
 
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
 from benchmarks.vectors.irace_tests import order_is_same
-from mercator_design.race import Configuration, Parameter, Space, categorical, integer, ordered, real
+from mercator_design.race import Configuration, Parameter, RaceOptions, Space, categorical, integer, ordered, real
 from mercator_design.race.methods.model import SamplingModel, elite_weights
 from mercator_design.race.methods.sampling import similar, truncated_normal
 from mercator_design.race.racing.budget import iteration_budget, minimum_budget, n_configurations, n_iterations
@@ -131,7 +131,7 @@ def _model(vectors: Vectors) -> Iterator[Check]:
 
 def _trace(space: Space, name: str, trace: dict[str, Any]) -> Iterator[Check]:
     """Initialise, updates and soft restarts in a row: each number of all distributions after each step."""
-    model = SamplingModel(space, elitist=trace["elitist"])
+    model = SamplingModel(space, RaceOptions(elitist=trace["elitist"]))
     for number, step in enumerate(trace["steps"], start=1):
         kind, place = f"model, {step['step']}", f"{name}, step {number}"
         elites = {row[".ID."]: _configuration(row, space) for row in step.get("elites", [])}
@@ -269,7 +269,7 @@ def _frequencies(kind: str, domain: str, name: str, case: dict[str, Any]) -> Ite
     last = len(expected)
     log = domain.startswith("intlog")
     parameter = ordered("x", range(1, last + 1)) if domain == "ord" else integer("x", 1, last, log=log)
-    model = SamplingModel(Space([parameter]), ordered_as_integers=False)
+    model = SamplingModel(Space([parameter]), RaceOptions(ordered_as_integers=False))
     model.initialise({0: {"x": str(mean) if domain == "ord" else mean}})
     model.elites[0].spreads[0] = sd if log else sd / (last - 1)
     drawn = model.sample(EVENLY, [0], _Even(np.random.PCG64()), lambda _: False)

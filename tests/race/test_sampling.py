@@ -6,7 +6,7 @@ from scipy.special import ndtr
 from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
+from mercator_design.race import RaceOptions, Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal
 from tests.race.spaces import machines_text
@@ -48,7 +48,7 @@ def test_ordered_values_are_drawn_as_integers():
 
 def test_in_iraces_way_the_last_ordered_value_is_drawn_only_where_no_elite_has_one():
     space = Space([integer("n", 1, 2), ordered("x", [1, 2, 5, 10], condition="n == 2")])
-    model = SamplingModel(space, ordered_as_integers=False)
+    model = SamplingModel(space, RaceOptions(ordered_as_integers=False))
     model.initialise({0: {"n": 2, "x": "10"}, 1: {"n": 1}})
     drawn = model.sample(2000, [0, 1], np.random.default_rng(3), nothing)
     of = [[c["x"] for c, parent in drawn if parent == elite and "x" in c] for elite in (0, 1)]
@@ -178,7 +178,7 @@ def test_a_mean_too_far_outside_is_the_nearer_bound():
 def test_the_mean_of_dependent_bounds(means_scale, expected):
     """As a place within the child's own bounds; or, irace's way, as it is."""
     space = Space([integer("n", 4, 20), real("x", 0, "n")])
-    model = SamplingModel(space, means_scale=means_scale)
+    model = SamplingModel(space, RaceOptions(means_scale=means_scale))
     model.initialise({0: {"n": 20, "x": 10.0}})
     model.elites[0].spreads[:] = 5.0, 1e-6
     drawn = model.sample(500, [0], np.random.default_rng(1), nothing)

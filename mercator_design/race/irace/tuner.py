@@ -23,7 +23,7 @@ from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.evaluation import results_of, test_of
 from mercator_design.race.running.events import ExperimentDone, TestDone
 from mercator_design.race.running.executors import Executor, ExecutorStopped
-from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, error_of, is_fatal
+from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.seeds import generator
@@ -168,7 +168,7 @@ class Tuner(Task[Call]):
         for where, result in results:
             test = test_of(self, where, result)
             if is_fatal(result, on_failure):
-                failed.append(ExperimentFailed(test, error_of(result)))
+                failed.append(ExperimentFailed(test, result))
             elif test.score is not None:
                 costs[where.configuration - 1][where.instance] = test.score
         if stopped():

@@ -65,12 +65,7 @@ class IteratedRace(Optimizer):
             self.notes.append(self._planner.note)
         self._initial = self._checked(initial)
         self._n_seen = 0  # instances
-        self._model = SamplingModel(
-            space,
-            elitist=self.options.elitist,
-            ordered_as_integers=self.options.ordered_as_integers,
-            means_scale=self.options.means_scale,
-        )
+        self._model = SamplingModel(space, self.options)
         self._proposer: Proposer | None = None
         self._is_exhausted = False
         self._race: Race | None = None

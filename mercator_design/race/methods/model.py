@@ -21,6 +21,7 @@ from numpy.random import Generator
 
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.sampling import Floats, truncated_normal
+from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
 
@@ -58,20 +59,16 @@ class SamplingModel:
 
     Args:
         space: What is sampled.
-        elitist: Whether the probabilities of categorical values are capped, as in elitist races.
-        ordered_as_integers: False to draw ordered parameters as irace does.
-        means_scale: False to keep the means of dependent parameters as irace does.
+        options: The options of the race: elitist races cap the probabilities of categorical values.
     """
 
-    def __init__(
-        self, space: Space, *, elitist: bool = True, ordered_as_integers: bool = True, means_scale: bool = True
-    ) -> None:
+    def __init__(self, space: Space, options: RaceOptions | None = None) -> None:
         self.elites: dict[int, EliteModel] = {}
         self._space = space
-        self._elitist = elitist
-        self._means_scale = means_scale
+        self._options = options or RaceOptions()
         self._columns = {p.name: column for column, p in enumerate(space.variable)}
-        self._skewed = [] if ordered_as_integers else [c for c, p in enumerate(space.variable) if p.kind == "ordered"]
+        ordered = [column for column, p in enumerate(space.variable) if p.kind == "ordered"]
+        self._skewed = [] if self._options.ordered_as_integers else ordered
 
     def initialise(self, elites: Mapping[int, Configuration]) -> None:
         """Begin with the elites of the first race."""
@@ -192,7 +189,7 @@ class SamplingModel:
                     return parameter.quantile(0.0, bounds)
                 spread /= high - low + (parameter.kind == "integer")
                 centre = float(model.centres[column])
-                if not self._means_scale:
+                if not self._options.means_scale:
                     centre = parameter.position(centre, bounds)
                 place = float(truncated_normal(uniforms[column], centre, spread))
             return parameter.quantile(place, bounds)
@@ -207,7 +204,7 @@ class SamplingModel:
                 continue
             bounds = parameter.bounds(configuration)
             if bounds is not None:
-                is_kept = parameter.is_dependent and not self._means_scale
+                is_kept = parameter.is_dependent and not self._options.means_scale
                 centre = float(value) if is_kept else parameter.position(value, bounds)
                 model.centres[self._columns[name]] = centre
 
@@ -215,7 +212,7 @@ class SamplingModel:
         weights = weights * (1 - certainty)
         weights[chosen] += certainty
         weights /= weights.sum()
-        if self._elitist:
+        if self._options.elitist:
             weights = np.minimum(weights, _MAX_CERTAINTY ** (1 / self._space.n_variable))
         normalised: Floats = weights / weights.sum()
         return normalised

@@ -10,7 +10,7 @@ from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.search import Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.parameter import Value
 from mercator_design.race.space.space import Space
 from mercator_design.seeds import generator
 
@@ -26,11 +26,7 @@ class Method(Protocol):
 def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - the signature of MakeSampler
     """Makes a sampler that draws every active parameter uniformly from its domain."""
     moves = Moves(space, generator(seed, "search, random"))
-
-    def propose(given: Configuration | None = None) -> Proposal:
-        return Proposal(moves.uniform() if given is None else given)
-
-    return propose
+    return lambda given=None: Proposal(moves.uniform() if given is None else given)
 
 
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from mercator_design.race.racing.statistics import Concordance
 
@@ -85,8 +86,6 @@ class Scores:
     @property
     def confidence_interval(self) -> tuple[float, float] | None:
         """Of the mean, at 95 %, by Student's t; None for a single score."""
-        from scipy.special import stdtrit
-
         if self.standard_deviation is None:
             return None
         n = len(self.values)

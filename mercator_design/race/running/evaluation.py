@@ -13,7 +13,7 @@ from mercator_design.config.schema import Range
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.events import Measurement, TestDone
-from mercator_design.race.running.executors import Executor, Failed, attempt_here
+from mercator_design.race.running.executors import Executor, Failed, attempt
 from mercator_design.race.running.outcome import read_result
 from mercator_design.race.running.task import Problem
 from mercator_design.race.space.parameter import Configuration
@@ -85,7 +85,7 @@ def results_of(
                  and (other in known or other in ran)]  # fmt: skip
         if stopped():
             return
-        yield one, attempt_here(partial(problem.evaluate, item(one)), alive)
+        yield one, attempt(partial(problem.evaluate, item(one)), alive, Exception)
 
 
 def test_of(problem: Problem[T], where: Experiment, result: Measurement | Failed) -> TestDone:

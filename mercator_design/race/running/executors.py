@@ -96,23 +96,15 @@ def available_jobs() -> int:
     return int(cpu_count())
 
 
-def attempt(function: Callable[[T], R], item: T) -> R | Failed:
+def attempt(function: Callable[[T], R], item: T, errors: type[BaseException] = BaseException) -> R | Failed:
     """Call a function on an item; any exception, also SystemExit, is a failure of this item.
 
-    Not for the main thread, where signals raise exceptions that concern the program.
+    In the main thread signals raise exceptions that concern the program: there `errors` is Exception.
     """
     try:
         return function(item)
-    except BaseException as error:  # noqa: BLE001 - see above
+    except errors as error:
         return Failed(described(error, _MAX_MESSAGE), error if isinstance(error, Exception) else None)
-
-
-def attempt_here(function: Callable[[T], R], item: T) -> R | Failed:
-    """As `attempt`, for the main thread: exceptions that concern the program, such as Ctrl-C, are raised."""
-    try:
-        return function(item)
-    except Exception as error:  # noqa: BLE001 - any error is a failure of this item
-        return Failed(described(error, _MAX_MESSAGE), error)
 
 
 def in_order(

@@ -13,15 +13,15 @@ OnFailure = Literal["stop", "reject"]
 class ExperimentFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
     """An experiment failed, and failures stop the race."""
 
-    def __init__(self, finished: ExperimentDone | TestDone, error: Exception | None) -> None:
+    def __init__(self, finished: ExperimentDone | TestDone, result: Measurement | Failed) -> None:
         what = f"experiment {finished.experiment}" if isinstance(finished, ExperimentDone) else "a test"
         super().__init__(
             f"{what} (configuration {finished.configuration}, instance of seed {finished.seed}) failed: "
             f"{finished.failure}"
         )
         self.finished = finished
-        if isinstance(error, MercatorError):
-            self.exit_code = error.exit_code
+        if isinstance(result, Failed) and isinstance(result.error, MercatorError):
+            self.exit_code = result.error.exit_code
 
 
 def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
@@ -31,13 +31,8 @@ def is_fatal(result: Measurement | Failed, on_failure: OnFailure) -> bool:
     """
     if not read_result(result)[2]:
         return False
-    error = error_of(result)
+    error = result.error if isinstance(result, Failed) else None
     return (on_failure == "stop" and not isinstance(error, Rejected)) or lack_of_memory(error) is not None
-
-
-def error_of(result: Measurement | Failed) -> Exception | None:
-    """The exception of an experiment that failed, if it raised one."""
-    return result.error if isinstance(result, Failed) else None
 
 
 def read_result(result: Measurement | Failed) -> tuple[float | None, str, str]:

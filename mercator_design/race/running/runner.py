@@ -13,7 +13,7 @@ configurations. It may replace earlier costs on the same instance.
 """
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -34,9 +34,9 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     TestDone,
 )
-from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt_here
+from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt
 from mercator_design.race.running.journal import Journal
-from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, error_of, is_fatal, read_result
+from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Problem, RaceResult
 
@@ -302,7 +302,7 @@ class RaceRun(Generic[T]):
 
     def _evaluated(self, experiment: Experiment, alive: Sequence[int]) -> Measurement | Failed:
         assert self.problem.evaluate is not None  # noqa: S101 - for mypy; callers have checked
-        return attempt_here(partial(self.problem.evaluate, self._item(experiment)), alive)
+        return attempt(partial(self.problem.evaluate, self._item(experiment)), alive, Exception)
 
     def _revise_score(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record that the evaluation of a batch has replaced a score."""
@@ -312,21 +312,15 @@ class RaceRun(Generic[T]):
 
     def _revise(self) -> None:
         """Report to the race the costs that the evaluation of a batch has replaced."""
-        revised = self._record.revised.get(self._n_told, {})
-        if revised:
-            self._check_revised(revised)
-            self._n_revised += 1
-            self._race.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
-
-    def _check_revised(self, revised: Collection[Experiment]) -> None:
-        instances = {experiment.instance for experiment in self._batch}
+        revised = self._record.revised.get(self._n_told)
+        if not revised:
+            return
+        instances = set() if self.problem.evaluate is None else {experiment.instance for experiment in self._batch}
         for number, instance in revised:
-            if (
-                self.problem.evaluate is None
-                or instance not in instances
-                or number not in self._race.competitors(instance)
-            ):
+            if instance not in instances or number not in self._race.competitors(instance):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
+        self._n_revised += 1
+        self._race.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record an experiment that the race has asked for."""
@@ -344,7 +338,7 @@ class RaceRun(Generic[T]):
         if done.failure and self._stopped():  # perhaps because of the stop; a resumed race tries again
             return
         if is_fatal(result, self._on_failure):
-            self._failures[number] = ExperimentFailed(done, error_of(result))
+            self._failures[number] = ExperimentFailed(done, result)
         else:
             self._note(revised or done)
 

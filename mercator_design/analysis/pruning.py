@@ -40,7 +40,7 @@ def elements(pfsm: Pfsm) -> dict[Element, str]:
 
 
 def removed(pfsm: Pfsm, out: frozenset[Element]) -> frozenset[Element]:
-    """Some elements of a PFSM, and those that cannot be reached without them."""
+    """Add to removed elements of a PFSM those that cannot be reached without them."""
     reached = _reached(pfsm, out)
     kept = {(i, j) for i in reached for j, _ in _transitions(pfsm, i, out)}
     return frozenset(elements(pfsm)) - {(i, None) for i in reached} - kept
@@ -62,11 +62,11 @@ def without(pfsm: Pfsm, out: frozenset[Element]) -> Pfsm:
 
 def _reached(pfsm: Pfsm, out: frozenset[Element]) -> list[int]:
     """The states that can be reached from the initial one without some elements."""
-    found, ahead = set(), {0}
-    while ahead:
-        i = ahead.pop()
+    found, waiting = set(), {0}
+    while waiting:
+        i = waiting.pop()
         found.add(i)
-        ahead |= {transition.target for _, transition in _transitions(pfsm, i, out)} - found
+        waiting |= {transition.target for _, transition in _transitions(pfsm, i, out)} - found
     return sorted(found)
 
 

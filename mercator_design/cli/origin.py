@@ -73,7 +73,7 @@ class Origin:
         return f"{excerpt(name)} has changed since this was designed"
 
     def what_differs(self, model: RobotModel) -> str | None:
-        """What shows that a robot model has changed; empty if nothing, None if it cannot be compared completely."""
+        """The difference between a robot model and that at design; empty if there is none, None if it is not known."""
         found = digest_of(model)
         digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
         known = [digest for digest in digests if digest is not None]

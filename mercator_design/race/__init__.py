@@ -1,13 +1,13 @@
 """Iterated F-race: find good configurations of anything by racing them on more and more instances.
 
-A racing library that knows no robots: it says which experiments to run, is told their costs, and finds the
-configurations of least mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
-Research Perspectives 3:43-58), but that a surrogate proposes most of what is raced; `RaceOptions.irace()` is irace.
+A racing library that does not depend on robots: `ask` gives experiments, `tell` takes their costs, and the race finds
+the configurations with the lowest mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
+Research Perspectives 3:43-58), but a surrogate proposes most configurations; `RaceOptions.irace()` is irace.
 
     IteratedRace   the whole algorithm as ask and tell, with RaceOptions
-    Space          what may be configured; `parse_space` reads irace's parameters.txt
+    Space          the parameters of the configurations; `parse_space` reads irace's parameters.txt
     Experiment     one configuration on one instance, both counted from 0
-    Event          what happens in a race that is run to its end: ExperimentDone, IterationEnded, ...
+    Event          an event of a race that is run to its end: ExperimentDone, IterationEnded, ...
 
 The rooms, from the bottom up:
 

@@ -1,1 +1,1 @@
-"""What people see of a race: while it runs, and when it is done."""
+"""Reports for people: progress, summaries, tables and pictures."""

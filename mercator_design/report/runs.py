@@ -51,8 +51,8 @@ def run_summary(path: Path) -> str:
     if not record.start:
         return f"{path}: no race has begun here yet"
     task = TASKS[record.start["task"]]
-    asked = {(one.configuration, one.instance) for one in record.experiments.values()}
-    unasked = sum(place not in asked for place in record.speculative)
+    counted = {(one.configuration, one.instance) for one in record.experiments.values()}
+    n_extra = sum(place not in counted for place in record.speculative)
     failed = sum(one.score is None for one in record.results())
     lines = [
         *task.about(record.start),
@@ -64,7 +64,7 @@ def run_summary(path: Path) -> str:
             else []
         ),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
-        *([f"Extra      {unasked} speculative experiments, not counted"] if unasked else []),
+        *([f"Extra      {n_extra} speculative experiments, not counted"] if n_extra else []),
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: incomplete, for example after a loss of power"] if reading.torn else []),
@@ -139,7 +139,7 @@ def _run(path: Path, reading: Reading) -> dict[str, Any]:
 
 
 def _warnings(path: Path, record: Record) -> tuple[str, list[str]]:
-    """What is missing at the end of a valid journal, and what else is wrong with its folder."""
+    """A warning that the end of a valid journal is missing, and warnings on its folder."""
     try:
         return wrong_end(path, record), []
     except RaceError as error:

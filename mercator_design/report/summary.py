@@ -19,36 +19,25 @@ from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
+from mercator_design.runs.folder import RunFolder
 from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
 from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
 
-def race_summary(
-    result: RaceResult,
-    task: Task[Any],
-    record: Record,
-    *,
-    new: int,
-    tested: int,
-    seconds: float,
-    jobs: int,
-    folder: Path,
-) -> str:
+def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int, seconds: float, jobs: int) -> str:
     """The request, the iterations, the winner and the files of a race.
 
     Args:
         result: The result of the race.
-        task: The task.
-        record: The record of the race.
+        folder: The run folder.
         new: Number of experiments that this process has run.
         tested: Number of tests that this process has run.
         seconds: Run time of this process.
         jobs: Number of experiments that ran at the same time.
-        folder: The run folder.
     """
-    race = task.race
+    task, record, race = folder.task, folder.journal.record, folder.task.race
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in race.iterations)
@@ -71,9 +60,9 @@ def race_summary(
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",
-        *(_design(result, task, record, folder) if isinstance(task, Designer) else _elites(result, task, record)),
+        *(_design(result, task, record, folder.path) if isinstance(task, Designer) else _elites(result, task, record)),
         "",
-        f"Written    {folder}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
+        f"Written    {folder.path}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
     return "\n".join(map(printable, lines)) + "\n"
 

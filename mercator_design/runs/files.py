@@ -16,8 +16,8 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.journal import Reading, read
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
-from mercator_design.runs import provenance
 from mercator_design.runs.provenance import PROVENANCE, Provenance
+from mercator_design.runs.provenance import read as read_json
 from mercator_design.system.files import Unreadable, read_small
 
 JOURNAL = "journal.jsonl"
@@ -82,7 +82,7 @@ def read_provenance(path: Path) -> Provenance:
     """
     if unfinished := without_provenance(path):
         raise RaceError(unfinished)
-    found = provenance.read(path)
+    found = read_json(path)
     _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
 
@@ -128,13 +128,13 @@ def wrong_end(path: Path, record: Record) -> str:
     Raises:
         RaceError: if the folder's provenance cannot be read.
     """
-    said = read_provenance(path)
+    provenance = read_provenance(path)
     found = {str(end.budget): end.digest for end in record.ends}
-    if said.finished is not None:
-        file, expected, budget = PROVENANCE, said.journal or "", str(said.budget)
-        after = f" after {said.experiments} experiments"
+    if provenance.finished is not None:
+        file, expected, budget = PROVENANCE, provenance.journal or "", str(provenance.budget)
+        after = f" after {provenance.experiments} experiments"
     else:  # interrupted before the provenance was completed, perhaps after the winner's file was written
-        file, after = TASKS[str(said.race["task"])].WINNER, ""
+        file, after = TASKS[str(provenance.race["task"])].WINNER, ""
         header = _comments(path / file)
         expected, budget = header.get("journal", ""), header.get("budget", "")
     if not expected or any(digest.startswith(expected) for digest in found.values()):

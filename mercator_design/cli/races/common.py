@@ -160,13 +160,11 @@ def run(
         raise
     summary = race_summary(
         race.result,
-        folder.task,
-        record,
+        folder,
         new=len(race.result.finished) - experiments,
         tested=len(record.tests) - tests,
         seconds=display.seconds,
         jobs=jobs,
-        folder=folder.path,
     )
     try:
         folder.finish(race.result, seconds=round(display.seconds, 3))

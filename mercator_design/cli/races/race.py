@@ -136,12 +136,12 @@ def race(
 
 def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:
     """The tests: as before, unless options change them."""
-    asked = {name: value for name, value in given.items() if value is not None}
-    if before is None and "runs" not in asked and asked:
+    changes = {name: value for name, value in given.items() if value is not None}
+    if before is None and "runs" not in changes and changes:
         raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
-    if before is None and not asked:
+    if before is None and not changes:
         return None
-    testing = Testing(**asked) if before is None else replace(before, **asked)
+    testing = Testing(**changes) if before is None else replace(before, **changes)
     return testing if testing.runs else None
 
 

@@ -140,10 +140,10 @@ def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> No
 def ablation(
     directory: Path, start: int | None, first: bool, runs: int, jobs: int | None, as_csv: bool, plot: Path | None
 ) -> None:
-    """Find which parts the winner of DIRECTORY needs, by removing the least important part again and again.
+    """Find which parts the winner of DIRECTORY needs: each step removes the least important part.
 
     States and transitions are removed until only the initial state is left. With --from or --from-first, another
-    configuration is changed into the winner instead, by the parameter that gains most in each step.
+    configuration is changed into the winner instead: each step changes the parameter with the largest gain.
     """
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")

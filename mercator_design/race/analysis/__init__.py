@@ -1,1 +1,1 @@
-"""What a finished race says about its parameters: importance and ablation."""
+"""Analyses of the parameters of a finished race: importance and ablation."""

@@ -140,7 +140,7 @@ class Planner:
         return fitting
 
     def _n_configurations(self, budget: int, age: int, n_elites: int, n_seen: int) -> int:
-        """As many as the budget allows; if they are too few, without new instances, and then with a single one."""
+        """The largest number that the budget allows; if it is too small, without new instances, then with one."""
         options = self._options
         is_keeping = options.elitist and n_elites > 0
 

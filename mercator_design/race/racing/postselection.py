@@ -26,21 +26,21 @@ def select_candidates(needs: Mapping[int, int], budget: int, each_test: int | No
         if 1 < n_on_new <= len(complete):
             return complete[:n_on_new]
         candidates = list(needs)[:_MAX_COMBINED]
-        on_new = _largest_fitting(candidates, [needs[c] + each_test for c in candidates], budget, fewest=2)
+        on_new = _largest_fitting(candidates, [needs[c] + each_test for c in candidates], budget, min_size=2)
         if on_new:
             return on_new
     incomplete = [candidate for candidate, need in needs.items() if need > 0][:_MAX_COMBINED]
-    completed = _largest_fitting(incomplete, [needs[c] for c in incomplete], budget, fewest=1)
+    completed = _largest_fitting(incomplete, [needs[c] for c in incomplete], budget, min_size=1)
     chosen = complete + completed
     return chosen if len(chosen) > 1 else []
 
 
-def _largest_fitting(candidates: Sequence[int], prices: Sequence[int], budget: int, *, fewest: int) -> list[int]:
+def _largest_fitting(candidates: Sequence[int], prices: Sequence[int], budget: int, *, min_size: int) -> list[int]:
     """The largest set of candidates that the budget allows; of equally large sets, one with the best candidate."""
     numbers = np.arange(1 << len(candidates))
     members = (numbers[:, np.newaxis] >> np.arange(len(candidates))) & 1  # one combination a row, the best in bit 0
     sizes = members.sum(axis=1)
-    fitting = np.flatnonzero((sizes >= fewest) & (members @ np.array(prices, dtype=int) <= budget))
+    fitting = np.flatnonzero((sizes >= min_size) & (members @ np.array(prices, dtype=int) <= budget))
     if len(fitting) == 0:
         return []
     without_best = 1 - members[fitting, 0]

@@ -109,7 +109,7 @@ class Race:
         self._max_instances = math.inf if max_instances is None else max_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
-        self._row = 0  # of the current instance, in the order of this race
+        self._row = 0  # place of the current instance in the order of this race
         self._costs = np.full((max(2 * len(self._known), 16), len(self.configurations)), math.nan)
         for column, configuration in enumerate(self.configurations):
             results = earlier.get(configuration, {})
@@ -119,7 +119,7 @@ class Race:
         # Earlier results of each elite on instances that this race has not reached yet: they protect it.
         self._protection = (~np.isnan(self._costs)).sum(axis=0)
         self._idle_tests = 0
-        self._columns: NDArray[np.intp] | None = None  # of the experiments that were asked for and have no costs yet
+        self._columns: NDArray[np.intp] | None = None  # columns of the batch that has no costs yet
 
     @property
     def alive(self) -> list[int]:
@@ -128,7 +128,7 @@ class Race:
 
     @property
     def n_instances(self) -> int:
-        """How many instances have been raced on."""
+        """Number of instances that have been raced on."""
         return self._row
 
     def ask(self) -> list[Experiment]:
@@ -213,7 +213,7 @@ class Race:
         return {self.configurations[column]: float(rank) for column, rank in zip(columns, ranks, strict=True)}
 
     def concordance(self) -> Concordance:
-        """How well the instances agree on the alive configurations."""
+        """The agreement of the instances on the alive configurations."""
         return concordance(self._costs[: self._row, self._alive])
 
     def _instance(self, row: int) -> int:
@@ -254,9 +254,9 @@ class Race:
 
     def _is_even(self) -> bool:
         """Whether all known instances are covered, and all results of alive configurations have been tested."""
-        ahead = ~np.isnan(self._costs[self._row : max(self._row, len(self._known)), self._alive])
-        counts = self._row + ahead.sum(axis=0)
-        return bool(ahead.any(axis=1).all() and (counts % self._rules.each_test == 0).all())
+        is_known = ~np.isnan(self._costs[self._row : max(self._row, len(self._known)), self._alive])
+        counts = self._row + is_known.sum(axis=0)
+        return bool(is_known.any(axis=1).all() and (counts % self._rules.each_test == 0).all())
 
     def _test(self) -> None:
         rules = self._rules

@@ -44,7 +44,7 @@ class Verdict(NamedTuple):
 
 
 class Concordance(NamedTuple):
-    """How well the instances agree on the configurations (irace's table columns rho, KenW, Qvar)."""
+    """The agreement of the instances on the configurations (irace's table columns rho, KenW, Qvar)."""
 
     spearman: float
     kendall: float
@@ -61,7 +61,7 @@ def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
 
 
 def ranking(costs: Floats, test: TestName) -> Floats:
-    """What a test sorts the columns by: sums of ranks, or ranks of the means (without rows, their order)."""
+    """The values by which a test sorts the columns: sums of ranks, or ranks of means (without rows, their order)."""
     if test == "friedman":
         ranks: Floats = mid_ranks(costs)[0].sum(axis=0)
         return ranks

@@ -36,7 +36,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IterationSummary:
-    """What one iteration did, for reports."""
+    """The result of an iteration, for reports."""
 
     iteration: int
     postselection: bool = False
@@ -53,7 +53,7 @@ class IterationSummary:
     survivors: tuple[int, ...] = ()  # alive at its end
     newcomers_differ: bool = True  # False if there is no significant difference between two or more of them
     stagnant: int = 0  # iterations up to this one without a gain (race/racing/stagnation.py)
-    note: str = ""  # what a user should know
+    note: str = ""  # for the user
 
     @property
     def best(self) -> int:
@@ -74,7 +74,7 @@ class Scores:
 
     @property
     def standard_deviation(self) -> float | None:
-        """Of the sample, with n - 1; None for a single score."""
+        """The standard deviation of the sample, with n - 1; None for a single score."""
         return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else None
 
     @property
@@ -85,7 +85,7 @@ class Scores:
 
     @property
     def confidence_interval(self) -> tuple[float, float] | None:
-        """Of the mean, at 95 %, by Student's t; None for a single score."""
+        """The confidence interval of the mean, at 95 %, by Student's t; None for a single score."""
         if self.standard_deviation is None:
             return None
         n = len(self.values)

@@ -7,6 +7,7 @@ has ended can be tested later, or tested more.
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from typing import Annotated, TypeVar
 
 from mercator_design.config.schema import Range
@@ -23,11 +24,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Testing:
-    """What is tested.
+    """The tests of a race.
 
-    runs: number of test instances for each configuration.
-    elites: number of elites to test, best first (irace's testNbElites).
-    iterations: whether to test the same number of elites of each iteration (irace's testIterationElites).
+    runs: Number of test instances for each configuration.
+    elites: Number of elites to test, best first (irace's testNbElites).
+    iterations: Whether to test the same number of elites of each iteration (irace's testIterationElites).
     """
 
     runs: Annotated[int, Range(1)]
@@ -66,14 +67,9 @@ def results_of(
     def item(test: Experiment) -> T:
         return problem.item(test, configurations[test.configuration], test=True)
 
-    def items() -> Iterator[T]:
-        for one in tests:
-            if stopped():
-                return
-            yield item(one)
-
     ran: list[Experiment] = []
-    for place, result in executor.run(problem.function, items()):
+    items = map(item, takewhile(lambda _: not stopped(), tests))
+    for place, result in executor.run(problem.function, items):
         if problem.evaluate is None or read_result(result)[2]:
             yield tests[place], result
         else:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import takewhile
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import cloudpickle
@@ -130,13 +131,7 @@ def in_order(
     found: dict[int, R] = {}
     failed: list[Failed] = []
 
-    def wanted() -> Iterator[T]:
-        for item in items:
-            if failed or stopped():
-                return
-            yield item
-
-    for place, result in executor.run(function, wanted()):
+    for place, result in executor.run(function, takewhile(lambda _: not (failed or stopped()), items)):
         if isinstance(result, Failed):
             failed.append(result)
         else:

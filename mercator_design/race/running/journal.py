@@ -163,12 +163,7 @@ class Journal:
         os.close(self._file)
 
     def open_session(self, executor: str = "", jobs: int = 0) -> None:
-        """Record that this process begins to work on the race.
-
-        Args:
-            executor: The name of the executor.
-            jobs: Number of experiments that run at the same time.
-        """
+        """Record that this process begins to work on the race, with an executor of this name."""
         host = socket.gethostname()
         self.note(SessionStarted(process=os.getpid(), host=host, time=now(), executor=executor, jobs=jobs))
 

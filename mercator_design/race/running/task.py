@@ -21,7 +21,7 @@ from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
 Start = Mapping[str, Any]
-"""All that determines a race: its task ("mission", ...), name, budget, seed, and keys of the task."""
+"""The start of a race, which determines it: task ("mission", ...), name, budget, seed, and keys of the task."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class Problem(ABC, Generic[T]):
         """The item of an experiment, for `function`; for a test, that of its test instance."""
 
     def start(self) -> dict[str, Any]:
-        """What makes this race: races of equal starts are equal."""
+        """The start of this race; races with equal starts are equal."""
         return {"budget": self.race.budget, "seed": self.race.seed}
 
     def cost(self, score: float) -> float:
@@ -103,8 +103,7 @@ class Task(Problem[T]):
         """
 
     @abstractmethod
-    def start(self) -> dict[str, Any]:
-        """What makes this race: races of equal starts are equal."""
+    def start(self) -> dict[str, Any]: ...
 
     @abstractmethod
     def files(self) -> dict[str, bytes]:

@@ -1,1 +1,1 @@
-"""What may be configured: parameters, their domains and conditions, and the expressions in them."""
+"""Spaces: parameters with their domains and conditions, and the expressions in these."""

@@ -34,8 +34,8 @@ from mercator_design.sim.world import Instance
 
 _WIDTH = 4.6  # of the picture [inches]
 _PIXELS = 800  # of the floor and the start area, along their longer side
-_BESIDE = 0.01  # of the arena's longer side, by which the start area's border keeps from the walls to be seen
-_FINER = 2  # points looked at along a pixel's side
+_BESIDE = 0.01  # visible distance of the start area's border from the walls, as a part of the arena's longer side
+_FINER = 2  # points along a pixel's side
 _CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 
 _OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
@@ -59,7 +59,7 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
     with house_style():
         figure = preview(simulator, seed=seed)
         if path.suffix.lower() == ".svg":
-            figure.axes[0].images[0].set_interpolation("none")  # all its pixels, to be scaled by who shows it
+            figure.axes[0].images[0].set_interpolation("none")  # all pixels: the viewer scales the picture
         save_figure(path, figure)
 
 
@@ -265,7 +265,7 @@ def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
 
 
 def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Floats) -> Flags:
-    """Which cells some rows of a floor cover, also under later zones."""
+    """The cells that some rows of a floor cover, also under later zones."""
     zones = floor.zones[list(rows)]
     zones[:, 6:] = 1.0
     nothing = floor._replace(zones=zones, background=np.zeros(3), extent=np.zeros(4))
@@ -299,14 +299,14 @@ def _draw_light(axes: Axes, light: Light, low: Floats, high: Floats) -> None:
         linewidths=0.7,
         zorder=8,
     )
-    says = [f"light, {light.position[2]:g} m high" if on else "light, off"]
+    lines = [f"light, {light.position[2]:g} m high" if on else "light, off"]
     if (shown != place).any():
-        says.append(f"at ({place[0]:g}, {place[1]:g}) m")
+        lines.append(f"at ({place[0]:g}, {place[1]:g}) m")
     if light.seen_by is not None:
-        says.append(f"for robots {', '.join(map(str, light.seen_by))}")
+        lines.append(f"for robots {', '.join(map(str, light.seen_by))}")
     upper, right = shown[1] > low[1] + 0.85 * (high - low)[1], shown[0] > 0.5 * (low + high)[0]
     text = axes.annotate(
-        "\n".join(says),
+        "\n".join(lines),
         shown,
         xytext=(-9 if right else 9, -4 if upper else 0),
         textcoords="offset points",

@@ -1,8 +1,12 @@
 """Simulate, measure and design, in a call each: the functions of `import mercator_design`."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm
@@ -17,6 +21,9 @@ from mercator_design.race.running.runner import RaceRun
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
+
+if TYPE_CHECKING:
+    from mercator_design.runs.folder import RunFolder
 
 _log = logging.getLogger(__name__)
 
@@ -89,25 +96,48 @@ def evaluate(
 
 
 class DesignRun(RaceRun[tuple[Pfsm, int]]):
-    """A race for control software on its way to its end: an iterator of its events, with `result` and `pfsm`.
+    """A running race for control software: an iterator of its events, with `result` and `pfsm`.
 
     Args:
-        designer: What is raced.
+        designer: The task of the race.
         executor: Runs experiments; entered at the first event, and left after the last.
+        folder: The run folder, which is closed after the last event; None: the race is only in memory.
         on_failure: As `RaceRun`.
         testing: As `RaceRun`.
     """
 
     def __init__(
-        self, designer: Designer, executor: Executor, *, on_failure: OnFailure = "stop", testing: Testing | None = None
+        self,
+        designer: Designer,
+        executor: Executor,
+        folder: "RunFolder | None" = None,
+        *,
+        on_failure: OnFailure = "stop",
+        testing: Testing | None = None,
     ) -> None:
-        super().__init__(designer, executor, on_failure=on_failure, testing=testing)
+        record = None if folder is None else folder.journal
+        super().__init__(designer, executor, record, on_failure=on_failure, testing=testing)
         self.designer = designer
+        self._folder = folder
+        self._resources = ExitStack()
+        if folder is not None:
+            self._resources.enter_context(folder)
 
-    def _run(self) -> Iterator[Event]:
-        self.designer.prepare(_log.info)
-        with self._executor:
+    def _run(self) -> Generator[Event, None, None]:
+        started = time.monotonic()
+        with self._resources:
+            self.designer.prepare(_log.info)
+            self._resources.enter_context(self._executor)
+            if self._folder is not None:
+                self._folder.journal.open_session("threads", self._executor.jobs)
             yield from super()._run()
+            if self._folder is not None:
+                self._folder.finish(self.result, seconds=round(time.monotonic() - started, 3))
+
+    def close(self) -> None:
+        """Stop the race: end its threads and close its run folder, whose race can be resumed."""
+        super().close()
+        self._resources.close()
 
     @property
     def pfsm(self) -> Pfsm:
@@ -130,6 +160,7 @@ def design(
     jobs: int | None = None,
     on_failure: OnFailure = "stop",
     test_runs: int = 0,
+    folder: str | Path | None = None,
 ) -> DesignRun:
     """Design control software for a mission, by a race; nothing runs before the first event is asked for.
 
@@ -143,12 +174,21 @@ def design(
         jobs: Experiments run at once; the result does not depend on it. [default: the cores of this machine]
         on_failure: Whether an experiment that fails stops the race ("stop"), or rejects its configuration ("reject").
         test_runs: Fresh instances to test the winner on, beyond the budget.
+        folder: The run folder to write, new or empty, as by `mdesign race -o`. [default: none]
 
     Raises:
         FsmError: The robot lacks a sensor that a module of the flavour needs.
         MissionError: The mission is impossible.
-        RaceError: The budget is too small.
+        RaceError: The budget is too small, or the folder has files.
     """
     designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
     testing = Testing(runs=test_runs) if test_runs else None
-    return DesignRun(designer, ThreadExecutor(jobs or available_jobs()), on_failure=on_failure, testing=testing)
+    executor = ThreadExecutor(jobs or available_jobs())
+    run_folder = None
+    if folder is not None:
+        from mercator_design.runs.folder import RunFolder
+        from mercator_design.runs.provenance import Request
+
+        request = Request(mission=mission.name, flavour=flavour, method=method, executor="threads", jobs=executor.jobs)
+        run_folder = RunFolder.create(Path(folder), designer, request=request, testing=testing)
+    return DesignRun(designer, executor, run_folder, on_failure=on_failure, testing=testing)

@@ -15,6 +15,7 @@ from mercator_design.cli.evaluate import fresh_instances
 from mercator_design.errors import RaceError, SimulationError
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
+from mercator_design.runs.files import read_journal
 
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20"
 
@@ -123,6 +124,37 @@ class TestDesign:
         run = md.design(mission, budget=60, method="irace")
         run.finish()
         assert md.read_fsm(tmp_path / "fsm.txt").pfsm == run.pfsm
+
+    def test_its_folder_is_that_of_the_command_line(self, mission, mdesign, tmp_path):
+        options = ["--budget", 60, "--method", "irace", "--set", "duration=2", "--test-runs", 2, "-o", tmp_path / "a"]
+        assert mdesign("race", "aggregation", *options)[0] == 0
+        run = md.design(mission, budget=60, method="irace", test_runs=2, folder=tmp_path / "b")
+        run.finish()
+        names = [sorted(file.name for file in (tmp_path / folder).iterdir()) for folder in "ab"]
+        assert names[0] == names[1]
+        assert (tmp_path / "a/results.csv").read_bytes() == (tmp_path / "b/results.csv").read_bytes()
+        ends = [read_journal(tmp_path / folder).record.ends for folder in "ab"]
+        assert ends[0] == ends[1] != []
+        with pytest.raises(RaceError, match="expected a new or empty folder"):
+            md.design(mission, budget=60, folder=tmp_path / "b")
+
+    @pytest.mark.parametrize("n_events", [0, 5])
+    def test_a_closed_race_can_be_resumed(self, mission, mdesign, tmp_path, n_events):
+        run = md.design(mission, budget=60, method="irace", jobs=2, folder=tmp_path)
+        for _ in range(n_events):
+            next(run)
+        threads = list(run._executor._threads)
+        run.close()
+        run.close()
+        assert next(run, None) is None
+        for thread in threads:
+            thread.join(60)
+            assert not thread.is_alive()
+        code, out, _ = mdesign("race", "--resume", tmp_path)
+        assert (code, f"{run.designer.WINNER}, results.csv" in out) == (0, True)
+        whole = md.design(mission, budget=60, method="irace")
+        whole.finish()
+        assert md.read_fsm(tmp_path / "fsm.txt").pfsm == whole.pfsm
 
     def test_a_race_that_is_left_lets_go_of_its_threads(self, mission):
         run = md.design(mission, budget=60, method="irace", jobs=2)

@@ -13,7 +13,7 @@ configurations. It may replace earlier costs on the same instance.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -105,6 +105,10 @@ class RaceRun(Generic[T]):
     def __next__(self) -> Event:
         return next(self._events)
 
+    def close(self) -> None:
+        """Stop the race, as if its iterator had ended; the race of a journal can be resumed."""
+        self._events.close()
+
     def finish(self) -> RaceResult:
         """Run to the end and return the result; raises what iterating raises."""
         for _ in self:
@@ -122,7 +126,7 @@ class RaceRun(Generic[T]):
             raise RaceError("result: expected a race that has ended, found one that is not finished")
         return self._result
 
-    def _run(self) -> Iterator[Event]:
+    def _run(self) -> Generator[Event, None, None]:
         yield from self._run_race()
         tests: dict[int, Scores] = {}
         if self._testing is not None:

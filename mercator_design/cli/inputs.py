@@ -83,28 +83,22 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[Iter
     return simulator
 
 
-def load_plugins(
-    files: Iterable[Path], *, controller: Path | None, folder: Path | None, flavour: str | None, refuse: bool
-) -> None:
-    """Run plugins, after comparing them with their known digests.
+def load_plugins(files: Iterable[Path], arguments: Mapping[str, Any]) -> None:
+    """Run plugins, after comparing their digests with those of the controller and the run folder of a verb's arguments.
 
-    Args:
-        files: The plugins.
-        controller: The fsm.txt that is used with them, if any.
-        folder: The run folder that is used with them, if any.
-        flavour: Flavour of the controller, if it replaces that of its header.
-        refuse: Whether to refuse a plugin that has changed since the controller was designed.
+    If there is no --mission, a plugin must not have changed since the controller was designed.
 
     Raises:
         MissionError: A plugin has another digest, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
+    controller, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
     found = [(file, read_plugin(file)) for file in files]
-    if found and controller is not None:
-        origin = origin_of(controller, read_fsm(controller, flavour, tolerate=ignore).header)
+    if controller is not None:
+        origin = origin_of(controller, read_fsm(controller, arguments.get("flavour"), tolerate=ignore).header)
         for _, plugin in found:
-            origin.check_plugin(plugin.name, plugin.digest, refuse=refuse)
-    if found and folder is not None:
+            origin.check_plugin(plugin.name, plugin.digest, refuse=arguments.get("mission") is None)
+    if folder is not None:
         raced: Any = read_provenance(folder).race.get("plugins", {})
         for file, plugin in found:
             if raced.get(plugin.name, plugin.digest) != plugin.digest:

@@ -53,13 +53,7 @@ def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as
     @functools.wraps(verb)
     def with_plugins(*arguments: object, plugin: tuple[Path, ...], **given: Any) -> None:  # noqa: ANN401 - the verb's
         if plugin:
-            load_plugins(
-                plugin,
-                controller=given.get("fsm"),
-                folder=given.get("directory") or given.get("resume"),
-                flavour=given.get("flavour"),
-                refuse=given.get("mission") is None,
-            )
+            load_plugins(plugin, given)
         verb(*arguments, **given)
 
     return click.option(

@@ -135,7 +135,11 @@ def tune(
         if only_test is not None:
             _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, on_failure)
             return
-        folder = _new_folder(scenario, tuner, output, method)
+        of, testing = tuner.scenario, None
+        if of.test_instances and of.test_elites:
+            testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
+        request = Request(scenario=str(scenario.absolute()), method=method)
+        folder = RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)
     assert isinstance(folder.task, Tuner)  # noqa: S101 - `reopen` has checked
     folder.task.speculates = speculate
     executor = ThreadExecutor(parallel or folder.task.scenario.jobs)
@@ -215,12 +219,3 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
         with writing(output):
             output.mkdir(parents=True, exist_ok=True)
             write_text(output / "tests.csv", csv_text(rows))
-
-
-def _new_folder(scenario: Path, tuner: Tuner, output: Path | None, method: str) -> RunFolder:
-    of = tuner.scenario
-    testing = None
-    if of.test_instances and of.test_elites:
-        testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
-    request = Request(scenario=str(scenario.absolute()), method=method)
-    return RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)

@@ -26,7 +26,7 @@ _Bundle = list[tuple[int, T]]  # items with their indices
 BUNDLE = 0.2
 """Seconds of work in one task, if there is work for all workers: the scheduler takes a millisecond or two per task."""
 MAX_BUNDLED = 64
-LOOK_EVERY = 1.0
+CHECK_EVERY = 1.0
 """Seconds between two counts of workers: asking the scheduler takes some milliseconds."""
 
 
@@ -59,7 +59,7 @@ class DaskExecutor:
         self._announce = announce
         self._is_stopping = False
         self._wanted = jobs
-        self._jobs, self._looked = 1, -math.inf
+        self._jobs, self._checked = 1, -math.inf
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
@@ -69,8 +69,8 @@ class DaskExecutor:
     @property
     def jobs(self) -> int:
         """Number of threads of the workers, counted now and then; at least one."""
-        if (now := time.monotonic()) > self._looked + LOOK_EVERY:
-            self._looked, self._jobs = now, max(self._n_threads(), 1)
+        if (now := time.monotonic()) > self._checked + CHECK_EVERY:
+            self._checked, self._jobs = now, max(self._n_threads(), 1)
         return self._jobs
 
     def stop(self) -> None:
@@ -125,7 +125,7 @@ class DaskExecutor:
 
     def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
         """Wait until a future has ended; False if the executor stops and there is no worker."""
-        is_announced, look = False, time.monotonic() + LOOK_EVERY
+        is_announced, look = False, time.monotonic() + CHECK_EVERY
         while not under_way.has_ready():
             with under_way.thread_condition:
                 under_way.thread_condition.wait(timeout=0.1)
@@ -136,7 +136,7 @@ class DaskExecutor:
                 return False
             if not is_there and not is_announced:
                 self._announce(f"{self._scheduler}: no worker is connected; the race waits for one")
-            is_announced, look = not is_there, time.monotonic() + LOOK_EVERY
+            is_announced, look = not is_there, time.monotonic() + CHECK_EVERY
         return True
 
     def _n_threads(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.moves import Moves
@@ -29,21 +29,20 @@ def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: A
     return lambda given=None: Proposal(moves.uniform() if given is None else given)
 
 
+def _learning(space: Space, *, budget: int, options: SearchOptions, **given: Any) -> Search:  # noqa: ANN401
+    """A search whose sampler learns from earlier generations, with a note if the budget is too small for that."""
+    race = Search(space, budget=budget, options=options, **given)
+    if budget <= options.generation * options.instances:
+        race.notes.append(
+            f"a budget of {budget} is little more than random search: it suffices for one generation of "
+            f"{options.generation} random configurations, on up to {options.instances} instances each"
+        )
+    return race
+
+
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
-    """A search with a sampler of Optuna, and with a note if the budget is too small for it to learn."""
     options = SearchOptions(instances=20, generation=10, pruning=0.1)
-
-    def make(space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()) -> Search:
-        sampler = partial(OptunaSampler, name=name)
-        race = Search(space, budget=budget, seed=seed, options=options, sampler=sampler, initial=initial)
-        if budget <= options.generation * options.instances:
-            race.notes.append(
-                f"a budget of {budget} is little more than random search: it suffices for one generation of "
-                f"{options.generation} random configurations, on up to {options.instances} instances each"
-            )
-        return race
-
-    return make
+    return partial(_learning, options=options, sampler=partial(OptunaSampler, name=name))
 
 
 RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}

@@ -36,7 +36,7 @@ def calibration_json(calibration: Calibration, seed: int) -> str:
             "base": calibration.base.name,
             "recordings": [str(recording.path) for recording in calibration.recordings],
             "seed": seed,
-            "sensors": [_record(one) for one in calibration.sensors],
+            "sensors": [_sensor_data(one) for one in calibration.sensors],
             "unknown": [sensor.key for sensor in calibration.unknown],
             "notes": calibration.notes,
         },
@@ -61,7 +61,7 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
     for one in calibration.sensors:
         if one.noise is None and getattr(calibration.base, one.sensor.key).noise is None:
             continue
-        text += f"{one.sensor.key}:\n  noise: {_written(one)}\n"
+        text += f"{one.sensor.key}:\n  noise: {_yaml_value(one)}\n"
     for sensor in calibration.unknown:
         text += f"# {sensor.key}: too little that can be used; as in the base\n"
     return text
@@ -115,7 +115,7 @@ def _draw(axes: Axes, one: SensorNoise, noise: Noise) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
     axes.set_xlabel(f"noise [{one.sensor.unit}]" if one.sensor.unit else "noise", labelpad=1.0)
-    axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_words(noise)}, p={noise.p_value:.2g}", fontsize=7.5)
+    axes.set_title(f"{one.sensor.key}, n={one.samples}\n{_noise_text(noise)}, p={noise.p_value:.2g}", fontsize=7.5)
 
 
 def _cells(one: SensorNoise) -> tuple[object, ...]:
@@ -124,18 +124,18 @@ def _cells(one: SensorNoise) -> tuple[object, ...]:
     noise, unit = one.noise, one.sensor.unit
     low, high = noise.interval
     return (
-        f"{_words(noise)} {unit}".strip(),
+        f"{_noise_text(noise)} {unit}".strip(),
         f"{low:.4g} to {high:.4g}",
         f"{noise.aic_difference:+.3g}",
         f"{noise.p_value:.2g}",
     )
 
 
-def _words(noise: Noise) -> str:
+def _noise_text(noise: Noise) -> str:
     return f"{noise.family.name}, {noise.family.parameter.replace('_', ' ')} {noise.parameter:.4g}"
 
 
-def _written(one: SensorNoise) -> str:
+def _yaml_value(one: SensorNoise) -> str:
     if one.noise is None:
         return f"null  # {one.why_none}; {one.samples} samples"
     noise = one.noise
@@ -145,7 +145,7 @@ def _written(one: SensorNoise) -> str:
     return f"{value}  # {unit}({low:.4g} to {high:.4g}); p = {noise.p_value:.2g}; {one.samples} samples"
 
 
-def _record(one: SensorNoise) -> dict[str, object]:
+def _sensor_data(one: SensorNoise) -> dict[str, object]:
     noise = one.noise
     return {
         "sensor": one.sensor.key,

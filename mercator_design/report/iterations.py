@@ -22,7 +22,7 @@ def iterations_table(record: Record) -> list[str]:
     """
     iterations = [one for _, one in sorted(record.iterations.items())]
     bests = {one.elites[0] for one in iterations}
-    finished = deque(one for one in _happened(record) if one.configuration in bests)
+    finished = deque(one for one in _results_in_order(record) if one.configuration in bests)
     scores: dict[int, dict[int, float]] = {best: {} for best in bests}
     before = None
     rows: list[tuple[object, ...]] = [_HEAD]
@@ -40,7 +40,7 @@ def iterations_table(record: Record) -> list[str]:
     return aligned(rows)
 
 
-def _happened(record: Record) -> list[ExperimentDone | ScoreRevised]:
+def _results_in_order(record: Record) -> list[ExperimentDone | ScoreRevised]:
     """The experiments in order of their numbers, and replaced scores where they were replaced."""
     revised = [
         one for number in record.revised if number in record.experiments for one in record.revised[number].values()

@@ -87,7 +87,7 @@ def run_summary(path: Path) -> str:
 
 def _runs(folder: Path) -> list[dict[str, Any]]:
     try:
-        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_changed)
+        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
         found = folder.is_dir()
     except OSError as error:
         raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
@@ -104,7 +104,7 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     return runs
 
 
-def _changed(file: Path) -> float:
+def _modified(file: Path) -> float:
     try:
         return file.stat().st_mtime
     except OSError:  # a broken link, or just removed

@@ -48,7 +48,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
     else:
         now = "it had ended: continue with --resume and a larger budget"
     lines = [
-        *_asked(task),
+        *_request(task),
         f"Race       {task.method}, {race.used} of {race.budget} experiments, "
         f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; {now}",
         *(task.runs(new, tested) if new + tested else []),
@@ -67,7 +67,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
     return "\n".join(map(printable, lines)) + "\n"
 
 
-def _asked(task: Task[Any]) -> list[str]:
+def _request(task: Task[Any]) -> list[str]:
     if not isinstance(task, Designer):
         return task.about(task.start())
     mission, model = task.simulator.mission, task.simulator.robot_model
@@ -127,7 +127,7 @@ def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[st
         return []
     roles = _roles(record)
     rows = [
-        (f"configuration {number}", roles.get(number), _figures(tests[number]))
+        (f"configuration {number}", roles.get(number), _scores_text(tests[number]))
         for number in dict.fromkeys([*roles, *tests])
         if number in tests
     ]
@@ -149,7 +149,7 @@ def _roles(record: Record) -> dict[int, str]:
     return roles
 
 
-def _figures(scores: Scores) -> str:
+def _scores_text(scores: Scores) -> str:
     """Mean, confidence interval and number of tests."""
     interval = scores.confidence_interval
     around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
@@ -165,9 +165,9 @@ def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
     """
     lines = []
     for i, state in enumerate(pfsm.states):
-        lines.append(f"state {i}: {_called(state.behaviour, state.module.parameters, state.parameters)}")
+        lines.append(f"state {i}: {_module_text(state.behaviour, state.module.parameters, state.parameters)}")
         for j, transition in enumerate(state.transitions):
-            condition = _called(transition.condition, transition.module.parameters, transition.parameters)
+            condition = _module_text(transition.condition, transition.module.parameters, transition.parameters)
             never = ", which never fires on this mission" if (i, j) in dead else ""
             lines.append(f"  -> {transition.target} on {condition}{never}")
     return lines
@@ -215,7 +215,7 @@ def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int | Non
     )
 
 
-def _called(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[float, ...]) -> str:
+def _module_text(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[float, ...]) -> str:
     given = ", ".join(
         f"{p.name} {COLOUR_LABELS[int(value)] if p.name == 'label' else format(value, 'g')}"
         for p, value in zip(parameters, values, strict=True)

@@ -112,17 +112,17 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
 def _title(mission: Mission) -> str:
     """Robots, duration and objective, and the objective's parameters, in a line or more each."""
     objective = mission.objective
-    parameters = "; ".join(f"{name}: {_written(value)}" for name, value in objective.parameters.items())
+    parameters = "; ".join(f"{name}: {_value_text(value)}" for name, value in objective.parameters.items())
     robots = f"{mission.robots} robot{'s' * (mission.robots != 1)}"
     goal = f"{robots}, {mission.duration:g} s: {objective.direction} {objective.name}"
     return "\n".join([goal, *textwrap.wrap(parameters, 72, max_lines=3, placeholder=" ...")])
 
 
-def _written(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_written(item)}" for key, item in value.items())
+        return ", ".join(f"{key} {_value_text(item)}" for key, item in value.items())
     if isinstance(value, tuple):
-        return ", ".join(_written(item) for item in value)
+        return ", ".join(_value_text(item) for item in value)
     if isinstance(value, float):
         return f"{value:g}"
     return json.dumps(value) if value is None or isinstance(value, bool) else str(value)  # as in YAML
@@ -163,7 +163,7 @@ def _bounds(grid: Floats) -> tuple[float, float, float, float]:
     return left - half, right + half, bottom - half, top + half
 
 
-def _within(mission: Mission, along: int) -> Floats:
+def _arena_grid(mission: Mission, along: int) -> Floats:
     corners = mission.arena.corners()
     return _grid(corners.min(axis=0), corners.max(axis=0), along)
 
@@ -179,7 +179,7 @@ def _draw_arena(axes: Axes, mission: Mission) -> None:
 
 def _draw_floor(axes: Axes, mission: Mission, instance: Instance) -> None:
     """The colours of the floor, clipped to the arena."""
-    grid = _within(mission, _PIXELS * _FINER)
+    grid = _arena_grid(mission, _PIXELS * _FINER)
     rows, columns = (n - n % _FINER for n in grid.shape[:2])
     grid = grid[:rows, :columns]
     colours = colours_at(instance.scene.floor, grid)
@@ -192,7 +192,7 @@ def _draw_floor(axes: Axes, mission: Mission, instance: Instance) -> None:
 
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     """The border of where the robots may start, within the arena; False if that is too small to show."""
-    grid = _within(mission, _PIXELS)
+    grid = _arena_grid(mission, _PIXELS)
     covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
     inside = np.array([mission.arena.contains(row) for row in grid])  # many walls: all rows at once fill the memory
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
@@ -254,12 +254,12 @@ def _draw_robots(axes: Axes, instance: Instance) -> None:
 
 def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
     """Draw the names of connected zones where there is most space in them."""
-    grid = _within(mission, _CELLS)
+    grid = _arena_grid(mission, _CELLS)
     inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])
     for name, rows in instance.zone_rows.items():
         zone = _covered(instance.scene.floor, rows, grid) & inside
         if ndimage.label(zone)[1] == 1:
-            x, y = grid[_roomiest(zone)]
+            x, y = grid[_deepest_cell(zone)]
             text = axes.text(x, y, name, ha="center", va="center", size=7.0, color="black", zorder=7)
             text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
@@ -272,7 +272,7 @@ def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Floats) -> Flags:
     return np.asarray(colours_at(nothing, grid)[..., 0] > 0.0, dtype=np.bool_)
 
 
-def _roomiest(zone: Flags) -> tuple[int, int]:
+def _deepest_cell(zone: Flags) -> tuple[int, int]:
     """The cell farthest from the zone's border; of several, that nearest to their middle."""
     depth = ndimage.distance_transform_edt(np.pad(zone, 1))[1:-1, 1:-1]
     deepest = np.argwhere(depth >= depth.max() - 1.0)

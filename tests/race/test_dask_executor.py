@@ -127,7 +127,7 @@ class TestDeaths:
 def test_no_worker_is_there(monkeypatch):
     """It is told, and nothing waits any longer once all is to stop."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_executor, "LOOK_EVERY", 0.05)
+    monkeypatch.setattr(dask_executor, "CHECK_EVERY", 0.05)
     told = []
 
     def announce(what):

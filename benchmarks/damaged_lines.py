@@ -100,7 +100,7 @@ def perceived(rate: float, seconds: float, *, is_moving: bool, seed: int = 1) ->
         if tick % _CYCLE == 0:
             for other in others:
                 other.receive("rvr", drive, now)
-            for _ in monitor.look(now, {"rvr": host.counts, "lidar": lidar.counts, "proximity": Counts()}):
+            for _ in monitor.check(now, {"rvr": host.counts, "lidar": lidar.counts, "proximity": Counts()}):
                 pass
             is_silent, share = "lidar" in senses.stale(now), senses.lines["lidar"].share
             senses.lines["lidar"].min_share = 0.0  # so that it is seen what would be perceived

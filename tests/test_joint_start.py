@@ -37,7 +37,7 @@ class Robot:
         if not self.is_ready and now >= self.ready_at:
             self.is_ready = True
             yield self.follower.be_ready(here)
-        self.follower.look(here)
+        self.follower.check_silence(here)
         at = self.follower.at
         is_due = self.is_ready and at is not None and here >= at + self.lateness and self.began == math.inf
         if is_due and not self.follower.why:
@@ -97,11 +97,11 @@ class World:
     def arrives(self, to, name, line):
         robot = self.robots[name]
         if to == "leader" and not self.is_leader_dead:
-            self.leader.call_off("killed", name) if line is None else self.leader.hear(name, line.encode(), self.now)
+            self.leader.call_off("killed", name) if line is None else self.leader.receive(name, line.encode(), self.now)
         elif to == "robot" and not robot.is_dead:
             if line is None:
                 robot.follower.hang_up()
-            elif (said := robot.follower.hear(line.encode(), self.now + robot.off)) is not None:
+            elif (said := robot.follower.receive(line.encode(), self.now + robot.off)) is not None:
                 self.send("leader", name, said)
 
     def happens(self, what, name):
@@ -246,13 +246,13 @@ class TestFollower:
         return to_line("start", **{"at": at, "host": "desk", "offset": 1.0, "uncertainty": 0.01, **given}).encode()
 
     def test_from_start_to_confirmed(self, follower):
-        said = [follower.hear(self.start(11.0), 10.1), follower.hear(b'{"say": "go"}\n', 10.2)]
-        said += [follower.begin(11.0, CYCLE), follower.hear(b'{"say": "confirm"}', 11.1)]
+        said = [follower.receive(self.start(11.0), 10.1), follower.receive(b'{"say": "go"}\n', 10.2)]
+        said += [follower.begin(11.0, CYCLE), follower.receive(b'{"say": "confirm"}', 11.1)]
         assert [from_line(line)["say"] for line in said] == ["accepted", "going", "started", "confirmed"]
-        follower.look(100.0)
+        follower.check_silence(100.0)
         follower.hang_up()
         assert follower.why == ""
-        follower.hear(to_line("stop", why="r2: it fell asleep").encode(), 101.0)
+        follower.receive(to_line("stop", why="r2: it fell asleep").encode(), 101.0)
         assert follower.why == "r2: it fell asleep"
 
     @pytest.mark.parametrize(
@@ -267,19 +267,19 @@ class TestFollower:
         ],
     )
     def test_a_start_that_is_refused(self, follower, line, why):
-        assert from_line(follower.hear(line, 10.1)) == {"say": "failed", "why": why}
-        assert follower.hear(self.start(12.0), 10.2) is None
+        assert from_line(follower.receive(line, 10.1)) == {"say": "failed", "why": why}
+        assert follower.receive(self.start(12.0), 10.2) is None
         assert from_line(follower.begin(12.0, CYCLE))["say"] == "failed"
 
     def test_without_go_it_does_not_begin(self, follower):
-        assert follower.hear(b'{"say": "go"}', 10.0) is None  # of no start
-        follower.hear(self.start(10.5), 10.1)
+        assert follower.receive(b'{"say": "go"}', 10.0) is None  # of no start
+        follower.receive(self.start(10.5), 10.1)
         why = "the start was not confirmed by all robots in time"
         assert from_line(follower.begin(10.5, CYCLE)) == {"say": "failed", "why": why}
 
     def test_after_a_silence_it_does_not_begin(self, follower):
-        follower.hear(self.start(12.0), 10.1)
-        follower.hear(b'{"say": "go"}', 10.2)
+        follower.receive(self.start(12.0), 10.1)
+        follower.receive(b'{"say": "go"}', 10.2)
         assert (
             from_line(follower.begin(12.0, CYCLE))["why"]
             == "nothing received for 1 s from the computer that starts the robots"
@@ -289,12 +289,12 @@ class TestFollower:
         "line", [b"Welcome!", b"", b"[1]", b'{"say": 1}', b"\xff", b"[" * 10_000, b'{"say": "sing"}']
     )
     def test_what_is_no_line_of_a_leader_is_ignored(self, follower, line):
-        assert follower.hear(line, 10.1) is None
+        assert follower.receive(line, 10.1) is None
         assert follower.why == ""
 
     def test_before_it_is_ready_nobody_need_be_heard(self):
         follower = Follower()
-        follower.look(1e6)
+        follower.check_silence(1e6)
         assert follower.why == ""
         follower.hang_up()
         assert follower.why == "the connection to the computer that starts the robots has ended"
@@ -312,8 +312,8 @@ class TestLeader:
     )
     def test_a_robot_that_says_what_no_robot_says(self, line, why):
         leader = Leader(["a", "b"], 0.0, patience=20.0, cycle=CYCLE, host="desk")
-        leader.hear("a", b'{"say": "ready"}', 0.4)
-        leader.hear("a", line.encode(), 1.0)
+        leader.receive("a", b'{"say": "ready"}', 0.4)
+        leader.receive("a", line.encode(), 1.0)
         assert (leader.is_over, leader.culprit, leader.why[: len(why)]) == (True, "a", why)
         assert {name for name, line in leader.lines() if '"stop"' in line} == {"a", "b"}
 
@@ -327,7 +327,7 @@ class TestClock:
             sent = 0.1 * k
             heard = sent + draw.expovariate(50.0)
             received = heard + draw.expovariate(50.0)
-            clock.hear(from_line(answer(from_line(probe(sent)), heard + off, 0.0)), received)
+            clock.take(from_line(answer(from_line(probe(sent)), heard + off, 0.0)), received)
         assert clock.difference.uncertainty < 0.02
         assert abs(clock.difference.offset + off) <= clock.difference.uncertainty + 1e-9
 

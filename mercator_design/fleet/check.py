@@ -101,7 +101,7 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
                 checked.is_done = True
             case "clock":
                 with suppress(ValueError):  # further answers will come
-                    checked.clock.hear(said, now)
+                    checked.clock.take(said, now)
 
 
 def table(checked: Sequence[Checked]) -> Iterator[str]:

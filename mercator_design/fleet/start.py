@@ -81,7 +81,7 @@ def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
         if lines is None:
             leader.call_off(robots[name].words, name)
         for line in lines or ():
-            leader.hear(name, line, now)
+            leader.receive(name, line, now)
     leader.advance(time.monotonic())
     _say(leader, robots)
 

@@ -113,7 +113,7 @@ def test_nor_if_it_was_suspended_while_a_command_was_being_sent(wire, brake):
 def test_before_it_is_armed_commands_need_not_follow_each_other(wire, brake):
     brake.drive(0.0, 0.0)
     time.sleep(STALL + 0.02)
-    brake.look()
+    brake.check_stall()
     brake.drive(0.0, 0.0)
     assert wire.sent == [b"0 0"] * 2
 
@@ -148,7 +148,7 @@ class TestRepeat:
         time.sleep(0.7 * STALL)
         brake.repeat()
         time.sleep(0.5 * STALL)
-        brake.look()
+        brake.check_stall()
         assert brake.why.startswith("the control loop stalled")
         assert wire.sent[-2:] == [b"zero"] * 2
 

@@ -21,7 +21,7 @@ from mercator_design.robot.cli import VERBS, cli
 from mercator_design.robot.cli.options import new_file
 from mercator_design.robot.devices.ports import DEVICES, OPTIONAL_DEVICES
 from mercator_design.robot.run import network
-from mercator_design.robot.run.network import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, hear, listener
+from mercator_design.robot.run.network import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, listener, receive
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 1"
@@ -289,7 +289,7 @@ class TestKeys:
             def beat(speaker, key, _seconds):
                 tell(speaker, key, 0.05)
                 listening.setblocking(False)
-                for message, sender in hear(listening):
+                for message, sender in receive(listening):
                     came.append(message)
                     if answer := heartbeats.take(message, 5.0):
                         listening.sendto(answer, sender)

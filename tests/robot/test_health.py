@@ -23,7 +23,7 @@ def look(line, since, seconds, lost):
     for _ in range(round(20 * seconds)):
         now, gone, came = since
         since = now + 0.05, gone + 50.0 * lost, came + 50.0
-        said.append(line.look(*since))
+        said.append(line.check(*since))
     return [each for each in said if each is not None], since
 
 
@@ -78,7 +78,7 @@ def test_a_line_breaks_within_the_window():
 def test_after_a_long_time_without_a_look_only_what_comes_then_counts():
     line = LineHealth(0.8)
     _, (now, lost, came) = look(line, (0.0, 0.0, 0.0), 5.0, 0.5)
-    line.look(now + 60.0, lost + 1e6, came + 1e6)
+    line.check(now + 60.0, lost + 1e6, came + 1e6)
     assert line.share == 1.0
 
 
@@ -88,7 +88,7 @@ def test_notes_of_a_share_that_varies_by_chance_are_few():
     said = []
     for _ in range(6000):  # ten minutes at the edge
         now, lost, came = now + 0.1, lost + (draws.random() < 0.1), came + 1.0
-        said.append(line.look(now, lost, came))
+        said.append(line.check(now, lost, came))
     assert sum(each is not None for each in said) < 60
 
 
@@ -99,9 +99,9 @@ class TestAnswers:
             answers.send(number, 0.1 * number)
         for number in range(8):
             answers.take(number, is_damaged=number == 3)
-        answers.look(0.79 + ANSWER_LIMIT)
+        answers.check(0.79 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (8, 1)  # of the last two it is not known yet
-        answers.look(0.81 + ANSWER_LIMIT)
+        answers.check(0.81 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (9, 2)
         answers.take(8, is_damaged=False)  # too late
         answers.take(77, is_damaged=True)  # to something else
@@ -112,14 +112,14 @@ class TestAnswers:
         answers.send(1, 0.0)
         answers.send(2, 0.1)
         answers.send(1, 0.2)
-        answers.look(0.15 + ANSWER_LIMIT)
+        answers.check(0.15 + ANSWER_LIMIT)
         assert (answers.all, answers.lost) == (1, 1)
 
     def test_what_nobody_listened_for_is_not_lost(self):
         answers = Answers()
         answers.send(1, 0.0)
         answers.forget()
-        answers.look(10.0)
+        answers.check(10.0)
         assert (answers.all, answers.lost) == (0, 0)
 
     @staticmethod
@@ -128,7 +128,7 @@ class TestAnswers:
         told = missed = 0
         for cycle in range(round(14 * seconds)):
             missed += draws.random() < lost
-            told += line.look(cycle / 14, missed, cycle + 1) is not None
+            told += line.check(cycle / 14, missed, cycle + 1) is not None
             if line.is_broken:
                 return cycle / 14, told
         return seconds, told
@@ -148,7 +148,7 @@ class TestAnswers:
         """Three a second, as of a robot at rest: not those that one question after the battery makes."""
         line = LineHealth(0.8, ANSWERS_WINDOW, MIN_ANSWERS)
         for second in range(20):
-            assert line.look(second, 3.0 * (second >= 10), 3.0 * second) is None
+            assert line.check(second, 3.0 * (second >= 10), 3.0 * second) is None
         assert not line.is_broken
 
 
@@ -210,12 +210,12 @@ class TestRvr:
         ]
 
     def test_a_stuck_tread_stops_it_after_a_while(self, rvr):
-        rvr.look(10.0)
+        rvr.check(10.0)
         told = [*rvr.take("motor_stall", {"motor_index": 1, "is_triggered": True})]
         assert told == ["rvr: the right tread is stuck"]
-        rvr.look(11.9)
+        rvr.check(11.9)
         with pytest.raises(RobotStopped, match=r"^rvr: the right tread is stuck for 2.1 s; the limit is 2 s; free it$"):
-            rvr.look(12.1)
+            rvr.check(12.1)
 
     def test_one_that_gets_free_does_not(self, rvr):
         now = 0.0
@@ -224,7 +224,7 @@ class TestRvr:
                 [*rvr.take("motor_stall", {"motor_index": 0, "is_triggered": is_stuck})]
                 for _ in range(15):
                     now += 0.1
-                    rvr.look(now)
+                    rvr.check(now)
 
     def test_one_that_the_rvr_tries_again_and_again_does(self, rvr):
         """Stuck for 1.5 s, and free for half a second in between."""
@@ -236,7 +236,7 @@ class TestRvr:
                 [*rvr.take("motor_stall", {"motor_index": 0, "is_triggered": is_stuck})]
                 for _ in range(cycles):
                     now += 0.1
-                    rvr.look(now)
+                    rvr.check(now)
 
         tries()
         with pytest.raises(RobotStopped, match="left tread is stuck"):

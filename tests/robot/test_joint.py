@@ -43,7 +43,7 @@ class Leader:
         clock = Clock()
         for _ in range(5):
             self.say(probe(time.monotonic()))
-            clock.hear(self.hear("clock"), time.monotonic())
+            clock.take(self.hear("clock"), time.monotonic())
         return clock.difference
 
     def offer(self, seconds, offset=1000.0):
@@ -278,7 +278,8 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
 
 @pytest.mark.timing
 def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
-    fault = "from mercator_design.robot.protocols.joint_start import Follower; Follower.look = None; time.sleep(0.1)"
+    joint_start = "from mercator_design.robot.protocols import joint_start"
+    fault = f"{joint_start}; joint_start.Follower.check_silence = None; time.sleep(0.1)"
 
     def attempt(number):
         with awaiting(tmp_path / str(number), fault=fault) as (robot, leader):

@@ -124,9 +124,9 @@ def test_commands_that_are_counted_are_answered_or_lost(link, line):
     for _ in range(4):
         link.send("rvr", link.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
         link.discard()
-    link.answers.look(time.monotonic())
+    link.answers.check(time.monotonic())
     assert (link.answers.all, link.answers.lost) == (3, 1)
-    link.answers.look(time.monotonic() + 1.0)
+    link.answers.check(time.monotonic() + 1.0)
     assert (link.answers.all, link.answers.lost) == (4, 2)
 
 

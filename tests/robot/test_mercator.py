@@ -450,8 +450,8 @@ def test_an_rvr_that_answers_too_little_stops_the_robot():
         monitor = Monitor(settings.limits, Senses(settings, (), {}), answers, "{0} remedy".format)
         for number in range(commands):
             answers.send(number, 0.0)
-        assert [*monitor.look(0.1, {})] == []
-        return [note.text for note in monitor.look(4.5, {})]
+        assert [*monitor.check(0.1, {})] == []
+        return [note.text for note in monitor.check(4.5, {})]
 
     remedy = "rvr remedy"
     with pytest.raises(RobotStopped) as stopped:

@@ -45,7 +45,7 @@ def test_a_damaged_line_is_noted_once_though_the_robot_senses_anew():
         for k in range(1, 31):
             now += 0.1
             counts = {"rvr": Counts(), "lidar": Counts(), "proximity": Counts(200 * k, 60 * k, k)}
-            notes += monitor.look(now, counts)
+            notes += monitor.check(now, counts)
         senses.forget()
     assert len(notes) == 1
 
@@ -57,12 +57,12 @@ def test_what_is_not_needed_and_damaged_is_neutral():
     senses.take(Distances((200, *(65535,) * 7)), 0.1)
     near = senses.readings(0.1)
     counts = {"rvr": Counts(), "lidar": Counts()}
-    notes = [*monitor.look(0.1, counts | {"proximity": Counts(20, 0, 0)})]
+    notes = [*monitor.check(0.1, counts | {"proximity": Counts(20, 0, 0)})]
     assert notes == []
-    assert [*monitor.look(0.3, counts | {"proximity": Counts(22, 2, 1)})] == []  # one frame of the first few
+    assert [*monitor.check(0.3, counts | {"proximity": Counts(22, 2, 1)})] == []  # one frame of the first few
     senses.take(Distances((200, *(65535,) * 7)), 1.9)
     assert senses.readings(1.9)[:2] == near[:2]
-    notes = [*monitor.look(2.0, counts | {"proximity": Counts(60, 30, 2)})]
+    notes = [*monitor.check(2.0, counts | {"proximity": Counts(60, 30, 2)})]
     assert notes == [
         Note(
             "proximity: only 28 % of what it sends arrives whole; below 50 % it counts as silent; proximity",

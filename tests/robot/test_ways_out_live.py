@@ -109,7 +109,7 @@ CONTROLLER_FAULTS = {
     "stalled": ("time.sleep(1.0)", 4, "the control loop stalled"),
     "no memory": ("raise MemoryError", 1, "Error: not enough memory"),
     "watchdog": (
-        "from mercator_design.robot.run import safety; safety.Watchdog._look = None",
+        "from mercator_design.robot.run import safety; safety.Watchdog._check = None",
         4,
         "the watchdog failed",
     ),

@@ -37,19 +37,19 @@ def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) ->
 
 
 def _print(found: Iterable[Finding]) -> None:
-    def hear(lines: Iterable[bytes] | None, now: float) -> None:
+    def receive(lines: Iterable[bytes] | None, now: float) -> None:
         for line in lines or ():
             said = from_line(line)
             if said is not None and said["say"] == "probe":
-                channel.say(answer(said, now, day_of(now)))
+                channel.write(answer(said, now, day_of(now)))
 
-    channel = Channel(hear)
+    channel = Channel(receive)
     wrong = 0
     with channel:
         for finding in found:
             wrong += not finding.is_fine
-            if not channel.say(to_line("finding", **finding._asdict())):
+            if not channel.write(to_line("finding", **finding._asdict())):
                 raise RobotError("the output is closed")
-        channel.say(to_line("done"))
+        channel.write(to_line("done"))
     if wrong:
         raise RobotError(f"{wrong} wrong")

@@ -57,7 +57,7 @@ class LineHealth:
         """Whether the share is below the limit."""
         return self.share < self.min_share
 
-    def look(self, now: float, lost: float, received: float) -> bool | None:
+    def check(self, now: float, lost: float, received: float) -> bool | None:
         """Take the amounts that were lost and received up to a time [s], both counted from any start.
 
         Returns:
@@ -107,7 +107,7 @@ class Answers:
             self.all += 1
             self.lost += is_damaged
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """Count the commands as lost whose time for an answer is over at a time [s]."""
         for number, sent in list(self._awaited.items()):
             if now - sent <= ANSWER_LIMIT:
@@ -182,7 +182,7 @@ class RvrHealth:
             case "did_sleep":
                 raise RobotStopped("rvr: it fell asleep")
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """Check at a time [s] whether a tread has been stuck for too long.
 
         The RVR cuts the power of a stuck motor after a few seconds and tries again: so the time for which it was stuck

@@ -85,7 +85,7 @@ class Clock:
         """The number of answers that are kept."""
         return len(self._found)
 
-    def hear(self, said: Mapping[str, Any], now: float) -> None:
+    def take(self, said: Mapping[str, Any], now: float) -> None:
         """Take an answer that was received at a time [s].
 
         Raises:

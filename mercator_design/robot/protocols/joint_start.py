@@ -84,7 +84,7 @@ class Follower:
         self._heard = now
         return to_line("ready", **values)
 
-    def hear(self, line: bytes, now: float) -> str | None:
+    def receive(self, line: bytes, now: float) -> str | None:
         """Take a line that came at a time [s]; return the line that answers it, if any."""
         said = from_line(line)
         if said is None:
@@ -123,7 +123,7 @@ class Follower:
         self.at, self.reference = at, reference
         return to_line("accepted")
 
-    def look(self, now: float) -> None:
+    def check_silence(self, now: float) -> None:
         """End the run if the leader has been silent for too long."""
         if now - self._heard > SILENCE and not self._is_confirmed:
             self._end(f"nothing received for {SILENCE:g} s from the computer that starts the robots")
@@ -135,7 +135,7 @@ class Follower:
 
     def begin(self, now: float, cycle: float) -> str:
         """The line that reports the first control cycle, of `cycle` seconds; if it must not begin, `why` is set."""
-        self.look(now)
+        self.check_silence(now)
         if not self.why and (self.at is None or not self._may_go):
             self._end("the start was not confirmed by all robots in time")
         if not self.why and self.at is not None and not 0.0 <= now - self.at <= cycle:
@@ -196,7 +196,7 @@ class Leader:
         out, self._out = self._out, []
         return out
 
-    def hear(self, name: str, line: bytes, now: float) -> None:
+    def receive(self, name: str, line: bytes, now: float) -> None:
         """Take a line of a robot, received at a time [s]."""
         said = from_line(line)
         if said is None:
@@ -206,7 +206,7 @@ class Leader:
         try:
             match said["say"]:
                 case "clock":
-                    robot.clock.hear(said, now)
+                    robot.clock.take(said, now)
                 case "failed":
                     self.call_off(str(said.get("why")), name)
                 case "started":
@@ -218,7 +218,7 @@ class Leader:
             self.call_off(f"{said['say']}: {error}", name)
 
     def advance(self, now: float) -> None:
-        """Do what is due at a time [s]; `hear` has taken all lines received until then."""
+        """Do what is due at a time [s]; `receive` has taken all lines received until then."""
         self._now = now
         for name, robot in self._robots.items():
             if self.is_over or "ready" not in robot.said:

@@ -18,16 +18,16 @@ class Channel:
     """Reads lines in a thread of its own. A context manager."""
 
     def __init__(
-        self, hear: Callable[[Iterable[bytes] | None, float], None], failed: Callable[[], None] = lambda: None
+        self, receive: Callable[[Iterable[bytes] | None, float], None], failed: Callable[[], None] = lambda: None
     ) -> None:
         """Make a channel; its thread runs within the context.
 
         Args:
-            hear: Called repeatedly with the new lines, which may be none, and their time [s]; called a last time with
-                None when the other end has closed the input.
+            receive: Called repeatedly with the new lines, which may be none, and their time [s]; with None, the last
+                time, when the other end has closed the input.
             failed: Called if the thread ends by an error.
         """
-        self._hear, self._failed = hear, failed
+        self._receive, self._failed = receive, failed
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._in, self._out = sys.stdin.fileno(), sys.stdout.fileno()
@@ -40,7 +40,7 @@ class Channel:
         self._over.set()
         self._thread.join()
 
-    def say(self, line: str) -> bool:
+    def write(self, line: str) -> bool:
         """Write a line; return whether that was possible."""
         try:
             os.write(self._out, line.encode())
@@ -59,9 +59,9 @@ class Channel:
                     data = os.read(self._in, _MAX_READ)
                     is_connected = bool(data)
                     *lines, begun = (begun + data).split(b"\n")
-                self._hear(lines, time.monotonic())
+                self._receive(lines, time.monotonic())
             if not is_connected:
-                self._hear(None, time.monotonic())
+                self._receive(None, time.monotonic())
         finally:
             if is_connected and not self._over.is_set():
                 self._failed()

@@ -56,7 +56,7 @@ class Joint(AtOnce):
     def __init__(self) -> None:
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
-        self._channel = Channel(self._hear, lambda: self._stop("the thread that reads the leader's lines failed"))
+        self._channel = Channel(self._receive, lambda: self._stop("the thread that reads the leader's lines failed"))
 
     def listening(self) -> contextlib.AbstractContextManager[object]:
         return self._channel
@@ -72,13 +72,13 @@ class Joint(AtOnce):
             control.await_heartbeat()
             with self._lock:
                 self._brake = control.robot.brake
-                self._say(self._follower.be_ready(time.monotonic(), log=str(log)))
+                self._send(self._follower.be_ready(time.monotonic(), log=str(log)))
             while self._follower.at is None:
                 self._attend(control, time.monotonic() + _CHECK_EVERY)
             yield
         except BaseException as error:
             with self._lock:
-                self._say(self._follower.fail(str(error) or type(error).__name__))
+                self._send(self._follower.fail(str(error) or type(error).__name__))
             raise
 
     def clock(self) -> ClockOffset | None:
@@ -104,7 +104,7 @@ class Joint(AtOnce):
     def begin(self, now: float, cycle: float) -> None:
         """As `AtOnce.begin`; raises `Stopped` if the run must not begin."""
         with self._lock:
-            self._say(self._follower.begin(now, cycle))
+            self._send(self._follower.begin(now, cycle))
             why = self._follower.why
         if why:
             raise RobotStopped(why)
@@ -118,14 +118,14 @@ class Joint(AtOnce):
         if self._follower.why:
             raise RobotStopped(self._follower.why)
 
-    def _hear(self, lines: Iterable[bytes] | None, now: float) -> None:
+    def _receive(self, lines: Iterable[bytes] | None, now: float) -> None:
         with self._lock:
             for line in lines or ():
-                if (said := self._follower.hear(line, now)) is not None:
-                    self._say(said)
+                if (said := self._follower.receive(line, now)) is not None:
+                    self._send(said)
             if lines is None:
                 self._follower.hang_up()
-            self._follower.look(now)
+            self._follower.check_silence(now)
             if self._follower.why:
                 self._stop(self._follower.why)
 
@@ -133,6 +133,6 @@ class Joint(AtOnce):
         if self._brake is not None and not self._brake.why:
             self._brake.stop(why)
 
-    def _say(self, line: str) -> None:
-        if not self._channel.say(line):
+    def _send(self, line: str) -> None:
+        if not self._channel.write(line):
             self._follower.hang_up()

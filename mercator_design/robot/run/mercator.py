@@ -112,7 +112,7 @@ class Mercator:
             self._add_notes(self.monitor.take(heard.event))
             if isinstance(heard.event, Response) and heard.event.name == _DRIVE and heard.event.error:
                 self._refuse_drive(heard.event.error)
-        self._add_notes(self.monitor.look(time.monotonic(), self._link.counts()))
+        self._add_notes(self.monitor.check(time.monotonic(), self._link.counts()))
         return taken
 
     def _add_notes(self, notes: Iterable[Note]) -> None:

@@ -110,7 +110,7 @@ class Monitor:
         if was_blind != self._is_blind:
             yield Note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
 
-    def look(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
+    def check(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
         """Check at a time [s] the lines, with the counts of their bytes so far, and whether a tread is stuck.
 
         Raises:
@@ -120,16 +120,16 @@ class Monitor:
             swept = self._senses.sweep.swept
             lost, received = (swept.lost, swept.all) if device == "lidar" else (count.lost, count.received)
             line = self._senses.lines[device]
-            is_worse = line.look(now, lost, received)
+            is_worse = line.check(now, lost, received)
             yield from self._changed(device, line, is_worse, "of what it sends arrives whole", "it counts as silent")
         answers, line = self._answers, self._answered
-        answers.look(now)
-        is_worse, answered = line.look(now, answers.lost, answers.all), "of the commands to it are answered"
+        answers.check(now)
+        is_worse, answered = line.check(now, answers.lost, answers.all), "of the commands to it are answered"
         if line.is_broken:
             limit = f"the limit is {percent(line.min_share)}"
             raise RobotStopped(f"rvr: only {percent(line.share)} {answered}; {limit}; {self._remedy('rvr')}")
         yield from self._changed("rvr", line, is_worse, answered, "the robot stops")
-        self._rvr.look(now)
+        self._rvr.check(now)
 
     def _changed(
         self, device: DeviceName, line: LineHealth, is_worse: bool | None, of_what: str, consequence: str

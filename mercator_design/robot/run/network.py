@@ -52,7 +52,7 @@ def listener(port: int) -> socket.socket:
     return heard
 
 
-def hear(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
+def receive(listening: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
     """Receive the messages that have come, at most `_MAX_MESSAGES`, with their senders."""
     received: list[tuple[bytes, tuple[str, int]]] = []
     with contextlib.suppress(BlockingIOError):
@@ -178,7 +178,7 @@ class Speaker:
         self._waiting.poll(1000.0 * seconds)
         for host, each in self._sockets.items():
             with contextlib.suppress(OSError):  # nobody listens there, or no route there now
-                for message, sender in hear(each):
+                for message, sender in receive(each):
                     yield host, message, sender
 
     def look_up(self) -> list[str]:

@@ -20,7 +20,7 @@ from typing import Self
 
 from mercator_design.errors import RobotError, RobotStopped, Signalled
 from mercator_design.robot.devices.settings import SwarmSettings
-from mercator_design.robot.run.network import STOP, STOPPED, Heartbeats, hear, listener
+from mercator_design.robot.run.network import STOP, STOPPED, Heartbeats, listener, receive
 
 STALL = 0.18
 """[s] without a command to the wheels after which the control loop counts as stalled."""
@@ -65,7 +65,7 @@ class Brake:
         """Require a command every `STALL` from now on."""
         self._due = time.monotonic() + STALL
 
-    def look(self) -> None:
+    def check_stall(self) -> None:
         """Stop the wheels if the control loop has stalled."""
         late = time.monotonic() - self._due
         if late > 0.0:
@@ -79,7 +79,7 @@ class Brake:
         """
         self.check(left, right)
         with self._lock:
-            self.look()  # after a suspension this may run before the watchdog
+            self.check_stall()  # after a suspension this may run before the watchdog
             if self.why:
                 raise RobotStopped(self.why)
             self._send(left, right)
@@ -96,7 +96,7 @@ class Brake:
             Whether it was sent.
         """
         with self._lock:
-            self.look()
+            self.check_stall()
             if self.why or self._latest is None:
                 return False
             (left, right), self._latest = self._latest, None
@@ -105,7 +105,7 @@ class Brake:
 
     def _send(self, left: float, right: float) -> None:
         self._write(self._drive(left, right))
-        self.look()
+        self.check_stall()
         if self.why:  # a stop that did not wait for this command
             self.stop(self.why)
 
@@ -185,15 +185,15 @@ class Watchdog(threading.Thread):
                 if self._listening is None:
                     self._over.wait(_CHECK_EVERY)
                 elif select.select([self._listening], [], [], _CHECK_EVERY)[0]:
-                    self._hear(self._listening)
+                    self._receive(self._listening)
                 if self._armed.is_set() and not self._brake.why:
-                    self._look(time.monotonic())
+                    self._check(time.monotonic())
         finally:
             if not self._over.is_set():
                 self._brake.stop("the watchdog failed")
 
-    def _look(self, now: float) -> None:
-        self._brake.look()
+    def _check(self, now: float) -> None:
+        self._brake.check_stall()
         heard = self.heartbeats.heard
         if self._heartbeat is not None and (heard is None or now - heard > self._heartbeat):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
@@ -205,8 +205,8 @@ class Watchdog(threading.Thread):
             self._obeyed = now
             self._brake.stop(why)
 
-    def _hear(self, listening: socket.socket) -> None:
-        for message, sender in hear(listening):
+    def _receive(self, listening: socket.socket) -> None:
+        for message, sender in receive(listening):
             if message == STOP:
                 self._obey_stop(f"swarm: stop received from {sender[0]}")
                 answer: bytes | None = self._answer

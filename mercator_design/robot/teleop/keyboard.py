@@ -79,7 +79,7 @@ class Keyboard:
             width = os.get_terminal_size(self._terminal).columns or 80
             os.write(self._terminal, (_CLEAR_LINE + printable(status)[: width - 1]).encode())
 
-    def say(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Write a line above the status, if the terminal is there."""
         with contextlib.suppress(OSError):
             os.write(self._terminal, f"{_CLEAR_LINE}{printable(text)}\n".encode())

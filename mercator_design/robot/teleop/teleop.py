@@ -77,7 +77,7 @@ def teleop(
         note = (lambda _: None) if log is None else log.remark
         with keyboard() as keys:
             try:
-                control.robot.notes.send_to(note, keys.say)
+                control.robot.notes.send_to(note, keys.write_line)
                 control.arm()
                 _drive(control, keys, settings, speed, guard, recorder)
             finally:

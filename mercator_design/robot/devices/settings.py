@@ -39,18 +39,18 @@ _MEMORY = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 class Limits:
     """The limits beyond which the robot stops."""
 
-    speed: Speed = 0.3  # [m/s] of a tread that a behaviour drives at full speed, unless fsm.txt has a lower one
-    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] since the RVR last sent samples, which it does every 0.05 s
-    proximity: Age = 0.5  # [s] since the hub last sent distances, which it does 6 times a second
-    lidar: Age = 0.6  # [s] since the lidar last ended a turn, of which it makes 5 to 12 a second
-    rvr_whole: Share = 0.8  # of the bytes that the RVR sends, the share that must arrive whole; and of commands to it
-    proximity_whole: Share = 0.5  # the same of the hub, which sends little, so that a few frames are a large share
-    lidar_whole: Share = 0.8  # of the lidar's turns, the share that must arrive whole; below it is silent
-    battery_low: Percentage = 20.0  # [%] of charge below which users are warned; also if the RVR reports that it is low
+    speed: Speed = 0.3  # [m/s] speed of a tread at full speed, unless fsm.txt has a lower one
+    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] maximum age of the RVR's samples, which come every 0.05 s
+    proximity: Age = 0.5  # [s] maximum age of the hub's distances, which come 6 times a second
+    lidar: Age = 0.6  # [s] maximum time since the lidar's last turn; it makes 5 to 12 a second
+    rvr_whole: Share = 0.8  # minimum share of the RVR's bytes that arrive whole, and of commands that it answers
+    proximity_whole: Share = 0.5  # minimum share of the hub's bytes that arrive whole; a few frames are a large share
+    lidar_whole: Share = 0.8  # minimum share of the lidar's turns that arrives; below it the lidar is silent
+    battery_low: Percentage = 20.0  # [%] charge below which users are warned; also if the RVR reports that it is low
     battery_critical: Percentage = (
-        5.0  # [%] of charge below which the robot stops; also if the RVR reports that it is critical
+        5.0  # [%] charge below which the robot stops; also if the RVR reports that it is critical
     )
-    stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] for which a tread may be stuck
+    stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] maximum time for which a tread may be stuck
     unending_commands: bool = False  # whether to run if the RVR reports that it drives on without commands for 0.3 s
 
     def __post_init__(self) -> None:
@@ -73,10 +73,10 @@ def check_key(key: str, place: str) -> None:
 class SwarmSettings:
     """Messages to all robots over the network."""
 
-    port: Annotated[int, Range(1, 65535)] | None = 9750  # of UDP, for `mercator-robot stop`; null: none
-    heartbeat: Age | None = None  # [s] of silence of `mercator-robot heartbeat` that stop the robot; null: none needed
+    port: Annotated[int, Range(1, 65535)] | None = 9750  # UDP port for `mercator-robot stop`; null: none
+    heartbeat: Age | None = None  # [s] maximum silence of `mercator-robot heartbeat`; null: none needed
 
-    key: str | None = field(default=None, repr=False)  # that heartbeats must be signed with; null: they need not be
+    key: str | None = field(default=None, repr=False)  # of signed heartbeats; null: no signature needed
 
     def __post_init__(self) -> None:
         if self.heartbeat is not None and self.port is None:
@@ -92,12 +92,12 @@ class Settings(FromFile):
     KIND: ClassVar = "settings of robot"
 
     schema: Literal[1] = 1  # version of this format
-    name: Name = "mercator"  # in its answers
+    name: Name = "mercator"  # of the robot, in logs and answers
     ports: PortNames = PortNames()
     limits: Limits = Limits()
-    labels: Mapping[ColourName, Levels] | None = None  # what its sensor reads on each colour; null: the colour itself
+    labels: Mapping[ColourName, Levels] | None = None  # what the ground sensor reads on each colour; null: the colour
     missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
-        None  # colours of each one's floor, instead of those in fsm.txt
+        None  # colours of each mission's floor, instead of those in fsm.txt
     )
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
     proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much

@@ -2,7 +2,7 @@
 
 One end sends probes; the other answers each at once with its clocks. The clocks were read at some time between the
 sending of the probe and the receipt of the answer, so the middle of the two is wrong by at most half their difference.
-The answer with the shortest delay is used. Times are those of `time.monotonic`, which nobody sets, except where they
+The answer with the shortest delay is used. Times are those of `time.monotonic`, which no user can set, unless they
 are called times of day.
 
 A line is a JSON object, and its key `say` names its kind. Other lines are ignored: a login shell may print something.

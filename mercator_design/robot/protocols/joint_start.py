@@ -172,7 +172,7 @@ class Leader:
     """
 
     def __init__(self, names: Iterable[str], now: float, *, patience: float, cycle: float, host: str) -> None:
-        """Begin to wait for robots to be ready.
+        """Make a leader that waits for robots to be ready.
 
         Args:
             names: The robots' names.

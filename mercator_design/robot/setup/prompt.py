@@ -16,7 +16,7 @@ def ask(what: str, meanwhile: Callable[[], None]) -> None:
     """Ask the user, or a script that writes a line, to do something; wait for Enter.
 
     Args:
-        what: What the user has to do.
+        what: The request.
         meanwhile: Called repeatedly, to read the devices.
 
     Raises:

@@ -54,7 +54,7 @@ class Free(Problem[tuple[int, int]]):
 
     def __init__(self, budget: int, method: str) -> None:
         space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
-        self.race = METHODS[method](space, budget=budget, seed=1)
+        self.optimizer = METHODS[method](space, budget=budget, seed=1)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[int, int]:  # noqa: ARG002
         return experiment.configuration, experiment.instance
@@ -66,7 +66,7 @@ def run(record: Record | Journal, executor: Executor, budget: int, method: str =
     if not record.record.start:
         record.begin(problem.start())
     RaceRun(problem, executor, record).finish()
-    return problem.race.used
+    return problem.optimizer.used
 
 
 def overhead(budget: int) -> None:

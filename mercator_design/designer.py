@@ -120,7 +120,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
         space = _space(flavour)
-        self.race = METHODS[method](space, budget=budget, seed=seed)
+        self.optimizer = METHODS[method](space, budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 
     @classmethod
@@ -147,10 +147,10 @@ class Designer(Task[tuple[Pfsm, int]]):
             "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
             "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
-            "budget": self.race.budget,
-            "seed": self.race.seed,
+            "budget": self.optimizer.budget,
+            "seed": self.optimizer.seed,
             "method": self.method,
-            "options": dataclasses.asdict(self.race.options),
+            "options": dataclasses.asdict(self.optimizer.options),
         }
 
     def files(self) -> dict[str, bytes]:
@@ -205,7 +205,7 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     def pfsm(self, configuration: int) -> Pfsm:
         """The PFSM of a configuration of the race."""
-        return to_pfsm(self.race.configurations[configuration], self.flavour)
+        return to_pfsm(self.optimizer.configurations[configuration], self.flavour)
 
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """As `Task.winner_text`: an fsm.txt."""

@@ -29,7 +29,7 @@ def test_a_single_score_has_no_spread():
 
 def test_a_huge_budget_costs_nothing_before_it_is_used():
     simulator = Simulator(load_mission("aggregation", ["duration=1"]))
-    assert Designer(simulator, budget=10**12, seed=1).race.ask()
+    assert Designer(simulator, budget=10**12, seed=1).optimizer.ask()
 
 
 def test_seeds_of_instances_are_those_of_irace_s_domain_and_differ_by_purpose():

@@ -402,7 +402,7 @@ class TestProgress:
             task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, race=SimpleNamespace(progress=at))
             done = ExperimentDone(experiment=1, iteration=1, configuration=1, instance=1, seed=1, score=2.8)
             with RaceDisplay(task, 5000, None) as display:
-                task.race.progress = replace(at, iteration=iteration, iterations=iterations)
+                task.optimizer.progress = replace(at, iteration=iteration, iterations=iterations)
                 for _ in range(4239):
                     display.note(done)
                 time.sleep(0.2)  # what comes at once after something that was shown is not

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
-from mercator_design.race import Race, RaceRules
+from mercator_design.race import EliminationRace, RaceRules
 from mercator_design.race.methods.model import elite_weights
 from mercator_design.race.racing.statistics import TestName
 
@@ -53,15 +53,15 @@ def _chain(name: str, case: dict[str, Any]) -> Iterator[Check]:
     for number, expected in enumerate(case["races"], start=1):
         n_old = expected["next_instance"] - 1
         n_new = expected["elitist_new_instances"] if n_old else 0
-        race = Race(
+        race = EliminationRace(
             [c - 1 for c in expected["configurations"]],
             earlier={c - 1: results[c - 1] for c in expected["elites_in"]},
             instances=[*range(n_old, n_old + n_new), *range(n_old)],
             next_instance=n_old + n_new,
             rules=rules,
             survivors=case["min_survival"],
-            budget=expected["max_experiments"],
-            limit=UNLIMITED,
+            planned_budget=expected["max_experiments"],
+            max_experiments=UNLIMITED,
         )
         place = f"{name}, race {number}"
         yield from attempt("race", place, _race(place, race, costs, rejected, expected, case["min_survival"]))
@@ -73,7 +73,7 @@ def _chain(name: str, case: dict[str, Any]) -> Iterator[Check]:
 
 def _race(
     place: str,
-    race: Race,
+    race: EliminationRace,
     costs: NDArray[np.float64],
     rejected: set[int],
     expected: dict[str, Any],

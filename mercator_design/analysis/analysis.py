@@ -53,13 +53,13 @@ def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tup
         RaceError: There is no such race, or too little to learn from; see also `runs.files.task_of`.
     """
     task, record = task_of(path), read_journal(path).record
-    check_configurations(path, record, task.race.space)
+    check_configurations(path, record, task.optimizer.space)
     numbers = sorted(record.configurations)
     configurations = [record.configurations[number] for number in numbers]
     costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
     for one in record.experiments.values():
         costs[one.configuration][one.instance] = math.inf if one.score is None else task.cost(one.score)
-    space = task.race.space
+    space = task.optimizer.space
     if modules is None:
         modules = isinstance(task, Designer)
     if modules:
@@ -102,7 +102,7 @@ def ablation(
     record = read_journal(path).record
     if not record.ends:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
-    check_configurations(path, record, task.race.space)
+    check_configurations(path, record, task.optimizer.space)
     winner = record.configurations[record.ends[-1].winner]
     if first:
         if not record.iterations:
@@ -119,8 +119,8 @@ def ablation(
     variants: Flips | _Pruning
     first_variant: Any
     if start is not None:
-        variants = Flips(task.race.space, winner)
-        first_variant = task.race.space.key(record.configurations[start])
+        variants = Flips(task.optimizer.space, winner)
+        first_variant = task.optimizer.space.key(record.configurations[start])
     else:
         assert isinstance(task, Designer)  # noqa: S101 - checked above
         variants = _Pruning(to_pfsm(winner, task.flavour))

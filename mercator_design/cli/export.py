@@ -54,7 +54,7 @@ def irace(
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(print_message)
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
-    for note in designer.race.notes:
+    for note in designer.optimizer.notes:
         print_message(f"Warning: R's irace refuses this scenario: {note}")
     print_result(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 

@@ -94,7 +94,7 @@ def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
 
 def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
     """The contents of irace's log, with their names in R."""
-    space = task.race.space
+    space = task.optimizer.space
     iterations = [record.iterations[number] for number in sorted(record.iterations)]
     elites = [np.array([number + 1 for number in one.elites], dtype=np.int32) for one in iterations]
     experiments = record.results()
@@ -137,7 +137,7 @@ def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
             "rejected_ids": np.array(rejected, dtype=np.int32),
             "rejectedIDs": np.array(rejected, dtype=np.int32),
             "experimentsUsedSoFar": len(experiments),
-            "seed": task.race.seed,
+            "seed": task.optimizer.seed,
             "elapsed": _vector(_missing(3), ["user", "system", "wallclock"]),
             "completed": "Ended" if record.is_complete else "Incomplete",
         },
@@ -234,7 +234,7 @@ def _scenario(task: Task[Any], record: Record) -> dict[str, Any]:
         found[name] = option.default if value is None else value
     found |= {
         "maxExperiments": record.budget,
-        "seed": task.race.seed,
+        "seed": task.optimizer.seed,
         "testType": _TESTS.get(options.get("test", ""), "friedman"),
         "deterministic": options.get("instances") is not None,
         "instances": _texts(["mission.yaml"]),

@@ -43,8 +43,8 @@ def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
         "trainInstancesDir": "",  # target-runner finds the missions; irace splits an instance's path at blanks
         "trainInstancesFile": "./instances.txt",
         "targetRunner": "./target-runner",
-        "maxExperiments": designer.race.budget,
-        "seed": designer.race.seed,
+        "maxExperiments": designer.optimizer.budget,
+        "seed": designer.optimizer.seed,
         "parallel": jobs,
     }
     runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, plugins=plugins)

@@ -35,7 +35,7 @@ The rooms, from the bottom up:
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.racing.race import Experiment, Race, RaceRules
+from mercator_design.race.racing.race import EliminationRace, Experiment, RaceRules
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
 from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, RaceEnded, TestDone
 from mercator_design.race.space.parameter import Configuration, Parameter, Value, categorical, integer, ordered, real
@@ -43,6 +43,7 @@ from mercator_design.race.space.space import Space
 
 __all__ = [
     "Configuration",
+    "EliminationRace",
     "Elite",
     "Event",
     "Experiment",
@@ -52,7 +53,6 @@ __all__ = [
     "IterationSummary",
     "Parameter",
     "Progress",
-    "Race",
     "RaceEnded",
     "RaceOptions",
     "RaceRules",

@@ -78,7 +78,7 @@ class RaceDisplay(Display):
         self._raced = task
         self._testing = testing
         self._n_run = self._n_tested = 0
-        self._planned = task.race.progress.iterations
+        self._planned = task.optimizer.progress.iterations
         super().__init__(task.name, budget)
 
     def note(self, event: Event) -> None:
@@ -91,11 +91,11 @@ class RaceDisplay(Display):
             case TestDone():
                 self._n_tested += 1
                 if self._testing is not None and not self._is_silent():
-                    n_tests = len(self._testing.experiments(self._raced.race))
+                    n_tests = len(self._testing.experiments(self._raced.optimizer))
                     self.show(self._n_tested, f"{self._raced.name}: testing", n_tests)
 
     def _show_race(self) -> None:
-        now = self._raced.race.progress
+        now = self._raced.optimizer.progress
         best = ""
         if now.best is not None:
             sd = f"sd {now.best.sd:.3g}, " if now.best.n_results > 1 else ""

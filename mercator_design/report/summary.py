@@ -37,25 +37,25 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         seconds: Run time of this process.
         jobs: Number of experiments that ran at the same time.
     """
-    task, record, race = folder.task, folder.journal.record, folder.task.race
+    task, record, optimizer = folder.task, folder.journal.record, folder.task.optimizer
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
-    iterations = sum(not iteration.postselection for iteration in race.iterations)
+    iterations = sum(not iteration.postselection for iteration in optimizer.iterations)
     if new + tested:
-        now = "" if new == race.used else f"{new} of them now, "
+        now = "" if new == optimizer.used else f"{new} of them now, "
         now += f"{seconds:.1f} s with {jobs} job{'s' * (jobs != 1)}, "
         now += f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s"
     else:
         now = "it had ended: continue with --resume and a larger budget"
     lines = [
         *_request(task),
-        f"Race       {task.method}, {race.used} of {race.budget} experiments, "
-        f"{iterations} iteration{'s' * (iterations != 1)}, seed {race.seed}; {now}",
+        f"Race       {task.method}, {optimizer.used} of {optimizer.budget} experiments, "
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {optimizer.seed}; {now}",
         *(task.runs(new, tested) if new + tested else []),
-        *(f"Note       {note}" for note in race.notes),
+        *(f"Note       {note}" for note in optimizer.notes),
         "",
         *iterations_table(record),
-        f"Ended: {'the whole budget is used' if race.used == race.budget else race.stop_reason}",
+        f"Ended: {'the whole budget is used' if optimizer.used == optimizer.budget else optimizer.stop_reason}",
         *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
@@ -102,17 +102,17 @@ def _design(result: RaceResult, designer: Designer, record: Record, folder: Path
 
 def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
     """The best configurations as a table with a line for each parameter, and the best one as a command line."""
-    race = task.race
-    numbers = [elite.configuration for elite in race.elites]
-    columns = task.columns(task.start(), [race.configurations[number] for number in numbers])
+    optimizer = task.optimizer
+    numbers = [elite.configuration for elite in optimizer.elites]
+    columns = task.columns(task.start(), [optimizer.configurations[number] for number in numbers])
     rows: list[list[object]] = [
         ["configuration", *numbers],
-        ["mean", *(f"{task.score(elite.mean):.6g}" for elite in race.elites)],
-        ["experiments", *(elite.n_results for elite in race.elites)],
+        ["mean", *(f"{task.score(elite.mean):.6g}" for elite in optimizer.elites)],
+        ["experiments", *(elite.n_results for elite in optimizer.elites)],
         *([name, *values] for name, values in columns.items()),
     ]
     tests = test_lines(record, result.tests, "on fresh instances, beyond the budget")
-    return ["Best", *aligned(rows), *tests, "", race.space.command_line(race.configurations[numbers[0]])]
+    return ["Best", *aligned(rows), *tests, "", optimizer.space.command_line(optimizer.configurations[numbers[0]])]
 
 
 def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:

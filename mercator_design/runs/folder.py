@@ -170,7 +170,7 @@ class RunFolder:
         Raises:
             RaceError: if they cannot be written.
         """
-        scores, race = result.scores, self.task.race
+        scores, optimizer = result.scores, self.task.optimizer
         tested = result.tests.get(result.configuration)
         digest = self.journal.record.ends[-1].digest
         header = self._header() | {
@@ -179,19 +179,19 @@ class RunFolder:
         }
         if tested:
             header["test"] = f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"
-        header |= {"budget": str(race.budget), "journal": digest[:16]}
+        header |= {"budget": str(optimizer.budget), "journal": digest[:16]}
         with _naming(self.path):
             write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
             results = configurations_of(self.journal.record)
-            ranks = {elite.configuration: rank for rank, elite in enumerate(race.elites, start=1)}
+            ranks = {elite.configuration: rank for rank, elite in enumerate(optimizer.elites, start=1)}
             results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
             in_order = results.sort_values(["elite_rank", "configuration"], na_position="last")
             write_text(self.path / _RESULTS, in_order.to_csv())
             self._provenance = replace(
                 self._provenance,
                 finished=now(),
-                budget=race.budget,
-                experiments=race.used,
+                budget=optimizer.budget,
+                experiments=optimizer.used,
                 winner=result.configuration,
                 journal=digest,
                 seconds=seconds,

@@ -40,7 +40,7 @@ def verify(
     checked = [f"{JOURNAL}: {reading.lines} lines are valid{torn}"]
     if missing := wrong_end(path, record):
         raise RaceError(missing)
-    check_configurations(path, record, task.race.space)
+    check_configurations(path, record, task.optimizer.space)
     for end in record.ends:
         which = "all" if end.experiments == len(record.experiments) else "the first"
         checked.append(f"{JOURNAL}: the digest, of {which} {end.experiments} experiments, is {end.digest[:16]}")

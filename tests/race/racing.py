@@ -37,7 +37,7 @@ class Measuring(Problem):
     """Runs a function on the values of configurations."""
 
     def __init__(self, race, seed, function):
-        self.race = race
+        self.optimizer = race
         self.function = function
         self._seed = seed
 

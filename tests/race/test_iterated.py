@@ -11,9 +11,9 @@ import pytest
 import mercator_design.race
 from mercator_design.errors import RaceError
 from mercator_design.race import (
+    EliminationRace,
     Experiment,
     IteratedRace,
-    Race,
     RaceOptions,
     RaceRules,
     Space,
@@ -159,7 +159,7 @@ def recorded(monkeypatch):
     """A race that has run, and with what its races and its sampling model were called."""
     races, updates, restarts = [], [], []
 
-    class RecordedRace(Race):
+    class RecordedRace(EliminationRace):
         def __init__(self, configurations, **options):
             races.append({"configurations": list(configurations), **options})
             super().__init__(configurations, **options)
@@ -173,7 +173,7 @@ def recorded(monkeypatch):
             restarts.append((list(elites), n_new))
             super().restart(elites, n_new)
 
-    monkeypatch.setattr(iterated, "Race", RecordedRace)
+    monkeypatch.setattr(iterated, "EliminationRace", RecordedRace)
     monkeypatch.setattr(iterated, "SamplingModel", RecordedModel)
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2]), integer("n", 1, 9)])
     race = IteratedRace(space, budget=311, seed=2, options=RaceOptions.irace())
@@ -187,14 +187,14 @@ def test_races_and_models_get_the_numbers_of_their_iteration(recorded):
     regular = [s for s in race.iterations if not s.postselection]
     assert len(regular) > 2
     for given, summary in zip(races, race.iterations, strict=True):
-        assert given["limit"] == 311 - used
+        assert given["max_experiments"] == 311 - used
         assert len(given["configurations"]) == summary.n_configurations
         if summary.postselection:
-            assert given["budget"] == given["limit"]
+            assert given["planned_budget"] == given["max_experiments"]
             assert given["survivors"] == 1
             assert (given["rules"].first_test, given["rules"].elitist_limit) == (seen, 0)
         else:
-            assert (given["budget"], given["survivors"]) == (summary.budget, 3)
+            assert (given["planned_budget"], given["survivors"]) == (summary.budget, 3)
             assert given["rules"] == RaceRules()
             seen = max(seen, given["next_instance"], summary.n_instances)
         used += summary.used

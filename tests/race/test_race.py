@@ -3,19 +3,19 @@ import math
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Experiment, Race, RaceRules
+from mercator_design.race import EliminationRace, Experiment, RaceRules
 
 
 def new_race(n=4, *, limit=1000, earlier=None, instances=(), **rules):
-    return Race(
+    return EliminationRace(
         range(n),
         earlier=earlier or {},
         instances=instances,
         next_instance=len(instances),
         rules=RaceRules(**rules),
         survivors=1,
-        budget=limit,
-        limit=limit,
+        planned_budget=limit,
+        max_experiments=limit,
     )
 
 

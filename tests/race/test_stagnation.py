@@ -150,8 +150,8 @@ class TestRecord:
             one = runner(record, executor)
             told = [event for event in one if isinstance(event, IterationEnded)]
         assert told == list(record.iterations.values())
-        assert [ended.iteration for ended in told] == [ended.iteration for ended in one.problem.race.iterations]
-        assert [ended.elites[0] for ended in told] == [ended.best for ended in one.problem.race.iterations]
+        assert [ended.iteration for ended in told] == [ended.iteration for ended in one.problem.optimizer.iterations]
+        assert [ended.elites[0] for ended in told] == [ended.best for ended in one.problem.optimizer.iterations]
         assert sum(ended.used for ended in told) == len(record.experiments)
 
     def test_once_however_often_the_race_is_stopped(self, tmp_path):

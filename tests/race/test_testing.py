@@ -27,7 +27,7 @@ def ended():
     with ThreadExecutor(1) as executor:
         one = runner(record, executor)
         one.finish()
-    return record, one.problem.race
+    return record, one.problem.optimizer
 
 
 def test_which_are_tested(ended):

@@ -202,8 +202,8 @@ def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[Op
     task = folder.task
     return OptunaMirror(
         storage,
-        f"{task.name}, seed {task.race.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
-        task.race,
+        f"{task.name}, seed {task.optimizer.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
+        task.optimizer,
         maximise=task.maximise,
         warn=lambda what: print_message(f"Warning: {what}"),
     )

@@ -127,7 +127,7 @@ def tune(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
         tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
-        for note in tuner.race.notes:
+        for note in tuner.optimizer.notes:
             print_message(f"Note: {note}")
         if check:
             _check(tuner)
@@ -181,8 +181,8 @@ def _check(tuner: Tuner) -> None:
     evaluate, target = tuner.evaluate, tuner.scenario.target
     ran = []
     with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(1) as executor:
-        for experiment in tuner.race.ask()[: len(tuner.scenario.initial) + 2]:
-            call = tuner.item(experiment, tuner.race.configurations[experiment.configuration])
+        for experiment in tuner.optimizer.ask()[: len(tuner.scenario.initial) + 2]:
+            call = tuner.item(experiment, tuner.optimizer.configurations[experiment.configuration])
             if show(target.command(call), partial(tuner.function, call), is_cost=evaluate is None):
                 ran.append(call)
         if evaluate is not None:

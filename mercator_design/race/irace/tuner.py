@@ -56,10 +56,10 @@ class Tuner(Task[Call]):
         if scenario.target.evaluator is not None:
             self.evaluate = scenario.target.evaluate
         try:
-            self.race = self._race()
+            self.optimizer = self._race()
         except RaceError as error:
             raise RaceError(f"{scenario.path}: {in_names_of_irace(error)}") from None
-        self.race.notes += scenario.notes
+        self.optimizer.notes += scenario.notes
 
     def _race(self) -> Optimizer:
         scenario = self.scenario
@@ -85,10 +85,10 @@ class Tuner(Task[Call]):
             "space_digest": _digest(scenario.parameters),
             "instances_digest": _digest(json.dumps(scenario.instances)),
             "initial_digest": _digest(json.dumps(scenario.initial)),
-            "budget": self.race.budget,
-            "seed": self.race.seed,
+            "budget": self.optimizer.budget,
+            "seed": self.optimizer.seed,
             "method": self.method,
-            "options": dataclasses.asdict(self.race.options),
+            "options": dataclasses.asdict(self.optimizer.options),
         }
 
     def files(self) -> dict[str, bytes]:
@@ -179,8 +179,8 @@ class Tuner(Task[Call]):
 
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """The file has all elites, the winner first, in irace's format of configurations."""
-        numbers = dict.fromkeys([result.configuration, *(elite.configuration for elite in self.race.elites)])
-        best = [self.race.configurations[number] for number in numbers]
+        numbers = dict.fromkeys([result.configuration, *(elite.configuration for elite in self.optimizer.elites)])
+        best = [self.optimizer.configurations[number] for number in numbers]
         comments = [f"{key}: {value}" for key, value in header.items()]
         return configurations.to_text(self.scenario.space, best, comments)
 
@@ -190,7 +190,7 @@ class Tuner(Task[Call]):
     def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:  # noqa: ARG002
         """The command of the target runner in its folder, and of the evaluator if there is one."""
         experiment = Experiment(one.configuration, one.instance)
-        configuration = self.race.configurations[one.configuration]
+        configuration = self.optimizer.configurations[one.configuration]
         call = self.item(experiment, configuration, test=isinstance(one, TestDone))
         target = self.scenario.target
         command = self.shell_command(target.command(call))
@@ -207,7 +207,7 @@ class Tuner(Task[Call]):
         n, options = len(self.scenario.instances), self.scenario.options
         if not options.sample_instances:
             return instance % n
-        return _order(self.race.seed, instance // n, n, options.block_size)[instance % n]
+        return _order(self.optimizer.seed, instance // n, n, options.block_size)[instance % n]
 
     @staticmethod
     def command(start: Start, folder: Path) -> str:

@@ -1,7 +1,7 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
-The surrogate, too, learns only between races. Unlike in irace, the budget is never exceeded: a race that would
-exceed it ends.
+The surrogate (surrogate.py) is fitted between the iterations and proposes part of the new configurations. Unlike in
+irace, the budget is never exceeded: an elimination race that would exceed it ends.
 """
 
 import math
@@ -18,14 +18,14 @@ from mercator_design.race.methods.sampling import similar, sobol_sample
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates
-from mercator_design.race.racing.race import Experiment, Race
+from mercator_design.race.racing.race import EliminationRace, Experiment
 from mercator_design.race.racing.summary import IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 Parent = TypeVar("Parent", int, None)
 
-_LEARNT_FROM = 3.0
+_FULL_SHARE_FROM = 3.0
 """Configurations per parameter from which on the surrogate has its full share."""
 
 
@@ -34,7 +34,7 @@ class IteratedRace(Optimizer):
 
     Args:
         space, budget, seed: As `Optimizer`.
-        options: The defaults are ours; `RaceOptions.irace()` is irace's algorithm.
+        options: [default: this program's algorithm]; `RaceOptions.irace()` is irace's algorithm.
         initial: The first configurations; the first iteration samples the others.
 
     Attributes:
@@ -68,7 +68,7 @@ class IteratedRace(Optimizer):
         self._model = SamplingModel(space, self.options)
         self._proposer: Proposer | None = None
         self._is_exhausted = False
-        self._race: Race | None = None
+        self._race: EliminationRace | None = None
 
     @property
     def _left(self) -> int:
@@ -184,8 +184,8 @@ class IteratedRace(Optimizer):
             iterations=self._planner.age(self._planner.n_iterations),
         )
         generator = self._generator("sampling")
-        known = len(self.configurations) / (_LEARNT_FROM * self.space.n_variable)
-        n_drawn = n_new - round(self.options.surrogate * min(known, 1.0) * n_new)
+        share_learnt = min(len(self.configurations) / (_FULL_SHARE_FROM * self.space.n_variable), 1.0)
+        n_drawn = n_new - round(self.options.surrogate * share_learnt * n_new)
         children = self._model.sample(n_drawn, elites, generator, self.history.is_excluded)
         to_restart = self._too_narrow(children) if self.options.soft_restart else []
         if to_restart:
@@ -193,12 +193,12 @@ class IteratedRace(Optimizer):
             children = self._model.sample(n_drawn, elites, generator, self.history.is_excluded)
         children = self._canonical(children)
         if not self.options.repeated:
-            children = self._different(children)
+            children = self._without_repeats(children)
         if self.options.surrogate > 0:
             children += self._proposed(n_new - len(children), elites, children)
         if not children:
             self._is_exhausted = True
-            self._iteration -= 1
+            self._iteration -= 1  # nothing has run in this one
             return
         numbers = elites + self.history.add(children)
         race = self._new_race(numbers, budget, elites=elites)
@@ -212,7 +212,7 @@ class IteratedRace(Optimizer):
         canonical = ((structure.canonical(child), parent) for child, parent in children)
         return list({self.space.key(child): (child, parent) for child, parent in canonical}.values())
 
-    def _different(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
+    def _without_repeats(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
         """Children that have not run, without duplicates."""
         found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
         for child in children:
@@ -246,21 +246,21 @@ class IteratedRace(Optimizer):
         alike = similar(self.space, together, self.options.soft_restart_threshold)
         return list(dict.fromkeys(parents[number] for number in alike))
 
-    def _new_race(self, numbers: Sequence[int], budget: int, *, elites: Sequence[int]) -> Race:
+    def _new_race(self, numbers: Sequence[int], budget: int, *, elites: Sequence[int]) -> EliminationRace:
         new: list[int] = []
         old: list[int] = []
         if self.options.elitist and elites:
             new = list(range(self._n_seen, self._n_seen + self._planner.n_new(self._n_seen)))
             old = self._old_instances()
-        return Race(
+        return EliminationRace(
             numbers,
             earlier={elite: self.history.costs[elite] for elite in elites} if self.options.elitist else {},
             instances=new + old,
             next_instance=self._n_seen + len(new),
             rules=self.options.rules(),
             survivors=self._planner.survivors,
-            budget=budget,
-            limit=self._left - self._planner.reserved,
+            planned_budget=budget,
+            max_experiments=self._left - self._planner.reserved,
             max_instances=self.options.instances,
         )
 
@@ -286,15 +286,15 @@ class IteratedRace(Optimizer):
         if not candidates:
             return
         self._iteration += 1
-        race = Race(
+        race = EliminationRace(
             candidates,
             earlier={c: self.history.costs[c] for c in candidates},
             instances=self._old_instances(),
             next_instance=self._n_seen,
             rules=self.options.rules(first_test=self._n_seen, elitist_limit=0),
             survivors=1,
-            budget=remaining,
-            limit=remaining,
+            planned_budget=remaining,
+            max_experiments=remaining,
             max_instances=self.options.instances,
         )
         yield from self._run_race(race, remaining, postselection=True)
@@ -320,7 +320,13 @@ class IteratedRace(Optimizer):
         self._end_iteration(summary, order, newcomers=[])
 
     def _run_race(
-        self, race: Race, budget: int, *, n_new: int = 0, soft_restart: bool = False, postselection: bool = False
+        self,
+        race: EliminationRace,
+        budget: int,
+        *,
+        n_new: int = 0,
+        soft_restart: bool = False,
+        postselection: bool = False,
     ) -> Batches:
         """Run a race to its end; its best are the new elites."""
         newcomers = sorted(set(race.configurations) - {elite.configuration for elite in self.elites})

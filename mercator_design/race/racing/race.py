@@ -1,4 +1,4 @@
-"""One race: which configurations run on which instance next, and which of them are eliminated.
+"""The race of one iteration: which configurations run on which instance next, and which of them are eliminated.
 
 This is irace's elitist race (race.R, elitist_race) as ask and tell; it runs nothing itself. Elites keep their
 results. A later race begins with new instances, then revisits the old ones, on which only the newcomers have
@@ -60,7 +60,7 @@ def check_costs(experiments: Sequence[Experiment], costs: Sequence[float]) -> No
             )
 
 
-class Race:
+class EliminationRace:
     """A race over configurations, in batches of one instance each.
 
     Args:
@@ -70,8 +70,8 @@ class Race:
         next_instance: Number of the first instance after these.
         rules: When to test and to end.
         survivors: How many alive configurations end the race.
-        budget: Experiments to plan with. A race that has begun with old instances finishes them.
-        limit: Maximum number of experiments.
+        planned_budget: Experiments to plan with. A race that has begun with old instances finishes them.
+        max_experiments: More than these are never run.
         max_instances: The race ends after so many instances; None: no limit.
 
     Attributes:
@@ -92,8 +92,8 @@ class Race:
         next_instance: int,
         rules: RaceRules,
         survivors: int,
-        budget: int,
-        limit: int,
+        planned_budget: int,
+        max_experiments: int,
         max_instances: int | None = None,
     ) -> None:
         if len(configurations) == 0:
@@ -104,8 +104,8 @@ class Race:
         self.stop_reason: str | None = None
         self._rules = rules
         self._survivors = survivors
-        self._budget = budget
-        self._limit = limit
+        self._planned_budget = planned_budget
+        self._max_experiments = max_experiments
         self._max_instances = math.inf if max_instances is None else max_instances
         self._known = tuple(instances)
         self._next_instance = next_instance
@@ -116,9 +116,9 @@ class Race:
             for row, instance in enumerate(self._known):
                 self._costs[row, column] = results.get(instance, math.nan)
         self._alive = np.ones(len(self.configurations), dtype=bool)
-        # Earlier results of each elite on instances that this race has not reached yet: they protect it.
-        self._protection = (~np.isnan(self._costs)).sum(axis=0)
-        self._idle_tests = 0
+        # Earlier results of each elite on instances that this race has not reached yet protect it from elimination.
+        self._n_results_ahead = (~np.isnan(self._costs)).sum(axis=0)
+        self._tests_without_elimination = 0
         self._columns: NDArray[np.intp] | None = None  # columns of the batch that has no costs yet
 
     @property
@@ -132,14 +132,14 @@ class Race:
         return self._row
 
     def ask(self) -> list[Experiment]:
-        """The next experiments, all on one instance; none when the race has ended."""
+        """The next experiments, all on one instance; none when the race has ended, which `stop_reason` then says."""
         while self._columns is None and self.stop_reason is None:
             if self._row == self._max_instances:
                 self.stop_reason = "all instances were used"
                 break
             columns = np.flatnonzero(self._alive & np.isnan(self._costs[self._row]))
             if len(columns) == 0:  # only elites are alive, and they have results here
-                self._protection -= self._protection > 0
+                self._n_results_ahead -= self._n_results_ahead > 0  # one less where there are any
                 self._advance()
                 continue
             self.stop_reason = self._reason_to_stop(len(columns))
@@ -164,9 +164,9 @@ class Race:
             return
         self._costs[self._row, columns] = costs
         self.used += len(columns)
-        seen_again = self._protection > 0
+        seen_again = self._n_results_ahead > 0
         seen_again[columns] = False
-        self._protection -= seen_again
+        self._n_results_ahead -= seen_again
         self._reject(columns[np.isinf(self._costs[self._row, columns])])
         self._advance()
         self._test()
@@ -190,7 +190,7 @@ class Race:
         found: list[Experiment] = []
         row = self._row + 1
         asked = 0 if self._columns is None else len(self._columns)
-        n = max(min(n, self._budget - self.used - asked), 0)
+        n = max(min(n, self._planned_budget - self.used - asked), 0)
         while len(found) < n and row < self._max_instances:
             known = row < len(self._known)
             if not known and self._alive.sum() <= self._survivors:
@@ -231,28 +231,28 @@ class Race:
 
     def _reject(self, columns: NDArray[np.intp]) -> None:
         self._alive[columns] = False
-        self._protection[columns] = 0
+        self._n_results_ahead[columns] = 0
         self.rejected += [self.configurations[column] for column in columns]
         if not self._alive.any():
             raise RaceError(ALL_REJECTED)
 
     def _reason_to_stop(self, n_next: int) -> str | None:
         rules = self._rules
-        if self.used + n_next > self._limit:
+        if self.used + n_next > self._max_experiments:
             return "the whole budget is used"
-        if not self._is_even():
+        if not self._may_stop_fairly():
             return None
         n_alive = int(self._alive.sum())
         if n_alive <= self._survivors:
             return f"{n_alive} are alive, and {self._survivors} or fewer end the race"
-        testing = self._row >= rules.first_test and self._row % rules.each_test == 0
-        if testing and self.used + n_next * rules.each_test > self._budget:
+        is_test_due = self._row >= rules.first_test and self._row % rules.each_test == 0
+        if is_test_due and self.used + n_next * rules.each_test > self._planned_budget:
             return "the budget of the iteration is used"
-        if rules.elitist_limit and self._idle_tests >= rules.elitist_limit:
-            return f"{self._idle_tests} tests without elimination"
+        if rules.elitist_limit and self._tests_without_elimination >= rules.elitist_limit:
+            return f"{self._tests_without_elimination} tests without elimination"
         return None
 
-    def _is_even(self) -> bool:
+    def _may_stop_fairly(self) -> bool:
         """Whether all known instances are covered, and all results of alive configurations have been tested."""
         is_known = ~np.isnan(self._costs[self._row : max(self._row, len(self._known)), self._alive])
         counts = self._row + is_known.sum(axis=0)
@@ -266,8 +266,9 @@ class Race:
         columns = np.flatnonzero(self._alive)
         if len(columns) > 1:
             verdict = eliminate(self._costs[: self._row, columns], rules.test, rules.confidence)
-            losers = columns[~verdict.survivors & (self._protection[columns] == 0)]
+            losers = columns[~verdict.survivors & (self._n_results_ahead[columns] == 0)]
             self._alive[losers] = False
             dropped = len(losers) > 0
-        if self._row > rules.first_test and not self._protection.any():
-            self._idle_tests = 0 if dropped else self._idle_tests + 1
+        # As long as elites are protected, a test that eliminates nothing says nothing about the newcomers.
+        if self._row > rules.first_test and not self._n_results_ahead.any():
+            self._tests_without_elimination = 0 if dropped else self._tests_without_elimination + 1

@@ -77,7 +77,7 @@ class RaceRun(Generic[T]):
             record = Record()
             record.begin(problem.start())
         self.problem = problem
-        self._race = problem.race
+        self._optimizer = problem.optimizer
         self._executor = executor
         self._journal = record
         self._record = record.record
@@ -132,9 +132,9 @@ class RaceRun(Generic[T]):
         if self._testing is not None:
             yield from self._run_tests(self._testing)
             known = self._record.test_scores()
-            numbers = self._testing.configurations(self._race)
+            numbers = self._testing.configurations(self._optimizer)
             tests = {number: Scores(known[number]) for number in numbers if number in known}
-        best = self._race.best.configuration
+        best = self._optimizer.best.configuration
         finished = tuple(self._record.results())
         scores = tuple(one.score for one in finished if one.configuration == best and one.score is not None)
         self._result = RaceResult(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
@@ -168,7 +168,7 @@ class RaceRun(Generic[T]):
     def _run_tests(self, testing: Testing) -> Iterator[Event]:
         """Run the tests that the record does not have."""
         problem, noted = self.problem, self._record.tests
-        tests = testing.experiments(self._race)
+        tests = testing.experiments(self._optimizer)
         known = [one for one in tests if one in noted]
         missing = [one for one in tests if one not in noted]
         for one in known:
@@ -177,7 +177,7 @@ class RaceRun(Generic[T]):
                     f"journal: expected test instance {one.instance} to have seed {seed}, found {noted[one].seed}"
                 )
             yield noted[one]
-        results = results_of(problem, self._executor, missing, self._race.configurations, known, self._is_over)
+        results = results_of(problem, self._executor, missing, self._optimizer.configurations, known, self._is_over)
         for where, result in results:
             test = test_of(problem, where, result)
             self._accept(result, test, missing.index(where))
@@ -199,7 +199,7 @@ class RaceRun(Generic[T]):
             yield self._pending.popleft()
 
     def _item(self, experiment: Experiment) -> T:
-        return self.problem.item(experiment, self._race.configurations[experiment.configuration])
+        return self.problem.item(experiment, self._optimizer.configurations[experiment.configuration])
 
     def _cost(self, score: float | None) -> float:
         return float("inf") if score is None else self.problem.cost(score)
@@ -218,7 +218,7 @@ class RaceRun(Generic[T]):
 
     def _next_speculative(self) -> Experiment | None:
         if self._likely is None:
-            self._likely = iter(self._race.lookahead(2 * self._executor.jobs) if self.problem.speculates else [])
+            self._likely = iter(self._optimizer.lookahead(2 * self._executor.jobs) if self.problem.speculates else [])
         under_way = set(self._under_way.values())
         return next((e for e in self._likely if e not in under_way and e not in self._record.speculative), None)
 
@@ -233,10 +233,10 @@ class RaceRun(Generic[T]):
                 finished = [self._record.experiments[self._n_told + k] for k in range(len(self._batch))]
                 self._revise()
                 self._n_told += len(self._batch)
-                self._race.tell([self._cost(one.score) for one in finished])
+                self._optimizer.tell([self._cost(one.score) for one in finished])
                 self._note_iterations()
                 yield from self._unseen()
-            self._batch = self._race.ask()
+            self._batch = self._optimizer.ask()
             self._likely = None
             if self._batch:
                 self._look_up()
@@ -244,11 +244,11 @@ class RaceRun(Generic[T]):
             self._note_end()
             yield from self._unseen()
             if not self._ended:
-                self._race.extend(self._record.budgets[self._n_ends])
+                self._optimizer.extend(self._record.budgets[self._n_ends])
         yield from self._unseen()
 
     def _note_iterations(self) -> None:
-        for ended in self._race.iterations[self._n_iterations :]:
+        for ended in self._optimizer.iterations[self._n_iterations :]:
             self._n_iterations += 1
             iteration = IterationEnded.of(ended)
             known = self._record.iterations.get(ended.iteration)
@@ -268,7 +268,7 @@ class RaceRun(Generic[T]):
             if one is None:
                 self._missing[experiment] = number
                 continue
-            expected = (*experiment, self.problem.seed(experiment.instance), self._race.iteration)
+            expected = (*experiment, self.problem.seed(experiment.instance), self._optimizer.iteration)
             found = (one.configuration, one.instance, one.seed, one.iteration)
             if expected != found:
                 what = "configuration {} on instance {} with seed {} in iteration {}"
@@ -293,7 +293,7 @@ class RaceRun(Generic[T]):
             return
         for instance in dict.fromkeys(experiment.instance for experiment in self._batch):
             asked = [e for e in self._batch if e.instance == instance and e in self._record.speculative]
-            before = [Experiment(configuration, instance) for configuration in self._race.competitors(instance)]
+            before = [Experiment(configuration, instance) for configuration in self._optimizer.competitors(instance)]
             alive = [experiment.configuration for experiment in (*before, *asked)]
             known = self._record.revised.get(self._n_told, {})
             for experiment in (*before, *asked):
@@ -321,10 +321,10 @@ class RaceRun(Generic[T]):
             return
         instances = set() if self.problem.evaluate is None else {experiment.instance for experiment in self._batch}
         for number, instance in revised:
-            if instance not in instances or number not in self._race.competitors(instance):
+            if instance not in instances or number not in self._optimizer.competitors(instance):
                 raise _another("no revised score", f"that of configuration {number} on instance {instance}")
         self._n_revised += 1
-        self._race.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
+        self._optimizer.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record an experiment that the race has asked for."""
@@ -350,7 +350,7 @@ class RaceRun(Generic[T]):
         score, outcome, failure = read_result(result)
         return ExperimentDone(
             experiment=number,
-            iteration=self._race.iteration,
+            iteration=self._optimizer.iteration,
             **experiment._asdict(),
             seed=self.problem.seed(experiment.instance),
             score=score,
@@ -365,7 +365,7 @@ class RaceRun(Generic[T]):
 
     def _note_configurations(self) -> None:
         for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
-            values, parent = self._race.configurations[number], self._race.parents[number]
+            values, parent = self._optimizer.configurations[number], self._optimizer.parents[number]
             if number not in self._record.configurations:
                 self._note(ConfigurationAdded(configuration=number, parent=parent, values=values))
             elif (self._record.configurations[number], self._record.parents[number]) != (values, parent):
@@ -375,7 +375,7 @@ class RaceRun(Generic[T]):
 
     def _note_end(self) -> None:
         budget = self._record.budgets[self._n_ends]
-        end = RaceEnded(budget=budget, experiments=self._n_told, winner=self._race.best.configuration)
+        end = RaceEnded(budget=budget, experiments=self._n_told, winner=self._optimizer.best.configuration)
         if self._n_ends == len(self._record.ends):
             self._journal.note(self._record.with_digest(end))
         noted = self._record.ends[self._n_ends]

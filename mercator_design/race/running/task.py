@@ -38,14 +38,14 @@ class Problem(ABC, Generic[T]):
     """A problem to race on; its experiments take an item of type T.
 
     Attributes:
-        race: The race over its configurations, not begun.
+        optimizer: Asks for experiments and takes their costs; not begun.
         function: Runs one experiment, in this process or in another.
         evaluate: None, or computes the cost of an experiment that `function` has run; it may compare the given
             configurations.
         speculates: Whether idle workers run speculative experiments.
     """
 
-    race: Optimizer
+    optimizer: Optimizer
     function: Callable[[T], Measurement]
     evaluate: Callable[[T, Sequence[int]], Measurement] | None = None
     speculates: bool = True
@@ -56,7 +56,7 @@ class Problem(ABC, Generic[T]):
 
     def start(self) -> dict[str, Any]:
         """The start of this race; races with equal starts are equal."""
-        return {"budget": self.race.budget, "seed": self.race.seed}
+        return {"budget": self.optimizer.budget, "seed": self.optimizer.seed}
 
     def cost(self, score: float) -> float:
         """The cost of a score: what a race minimises."""
@@ -68,11 +68,11 @@ class Problem(ABC, Generic[T]):
 
     def seed(self, instance: int) -> int:
         """The seed of an instance."""
-        return _seed(self.race.seed, "race", instance)
+        return _seed(self.optimizer.seed, "race", instance)
 
     def test_seed(self, instance: int) -> int:
         """The seed of a test instance."""
-        return _seed(self.race.seed, "test", instance)
+        return _seed(self.optimizer.seed, "test", instance)
 
 
 class Task(Problem[T]):

@@ -35,6 +35,7 @@ def rejected(tests):
     return [tests[k].statistic for k in two_samples.rejected([test.p for test in tests], FALSE_ALARM)]
 
 
+@pytest.mark.together
 def test_distributions(comparisons):
     assert not any(c.left_out for c in comparisons)
     tests = all_tests(comparisons)
@@ -184,6 +185,7 @@ def test_rejections_that_hung_on_others_are_said():
     assert judgement.rejected == []
 
 
+@pytest.mark.together
 def test_runs_repeated_from_their_seeds(comparisons):
     """Runs in which no robots collide are the recorded ones to the last digit, score and statistics."""
     for c in comparisons:

@@ -399,7 +399,7 @@ class TestProgress:
             monkeypatch.setenv("COLUMNS", str(columns))
             best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
             at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
-            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, race=SimpleNamespace(progress=at))
+            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, optimizer=SimpleNamespace(progress=at))
             done = ExperimentDone(experiment=1, iteration=1, configuration=1, instance=1, seed=1, score=2.8)
             with RaceDisplay(task, 5000, None) as display:
                 task.optimizer.progress = replace(at, iteration=iteration, iterations=iterations)

@@ -64,7 +64,7 @@ def run_summary(path: Path) -> str:
             else []
         ),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
-        *([f"Extra      {n_extra} speculative experiments, not counted"] if n_extra else []),
+        *([f"Extra      {n_extra} speculative experiment{'s' * (n_extra != 1)}, not counted"] if n_extra else []),
         f"State      {run['state']}",
         *(f"           {_session(session)}" for session in record.sessions),
         *([f"Note       {reading.torn}: incomplete, for example after a loss of power"] if reading.torn else []),

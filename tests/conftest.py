@@ -1,4 +1,3 @@
-import contextlib
 import os
 import signal
 import sys
@@ -18,6 +17,16 @@ settings.load_profile("project")
 # Programs under test start hundreds of times: without byte code, each would compile all that it imports.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+_foreign = jit._foreign
+
+
+def _of_users():
+    """Kernels of tests and benchmarks do not count: so tests share compiled code with the programs that they start."""
+    return [kernel for kernel in _foreign() if kernel.__module__.partition(".")[0] not in ("tests", "benchmarks")]
+
+
+jit._foreign = _of_users
 
 # Programs under test would inherit what is ignored here, as by nohup, and in the background of a shell.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -57,28 +66,8 @@ def run_command(monkeypatch, capsys):
     return run
 
 
-@contextlib.contextmanager
-def kernels_of_users():
-    """Kernels of tests and benchmarks, which a process of its own would not know, do not count."""
-    foreign = jit._foreign
-
-    def of_users():
-        return [each for each in foreign() if each.__module__.partition(".")[0] not in ("tests", "benchmarks")]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jit, "_foreign", of_users)
-        yield
-
-
 @pytest.fixture
-def as_for_users():
-    """See `kernels_of_users`."""
-    with kernels_of_users():
-        yield
-
-
-@pytest.fixture
-def mdesign(as_for_users, run_command):
+def mdesign(run_command):
     """Run mdesign with arguments."""
     return partial(run_command, "mdesign", main)
 
@@ -88,7 +77,7 @@ def mdesign_once():
     """Run mdesign with arguments, for what tests share; it must succeed."""
 
     def run(*arguments):
-        with kernels_of_users(), pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", ["mdesign", *map(str, arguments)])
             with pytest.raises(SystemExit) as stop:
                 main()

@@ -64,7 +64,7 @@ ITEMS = [(STAY, seed) for seed in range(1, 5)]
 
 
 @pytest.fixture(autouse=True)
-def no_tests_on_workers(monkeypatch, registries, as_for_users):
+def no_tests_on_workers(monkeypatch, registries):
     """Kernels of tests, which a worker does not know, do not count; what a test loads is gone afterwards."""
     monkeypatch.setattr(jit, "compiling_began", lambda: False)
 

@@ -14,6 +14,7 @@ from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import CompilationError, cache_warning, compiled, is_cached, jit_wanted
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -112,8 +113,11 @@ class Simulator:
         if not is_cached(kernel.experiment):
             announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
         self.check_placement()
+        instance = self.instance(0)
         try:
-            trace, recording = self._run(self.instance(0), Pfsm((State("stop"),)), 1, everything=True)
+            if len(instance.scene.floor.changes):  # first, as a plugin's mistake would show only after a minute
+                compiled(change_floor)(instance.scene.floor.copy(), instance.swarm.poses[:, :3].copy(), 0.0)
+            trace, recording = self._run(instance, Pfsm((State("stop"),)), 1, everything=True)
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
             if not plugins:  # then it is our fault

@@ -23,7 +23,7 @@ _foreign = jit._foreign
 
 def _of_users():
     """Kernels of tests and benchmarks do not count: so tests share compiled code with the programs that they start."""
-    return [kernel for kernel in _foreign() if kernel.__module__.partition(".")[0] not in ("tests", "benchmarks")]
+    return [kernel for kernel in _foreign() if str(kernel.__module__).partition(".")[0] not in ("tests", "benchmarks")]
 
 
 jit._foreign = _of_users

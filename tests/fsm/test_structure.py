@@ -46,6 +46,16 @@ def test_the_canonical_form_is_its_own(pfsm):
     assert canonical(canonical(pfsm)) == canonical(pfsm)
 
 
+def test_the_canonical_form_of_transitions_that_differ_in_their_targets_alone():
+    """Their order follows the new numbers of the targets."""
+    to = [Transition("black floor", (0.0,), 2), *(Transition("gray floor", (0.0,), target) for target in (1, 2))]
+    found = canonical(Pfsm((State("stop", (), tuple(to)), State("stop"), State("stop"))))
+    assert [(edge.condition, edge.target) for edge in found.states[0].transitions] == [
+        ("black floor", 1), ("gray floor", 1), ("gray floor", 2),
+    ]  # fmt: skip
+    assert canonical(found) == found
+
+
 def test_states_that_nothing_leads_to_are_dropped():
     unreachable = State("stop", (), (Transition("black floor", (0.5,), 0),))
     explore = State("exploration", (10.0,), (Transition("black floor", (1.0,), 2),))

@@ -66,10 +66,11 @@ def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
 
 
 def _canonical(states: Sequence[State]) -> tuple[State, ...]:
-    def rank(edge: Transition) -> tuple[object, ...]:
-        return edge.condition, edge.parameters, states[edge.target].behaviour, edge.target
+    def rank(edge: Transition, places: Mapping[int, int]) -> tuple[object, ...]:
+        return edge.condition, edge.parameters, states[edge.target].behaviour, places[edge.target]
 
-    edges = [sorted(state.transitions, key=rank) for state in states]
+    numbers = {i: i for i in range(len(states))}
+    edges = [sorted(state.transitions, key=lambda edge: rank(edge, numbers)) for state in states]
     order = [0]
     for i in order:
         order += dict.fromkeys(edge.target for edge in edges[i] if edge.target not in order)
@@ -78,7 +79,10 @@ def _canonical(states: Sequence[State]) -> tuple[State, ...]:
         State(
             states[i].behaviour,
             states[i].parameters,
-            tuple(Transition(edge.condition, edge.parameters, place[edge.target]) for edge in edges[i]),
+            tuple(
+                Transition(edge.condition, edge.parameters, place[edge.target])
+                for edge in sorted(edges[i], key=lambda edge: rank(edge, place))
+            ),
         )
         for i in order
     )

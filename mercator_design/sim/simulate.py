@@ -115,7 +115,7 @@ class Simulator:
         self.check_placement()
         instance = self.instance(0)
         try:
-            if len(instance.scene.floor.changes):  # first, as a plugin's mistake would show only after a minute
+            if len(instance.scene.floor.changes):  # first: so a plugin's mistake shows before the engine is compiled
                 compiled(change_floor)(instance.scene.floor.copy(), instance.swarm.poses[:, :3].copy(), 0.0)
             trace, recording = self._run(instance, Pfsm((State("stop"),)), 1, everything=True)
         except CompilationError as error:

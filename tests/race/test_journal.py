@@ -25,6 +25,7 @@ from mercator_design.race.running.events import (
     RaceEnded,
     ScoreRevised,
     SpeculativeDone,
+    event_of,
 )
 from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.race.running.journal import Journal, is_locked, read
@@ -548,3 +549,9 @@ def test_the_digest_is_of_what_happened():
     other.ends[-1] = RaceEnded(budget=BUDGET, experiments=RAN, winner=EXPECTED[0] + 1)
     assert other.digest() != EXPECTED[1]
     assert undisturbed(seed=2).digest() != EXPECTED[1]
+
+
+@pytest.mark.parametrize("word", ["experiments", 7, None])
+def test_an_event_of_no_kind_is_refused(word):
+    with pytest.raises(RaceError, match=f"event: expected one of session, .*, found {word}"):
+        event_of({"event": word})

@@ -202,3 +202,17 @@ def test_what_was_heard_before_a_port_is_lost_is_not_lost_with_it(link, line):
         next(both.poll())
     assert [event.name for event, _ in both.poll()] == ["did_wake"]
     other.close()
+
+
+def test_events_that_wait_are_yielded_before_poll_waits_for_others(link, line, monkeypatch):
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame)
+    link.ask("enable_color_detection", is_enabled=True)
+    timeouts, select = [], link_module.select.select
+
+    def noted(reading, writing, failing, timeout):
+        timeouts.append(timeout)
+        return select(reading, writing, failing, 0.0)
+
+    monkeypatch.setattr(link_module.select, "select", noted)
+    assert next(link.poll(time.monotonic() + 60.0)).event.name == "enable_color_detection"
+    assert timeouts == [0.0]

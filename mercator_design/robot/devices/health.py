@@ -161,7 +161,7 @@ class RvrHealth:
         """Take in a response or notification by its name; yield messages for users.
 
         Raises:
-            Stopped: if the robot must not drive.
+            RobotStopped: if the robot must not drive.
         """
         match name:
             case "get_battery_percentage" if values:
@@ -189,7 +189,7 @@ class RvrHealth:
         falls as slowly as it has grown.
 
         Raises:
-            Stopped: if a tread has.
+            RobotStopped: if a tread has.
         """
         since = 0.0 if self._looked is None else now - self._looked
         self._looked = now

@@ -87,7 +87,7 @@ class Link:
 
         Raises:
             RobotError: if it does not answer, or refuses.
-            Stopped: if a port is lost.
+            RobotStopped: if a port is lost.
         """
         asked: set[int] = set()
 
@@ -149,11 +149,11 @@ class Link:
         The events that were read while a question waited for its answer come first.
 
         Raises:
-            Stopped: if a port is lost.
+            RobotStopped: if a port is lost.
         """
         while True:
             left = until - time.monotonic()
-            self._read(left)
+            self._read(0.0 if self._heard else left)  # what waits is yielded at once
             while self._heard:
                 yield self._heard.popleft()
             if left <= 0.0:

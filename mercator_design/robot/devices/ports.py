@@ -268,7 +268,7 @@ class Line:
         """Read what has come; wait at most `TIMEOUT` for the first byte.
 
         Raises:
-            Stopped: if the port is lost.
+            RobotStopped: if the port is lost.
         """
         with self._naming():
             return bytes(self._port.read(self._port.in_waiting or 1))

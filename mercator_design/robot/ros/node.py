@@ -271,7 +271,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
         report: Called with messages for people.
 
     Raises:
-        RobotError, Stopped, Signalled: as `in_control`.
+        RobotError, RobotStopped, Signalled: as `in_control`.
     """
     with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
         robot = control.robot

@@ -80,7 +80,7 @@ class Control:
         """Read the devices until a time [s, of time.monotonic]; return the time afterwards.
 
         Raises:
-            Stopped: if something has stopped the wheels, a device reports that they must not turn, or a port is lost.
+            RobotStopped: if the wheels were stopped, a device reports that they must not turn, or a port is lost.
             RobotError: if the log cannot be written.
         """
         begin = time.monotonic()
@@ -112,7 +112,7 @@ class Control:
             first: Time of the first cycle [s]; None: at once.
 
         Raises:
-            Stopped, RobotError: as `wait`.
+            RobotStopped, RobotError: as `wait`.
         """
         due = time.monotonic() if first is None else first
         while True:
@@ -145,7 +145,7 @@ def in_control(
         without: Devices that are not used.
 
     Raises:
-        Stopped: if something stopped the wheels, naming it.
+        RobotStopped: if something stopped the wheels, naming it.
         RobotError: if a device cannot be used, the log cannot be written, or the stop of the RVR is not
             confirmed; other exceptions have the latter as a note.
         Signalled: if a signal came.

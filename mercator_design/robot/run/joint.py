@@ -66,7 +66,7 @@ class Joint(AtOnce):
         """The context of the run: report `ready` to the leader, wait for the start time, and report the end.
 
         Raises:
-            Stopped: if the start was called off, the leader is silent, or as `Control.wait`.
+            RobotStopped: if the start was called off, the leader is silent, or as `Control.wait`.
         """
         try:
             control.await_heartbeat()
@@ -102,7 +102,7 @@ class Joint(AtOnce):
         return self._follower.at
 
     def begin(self, now: float, cycle: float) -> None:
-        """As `AtOnce.begin`; raises `Stopped` if the run must not begin."""
+        """As `AtOnce.begin`; raises `RobotStopped` if the run must not begin."""
         with self._lock:
             self._send(self._follower.begin(now, cycle))
             why = self._follower.why

@@ -98,7 +98,7 @@ class Mercator:
         """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
 
         Raises:
-            Stopped: if a device reports that the robot must not drive, or a port is lost.
+            RobotStopped: if a device reports that the robot must not drive, or a port is lost.
         """
         return self._take(self._link.poll(until))
 
@@ -134,13 +134,13 @@ class Mercator:
         """The present readings; those of a stale sensor are neutral.
 
         Raises:
-            Stopped: if a sense that is needed is stale.
+            RobotStopped: if a sense that is needed is stale.
         """
         self.check_ages()
         return self.senses.readings(time.monotonic())
 
     def check_ages(self) -> None:
-        """Raise `Stopped` if a sense that is needed is stale."""
+        """Raise `RobotStopped` if a sense that is needed is stale."""
         for why in self.stale(time.monotonic()).values():
             raise RobotStopped(why)
 
@@ -155,7 +155,7 @@ class Mercator:
         """Turn the treads at fractions of their maximum speed; a dry run leaves them at rest.
 
         Raises:
-            Stopped: if something has stopped the wheels, a fraction is out of range or NaN, or the port is lost.
+            RobotStopped: if something has stopped the wheels, a fraction is out of range or NaN, or the port is lost.
         """
         speed = self._settings.limits.speed
         left, right = speed * wheels.left, speed * wheels.right
@@ -219,7 +219,7 @@ class Mercator:
 
         Raises:
             RobotError: if one does not come.
-            Stopped: as `attend`.
+            RobotStopped: as `attend`.
         """
         self._take(self._link.backlog())
         self._await_samples()

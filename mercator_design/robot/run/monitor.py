@@ -60,7 +60,7 @@ class Notes:
 
 
 class Monitor:
-    """Watches the devices of a robot; `Stopped` is raised if one reports that the robot must not drive.
+    """Watches the devices of a robot; `RobotStopped` is raised if one reports that the robot must not drive.
 
     battery: Charge as text; empty until the RVR sends it.
     """
@@ -86,7 +86,7 @@ class Monitor:
         """Take in an event; yield notes on it.
 
         Raises:
-            Stopped: if the robot must not drive.
+            RobotStopped: if the robot must not drive.
         """
         match event:
             case Response():
@@ -114,7 +114,7 @@ class Monitor:
         """Check at a time [s] the lines, with the counts of their bytes so far, and whether a tread is stuck.
 
         Raises:
-            Stopped: if a tread is stuck for too long, or too few commands are answered.
+            RobotStopped: if a tread is stuck for too long, or too few commands are answered.
         """
         for device, count in counts.items():
             swept = self._senses.sweep.swept

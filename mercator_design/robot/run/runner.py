@@ -62,7 +62,7 @@ def run(
 
     Raises:
         FsmError: if the header of the PFSM's file has a floor, a speed or the like that this robot cannot have.
-        RobotError, Stopped, Signalled: as `in_control`.
+        RobotError, RobotStopped, Signalled: as `in_control`.
     """
     settings, pfsm = settings.as_raced(what.file.header), what.file.pfsm
     try:

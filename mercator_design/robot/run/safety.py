@@ -75,7 +75,7 @@ class Brake:
         """Set the speeds of the treads [m/s].
 
         Raises:
-            Stopped: if something has stopped them, a speed is out of range or not a number, or the port is lost.
+            RobotStopped: if something has stopped them, a speed is out of range or not a number, or the port is lost.
         """
         self.check(left, right)
         with self._lock:

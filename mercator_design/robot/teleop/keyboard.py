@@ -55,7 +55,7 @@ class Keyboard:
         """The keys that were pressed since the last call.
 
         Raises:
-            Stopped: if the terminal is gone.
+            RobotStopped: if the terminal is gone.
         """
         try:
             data = os.read(self._terminal, 1000)

@@ -88,7 +88,7 @@ def record(
         show: Called regularly with the time [s] and the number of samples and turns so far.
 
     Raises:
-        RobotError, Stopped, Signalled: as `in_control`.
+        RobotError, RobotStopped, Signalled: as `in_control`.
     """
     log = Log(path)
     with in_control(settings, _SENSES, {}, log) as control:

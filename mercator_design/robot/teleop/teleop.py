@@ -66,7 +66,7 @@ def teleop(
         report: Called with messages for people.
 
     Raises:
-        RobotError, Stopped, Signalled: as `in_control`, and if the terminal is lost.
+        RobotError, RobotStopped, Signalled: as `in_control`, and if the terminal is lost.
     """
     reads = ["proximity"] if guard is not None else []
     log = None if path is None else Log(path, ending="A key ended the drive")

@@ -122,7 +122,7 @@ def test_commands_that_are_counted_are_answered_or_lost(link, line):
     errors = iter([Error.SUCCESS, Error.BAD_DATA_LENGTH, Error.RESTRICTED])
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, next(errors)) if len(commands) < 4 else b""
     for _ in range(4):
-        link.send("rvr", link.counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
+        link.send("rvr", link.encode_counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
         link.discard()
     link.answers.check(time.monotonic())
     assert (link.answers.all, link.answers.lost) == (3, 1)

@@ -42,7 +42,7 @@ class Heard(NamedTuple):
 class Link:
     """The lines to the devices.
 
-    answers: Counts of the RVR's answers to commands that are `counted`.
+    answers: Counts of the RVR's answers to commands of `encode_counted`.
     is_ending: Whether a line may be lost without an error.
     """
 
@@ -68,11 +68,11 @@ class Link:
         self._sent = data
         self._lines[device].write(data)
 
-    def command(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
+    def encode(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
         """The bytes of a command; the RVR answers it only if it refuses, or if the command is a question."""
         return self._host.send(name, target=target, reply=Flags.ANSWER | Flags.ONLY_ERRORS, **values)
 
-    def counted(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
+    def encode_counted(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
         """The bytes of a command that the RVR always answers; `answers` counts the answer."""
         command = self._host.send(name, target=target, reply=Flags.ANSWER, **values)
         self.answers.send(self._host.seq, time.monotonic())
@@ -80,7 +80,7 @@ class Link:
 
     def send_command(self, name: str, target: Processor | None = None, /, **values: Value) -> None:
         """Send the RVR a command; errors are those of `send`."""
-        self.send("rvr", self.command(name, target, **values))
+        self.send("rvr", self.encode(name, target, **values))
 
     def ask(self, name: str, target: Processor | None = None, /, **values: Value) -> Mapping[str, Any]:
         """Send the RVR a command and return the answer; a command that was damaged on its way is repeated.

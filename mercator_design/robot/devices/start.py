@@ -85,7 +85,7 @@ def wake_rvr(link: Link) -> RvrIdentity:
 
 def halt(link: Link) -> bytes:
     """The commands that stop the wheels."""
-    return link.command("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + link.command("drive_stop")
+    return link.encode("drive_tank_si_units", left_velocity=0.0, right_velocity=0.0) + link.encode("drive_stop")
 
 
 def stop_rvr(link: Link) -> None:

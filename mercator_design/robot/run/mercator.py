@@ -167,14 +167,14 @@ class Mercator:
         if time.monotonic() - self._queried > QUERY_EVERY:
             self._queried = time.monotonic()
             for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):
-                self._link.send("rvr", self._link.counted(name))
+                self._link.send("rvr", self._link.encode_counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
         """Set the colours of lamps, of rvr_messages.LIGHTS."""
         now = time.monotonic()
         if self._shown is None or self._shown[1] != colours or now - self._shown[0] > _SHOW_EVERY:
             self._shown = now, colours
-            self._link.send("rvr", self._link.counted("set_all_leds", **lights(colours)))
+            self._link.send("rvr", self._link.encode_counted("set_all_leds", **lights(colours)))
 
     def close(self) -> None:
         """Stop the wheels, then all else. Raises nothing: `stop_failure` says why the stop is not confirmed."""
@@ -271,4 +271,4 @@ class Mercator:
             return None
 
     def _drive_command(self, left: float, right: float) -> bytes:
-        return self._link.counted(_DRIVE, left_velocity=left, right_velocity=right)
+        return self._link.encode_counted(_DRIVE, left_velocity=left, right_velocity=right)

@@ -25,6 +25,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.simulate import Outcome, Simulator
+from mercator_design.view.diagram import diagram_svg
 
 UNIT = 0.001
 """[m] of the poses in a replay."""
@@ -88,7 +89,7 @@ def replay_of(simulator: Simulator, pfsm: Pfsm, outcome: Outcome, *, title: str)
         "curve": _curve(mission, trace, recording),
         "proximity": _pack_proximity(arrays, recording),
         "lidar": _lidar(recording),
-        "machine": None,
+        "machine": diagram_svg(pfsm),
     }
     _pack_neighbours(arrays, recording)
     return Replay(header={**header, "layout": arrays.layout}, data=arrays.packed())

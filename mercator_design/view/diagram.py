@@ -57,25 +57,25 @@ def diagram_svg(pfsm: Pfsm, rates: Mapping[tuple[int, int], float] | None = None
     """
     arrows = _arrows(pfsm, rates or {})
     boxes = _places(len(pfsm.states), _gap(arrows))
-    arrows = [_routed(arrow, boxes) for arrow in arrows]
+    arrows = _labelled([_routed(arrow, boxes) for arrow in arrows], boxes)
     xs = [box.x + side * _BOX[0] / 2 for box in boxes for side in (-1, 1)]
     ys = [box.y + side * _BOX[1] / 2 for box in boxes for side in (-1, 1)]
     for arrow in arrows:
-        half = 0.5 * _LETTER * max(len(text) for _, text in arrow.labels)
-        xs += [arrow.place.x - half, arrow.place.x + half, arrow.bend.x]
-        ys += [arrow.place.y + side * 0.5 * _LINE * len(arrow.labels) for side in (-1, 1)]
+        width, high = _size(arrow)
+        xs += [arrow.place.x - 0.5 * width, arrow.place.x + 0.5 * width, arrow.bend.x]
+        ys += [arrow.place.y - 0.5 * high, arrow.place.y + 0.5 * high]
     left, top = min(xs) - _PAD - 16.0, min(ys) - _PAD
     width, height = max(xs) + _PAD - left, max(ys) + _PAD - top
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.1f} {top:.1f} {width:.1f} {height:.1f}" '
         f'font-family="system-ui, sans-serif" font-size="12" role="img" aria-label="{escape(_summary(pfsm))}">',
         f"<title>{escape(_summary(pfsm))}</title>",
-        "<style>.active rect{stroke-width:4}.active path{stroke-width:3.5}.active text{font-weight:700}</style>",
+        "<style>.label{paint-order:stroke;stroke:var(--panel,#fff);stroke-width:5px;stroke-linejoin:round}.active rect{stroke-width:4}.active path{stroke-width:3.5}.active text{font-weight:700}</style>",
         '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         '<path d="M0 0L8 4L0 8z" fill="currentColor"/></marker></defs>',
     ]
-    for arrow in arrows:
-        lines += _arrow_svg(arrow)
+    lines += [_line_svg(arrow) for arrow in arrows]
+    lines += [label for arrow in arrows for label in _labels_svg(arrow)]
     for k, box in enumerate(boxes):
         lines += _box_svg(pfsm, k, box)
     return "\n".join([*lines, "</svg>", ""])
@@ -102,7 +102,7 @@ def _gap(arrows: list[Arrow]) -> tuple[float, float]:
     """Space between boxes, across and down, in which the labels have room."""
     longest = max((len(text) for arrow in arrows for _, text in arrow.labels), default=0)
     most = max((len(arrow.labels) for arrow in arrows), default=0)
-    return max(90.0, _LETTER * longest + 30.0), max(90.0, 2.0 * _LINE * most + 70.0)
+    return max(90.0, _LETTER * longest + 40.0), max(120.0, 2.0 * _LINE * most + 90.0)
 
 
 def _places(n: int, gap: tuple[float, float]) -> list[Point]:
@@ -121,16 +121,46 @@ def _routed(arrow: Arrow, boxes: list[Point]) -> Arrow:
     """An arrow with its path: a curve to the right of the straight line, so that there and back do not meet."""
     a, b = boxes[arrow.source], boxes[arrow.target]
     length = math.dist(a, b)
-    along = ((b.x - a.x) / length, (b.y - a.y) / length)
-    right = (-along[1], along[0])
-    middle = Point(0.5 * (a.x + b.x) + _BEND * right[0], 0.5 * (a.y + b.y) + _BEND * right[1])
-    is_diagonal = abs(along[0]) > 0.1 and abs(along[1]) > 0.1
-    share = 0.36 if is_diagonal else 0.5  # diagonals cross in the middle
-    place = Point(
-        (1 - share) ** 2 * a.x + 2 * share * (1 - share) * middle.x + share**2 * b.x + 12.0 * right[0],
-        (1 - share) ** 2 * a.y + 2 * share * (1 - share) * middle.y + share**2 * b.y + 12.0 * right[1],
-    )
-    return arrow._replace(start=_border(a, middle), bend=middle, end=_border(b, middle), place=place)
+    right = (-(b.y - a.y) / length, (b.x - a.x) / length)
+    bend = Point(0.5 * (a.x + b.x) + _BEND * right[0], 0.5 * (a.y + b.y) + _BEND * right[1])
+    return arrow._replace(start=_border(a, bend), bend=bend, end=_border(b, bend))
+
+
+def _labelled(arrows: list[Arrow], boxes: list[Point]) -> list[Arrow]:
+    """The arrows with places for their labels on the curves, where they cover least of boxes and other labels."""
+    taken = [(box.x, box.y, _BOX[0] + 8.0, _BOX[1] + 8.0) for box in boxes]
+    found = {}
+    for arrow in sorted(arrows, key=_size, reverse=True):
+        width, height = _size(arrow)
+
+        def cost(share: float, arrow: Arrow = arrow, width: float = width, height: float = height) -> float:
+            place = _on_curve(arrow, share)
+            covered = sum(_overlap((*place, width, height), other) for other in taken)
+            return covered + 20.0 * abs(share - 0.5)
+
+        place = _on_curve(arrow, min((0.02 * k for k in range(8, 43)), key=cost))
+        taken.append((*place, width, height))
+        found[arrow.source, arrow.target] = arrow._replace(place=place)
+    return [found[arrow.source, arrow.target] for arrow in arrows]
+
+
+def _size(arrow: Arrow) -> tuple[float, float]:
+    """Width and height of an arrow's labels."""
+    return _LETTER * max(len(text) for _, text in arrow.labels), _LINE * len(arrow.labels) + 4.0
+
+
+def _on_curve(arrow: Arrow, share: float) -> Point:
+    weights = (1.0 - share) ** 2, 2.0 * share * (1.0 - share), share**2
+    points = arrow.start, arrow.bend, arrow.end
+    x, y = (sum(w * point[k] for w, point in zip(weights, points, strict=True)) for k in (0, 1))
+    return Point(x, y)
+
+
+def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> float:
+    """The area that two rectangles share, each given by its middle, width and height."""
+    across = 0.5 * (one[2] + other[2]) - abs(one[0] - other[0])
+    down = 0.5 * (one[3] + other[3]) - abs(one[1] - other[1])
+    return max(across, 0.0) * max(down, 0.0)
 
 
 def _border(box: Point, towards: Point) -> Point:
@@ -140,20 +170,28 @@ def _border(box: Point, towards: Point) -> Point:
     return Point(box.x + share * dx, box.y + share * dy)
 
 
-def _arrow_svg(arrow: Arrow) -> list[str]:
-    path = (
-        f"M{arrow.start.x:.1f} {arrow.start.y:.1f}Q{arrow.bend.x:.1f} {arrow.bend.y:.1f} "
-        f"{arrow.end.x:.1f} {arrow.end.y:.1f}"
+def _path(arrow: Arrow) -> str:
+    start, bend, end = arrow.start, arrow.bend, arrow.end
+    return f"M{start.x:.1f} {start.y:.1f}Q{bend.x:.1f} {bend.y:.1f} {end.x:.1f} {end.y:.1f}"
+
+
+def _line_svg(arrow: Arrow) -> str:
+    line = f'<path d="{_path(arrow)}" fill="none" stroke="currentColor"'
+    lit = "".join(
+        f'<g data-transition="{arrow.source}-{number}">{line} stroke-width="0"/></g>' for number, _ in arrow.labels
     )
-    lines = [f'<path d="{path}" fill="none" stroke="currentColor" stroke-width="1.3" marker-end="url(#head)"/>']
+    return f'{line} stroke-width="1.3" marker-end="url(#head)"/>{lit}'
+
+
+def _labels_svg(arrow: Arrow) -> list[str]:
+    """The labels, which cover the lines below them."""
     top = arrow.place.y - 0.5 * _LINE * (len(arrow.labels) - 1)
-    for k, (number, text) in enumerate(arrow.labels):
-        lines.append(
-            f'<g data-transition="{arrow.source}-{number}"><path d="{path}" fill="none" stroke="currentColor" '
-            f'stroke-width="0"/><text x="{arrow.place.x:.1f}" y="{top + k * _LINE:.1f}" text-anchor="middle" '
-            f'dominant-baseline="middle" fill="currentColor">{escape(text)}</text></g>'
-        )
-    return lines
+    return [
+        f'<g data-transition="{arrow.source}-{number}"><text class="label" x="{arrow.place.x:.1f}" '
+        f'y="{top + k * _LINE:.1f}" text-anchor="middle" dominant-baseline="middle" fill="currentColor">'
+        f"{escape(text)}</text></g>"
+        for k, (number, text) in enumerate(arrow.labels)
+    ]
 
 
 def _box_svg(pfsm: Pfsm, k: int, box: Point) -> list[str]:

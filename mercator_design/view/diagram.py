@@ -1,4 +1,4 @@
-"""A PFSM as a picture: states as boxes, an arrow for each pair of states, with the conditions on it. Our own layout, SVG."""
+"""A PFSM as an SVG picture: states as boxes, and an arrow for each pair of states, with the conditions on it."""
 
 import math
 from collections.abc import Mapping
@@ -49,7 +49,8 @@ def words(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[floa
 def diagram_svg(pfsm: Pfsm, rates: Mapping[tuple[int, int], float] | None = None) -> str:
     """The picture of a PFSM as SVG text.
 
-    Elements of a state have `data-state`, those of a transition `data-transition` (state-number), for who lights them up.
+    Elements of a state have `data-state`, those of a transition `data-transition` (state-number): the viewer
+    highlights them.
 
     Args:
         pfsm: To be drawn.
@@ -70,7 +71,8 @@ def diagram_svg(pfsm: Pfsm, rates: Mapping[tuple[int, int], float] | None = None
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.1f} {top:.1f} {width:.1f} {height:.1f}" '
         f'font-family="system-ui, sans-serif" font-size="12" role="img" aria-label="{escape(_summary(pfsm))}">',
         f"<title>{escape(_summary(pfsm))}</title>",
-        "<style>.label{paint-order:stroke;stroke:var(--panel,#fff);stroke-width:5px;stroke-linejoin:round}.active rect{stroke-width:4}.active path{stroke-width:3.5}.active text{font-weight:700}</style>",
+        "<style>.label{paint-order:stroke;stroke:var(--panel,#fff);stroke-width:5px;stroke-linejoin:round}"
+        ".active rect{stroke-width:4}.active path{stroke-width:3.5}.active text{font-weight:700}</style>",
         '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         '<path d="M0 0L8 4L0 8z" fill="currentColor"/></marker></defs>',
     ]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.arrays import Floats, Numbers
+from mercator_design.arrays import Floats
 from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import MissionError
 from mercator_design.fsm.control import Controller
@@ -231,7 +231,9 @@ def _arena(mission: Mission, recording: Recording) -> dict[str, Any]:
         "obstacles": [
             {"corners": box.corners().tolist(), "hidesFromLidar": box.height > sees_over} for box in arena.obstacles
         ],
-        "lights": [{"x": x, "y": y, "isOn": light.intensity > 0.0} for light in mission.lights for x, y, _ in [light.position]],
+        "lights": [
+            {"x": light.position[0], "y": light.position[1], "isOn": light.intensity > 0.0} for light in mission.lights
+        ],
     }
 
 
@@ -243,8 +245,8 @@ def _floor(trace: Trace) -> dict[str, Any]:
         poses = np.ascontiguousarray(trace.poses)
         for cycle in range(1, trace.cycles + 1):
             change_floor(floor, poses[cycle], cycle * trace.control_period)
-            for row in np.flatnonzero((floor.zones != before).any(axis=1)):
-                changes.append([cycle, int(row), floor.zones[row].tolist()])
+            changed = np.flatnonzero((floor.zones != before).any(axis=1))
+            changes += [[cycle, int(row), floor.zones[row].tolist()] for row in changed]
             before = floor.zones.copy()
     return {
         "background": trace.floor.background.tolist(),
@@ -296,7 +298,7 @@ def _curve(mission: Mission, trace: Trace, recording: Recording) -> dict[str, li
 def _until(trace: Trace, recording: Recording, cycle: int) -> Trace:
     """The trace of the first cycles."""
     history = recording.history
-    cut = type(history)(history.poses[: cycle + 1], *(array[:cycle] for array in history[1:]))
+    cut = history._replace(poses=history.poses[: cycle + 1], states=history.states[:cycle])
     part = Recording(recording.robot_model, recording.scene, cut, recording.noise_keys, recording.control_period)
     return Trace(
         poses=cut.poses,

@@ -9,6 +9,7 @@ const MercatorReplay = (() => {
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32, 64];
   const TRAIL = 100; // cycles
   const NOTHING = 255; // in the proximity array: nothing in sight
+  const UNKNOWN = "#8a949c"; // colour of a robot whose control software is not known
   const KINDS = { disc: 0, rectangle: 1, halfPlane: 2, ring: 3, polygon: 4 }; // of missions/floor.py
 
   /* ---- Data ---- */
@@ -72,8 +73,8 @@ const MercatorReplay = (() => {
       let turn = heading[b] - heading[a];
       turn -= 65536 * Math.round(turn / 65536);
       return [
-        this.origin[0] + this.unit * (x[a] + part * (x[b] - x[a])),
-        this.origin[1] + this.unit * (y[a] + part * (y[b] - y[a])),
+        this.poses.origin[0] + this.poses.unit * (x[a] + part * (x[b] - x[a])),
+        this.poses.origin[1] + this.poses.unit * (y[a] + part * (y[b] - y[a])),
         ((heading[a] + part * turn) * Math.PI) / 32768,
       ];
     }
@@ -82,6 +83,16 @@ const MercatorReplay = (() => {
     state(robot, cycle) {
       const c = Math.ceil(cycle) - 1;
       return c < 0 ? 0 : this.arrays.state[robot * this.cycles + Math.min(c, this.cycles - 1)];
+    }
+
+    /** The colour of a state of a robot. */
+    colour(state) {
+      return this.machines.length ? this.colours[state % this.colours.length] : UNKNOWN;
+    }
+
+    /** The state machine of a robot: the names of its states, and its diagram; null if it is not known. */
+    machine(robot) {
+      return this.machines.length ? this.machines[this.machineOf[robot]] : null;
     }
 
     /** How many cycles a robot has been in its state. */
@@ -103,9 +114,9 @@ const MercatorReplay = (() => {
 
     /** The score if the experiment had ended at a cycle, as last computed. */
     scoreAt(cycle) {
-      const { cycles, values } = this.curve;
+      const { cycles, scores } = this.curve;
       let found = null;
-      for (let k = 0; k < cycles.length && cycles[k] <= cycle + 1e-9; k++) found = values[k];
+      for (let k = 0; k < cycles.length && cycles[k] <= cycle + 1e-9; k++) found = scores[k];
       return found;
     }
   }
@@ -195,7 +206,7 @@ const MercatorReplay = (() => {
       this.floor = new Floor(replay.floor);
       this.zoom = 1;
       this.pan = [0, 0];
-      const points = [...replay.arena.walls, ...(replay.arena.room || []), ...replay.arena.lights.map((l) => [l.x, l.y])];
+      const points = [...replay.arena.frame, ...(replay.arena.room || []), ...replay.arena.lights.map((l) => [l.x, l.y])];
       const xs = points.map((p) => p[0]);
       const ys = points.map((p) => p[1]);
       this.low = [Math.min(...xs), Math.min(...ys)];
@@ -209,7 +220,7 @@ const MercatorReplay = (() => {
       const closed = (points) => points.map((p, k) => [...p, ...points[(k + 1) % points.length]]);
       const { walls, room, obstacles } = this.replay.arena;
       const seen = obstacles.filter((box) => box.hidesFromLidar).map((box) => box.corners);
-      return [closed(walls), ...(room ? [closed(room)] : []), ...seen.map(closed)].flat();
+      return [...(walls ? [closed(walls)] : []), ...(room ? [closed(room)] : []), ...seen.map(closed)].flat();
     }
 
     resize() {
@@ -287,7 +298,7 @@ const MercatorReplay = (() => {
       this.floor.seek(Math.ceil(cycle));
       context.save();
       context.beginPath();
-      outline(context, this.replay.arena.walls);
+      outline(context, this.replay.arena.frame);
       context.clip();
       this.floor.draw(context, this.reach);
       context.restore();
@@ -298,9 +309,11 @@ const MercatorReplay = (() => {
       context.strokeStyle = css(this.canvas, "--wall");
       context.lineJoin = "miter";
       context.lineWidth = Math.max(0.01, 2 * this.pixel);
-      context.beginPath();
-      outline(context, walls);
-      context.stroke();
+      if (walls) {
+        context.beginPath();
+        outline(context, walls);
+        context.stroke();
+      }
       if (room) {
         context.setLineDash([0.05, 0.03]);
         context.beginPath();
@@ -334,7 +347,7 @@ const MercatorReplay = (() => {
       context.rotate(heading);
       context.beginPath();
       outline(context, replay.body.outline);
-      context.fillStyle = replay.states[state].colour;
+      context.fillStyle = replay.colour(state);
       context.strokeStyle = i === options.robot ? css(this.canvas, "--selected") : "#000";
       context.lineWidth = (i === options.robot ? 3.5 : 1) * this.pixel * (window.devicePixelRatio || 1);
       context.fill();
@@ -349,7 +362,7 @@ const MercatorReplay = (() => {
       context.stroke();
       context.restore();
       if (i === options.robot || r / this.pixel > 26 * (window.devicePixelRatio || 1)) {
-        this.text(context, String(i), x, y - 1.5 * r, 11);
+        this.text(context, replay.names[i], x, y - 1.5 * r, 11);
       }
     }
 
@@ -371,7 +384,7 @@ const MercatorReplay = (() => {
     }
 
     drawNames(context) {
-      for (const { name, x, y } of this.replay.names) {
+      for (const { name, x, y } of this.replay.zones) {
         const short = name.length > 40 ? `${name.slice(0, 39)}…` : name;
         this.text(context, short, x, y, 12);
       }
@@ -387,7 +400,7 @@ const MercatorReplay = (() => {
           const [x, y] = replay.pose(i, c);
           const [u, v] = replay.pose(i, Math.min(c + 2, cycle));
           context.globalAlpha = 0.15 + (0.75 * (c - begin)) / TRAIL;
-          context.strokeStyle = replay.states[replay.state(i, c + 1)].colour;
+          context.strokeStyle = replay.colour(replay.state(i, c + 1));
           context.beginPath();
           context.moveTo(x, y);
           context.lineTo(u, v);
@@ -412,13 +425,13 @@ const MercatorReplay = (() => {
     drawNeighbours(context, cycle) {
       const { replay, options } = this;
       const bytes = Math.ceil(replay.robots / 8);
-      if (!replay.arrays.neighbours) return;
+      if (!replay.arrays.seen) return;
       context.strokeStyle = css(this.canvas, "--link");
       context.lineWidth = 1.2 * this.pixel * (window.devicePixelRatio || 1);
       context.beginPath();
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
-        const bits = replay.reading("neighbours", i, cycle, bytes);
+        const bits = replay.reading("seen", i, cycle, bytes);
         const [x, y] = replay.pose(i, cycle);
         for (let j = 0; j < replay.robots; j++) {
           if (!((bits[j >> 3] >> (j & 7)) & 1)) continue;
@@ -433,7 +446,7 @@ const MercatorReplay = (() => {
     drawProximity(context, cycle) {
       const { replay, options } = this;
       if (!replay.proximity || !replay.arrays.proximity) return;
-      const { angles, places, range } = replay.proximity;
+      const { angles, places, range, steps } = replay.proximity;
       context.lineWidth = 1.2 * this.pixel * (window.devicePixelRatio || 1);
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
@@ -442,7 +455,7 @@ const MercatorReplay = (() => {
         const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
         angles.forEach((angle, k) => {
           const isClear = values[k] === NOTHING;
-          const length = isClear ? range : (values[k] / 254) * range;
+          const length = isClear ? range : (values[k] / steps) * range;
           const [a, b] = [x + cos * places[k][0] - sin * places[k][1], y + sin * places[k][0] + cos * places[k][1]];
           context.globalAlpha = isClear ? 0.18 : 0.9;
           context.strokeStyle = css(this.canvas, isClear ? "--ray" : "--hit");
@@ -561,17 +574,17 @@ const MercatorReplay = (() => {
       const { replay } = this;
       context.fillStyle = css(this.canvas, "--panel");
       context.fillRect(0, 0, width, height);
-      const { cycles, values } = replay.curve;
-      if (values.length) {
-        const low = Math.min(0, ...values);
-        const high = Math.max(...values, low + 1e-9);
+      const { cycles, scores } = replay.curve;
+      if (scores.length) {
+        const low = Math.min(0, ...scores);
+        const high = Math.max(...scores, low + 1e-9);
         const top = 14 * ratio;
         const place = (k) => [
           (cycles[k] / replay.cycles) * width,
-          top + (this.curveHeight - top - 2 * ratio) * (1 - (values[k] - low) / (high - low)),
+          top + (this.curveHeight - top - 2 * ratio) * (1 - (scores[k] - low) / (high - low)),
         ];
         context.beginPath();
-        values.forEach((_, k) => (k ? context.lineTo(...place(k)) : context.moveTo(...place(k))));
+        scores.forEach((_, k) => (k ? context.lineTo(...place(k)) : context.moveTo(...place(k))));
         context.strokeStyle = css(this.canvas, "--curve");
         context.lineWidth = 1.6 * ratio;
         context.stroke();
@@ -586,7 +599,7 @@ const MercatorReplay = (() => {
         let since = 0;
         for (let c = 1; c <= replay.cycles; c++) {
           if (c < replay.cycles && replay.state(i, c + 1) === replay.state(i, since + 1)) continue;
-          context.fillStyle = replay.states[replay.state(i, since + 1)].colour;
+          context.fillStyle = replay.colour(replay.state(i, since + 1));
           const [a, b] = [(since / replay.cycles) * width, (c / replay.cycles) * width];
           context.fillRect(a, y, Math.max(b - a, 0.5), Math.max(row - (row > 3 * ratio ? ratio : 0), 0.5));
           since = c;
@@ -640,20 +653,30 @@ const MercatorReplay = (() => {
     }
 
     legend() {
-      const items = this.replay.states.map(({ name, colour }, k) =>
-        make("li", {}, make("i", { style: `background:${colour}` }), make("span", { text: `${k} ${name}` }))
-      );
-      return make("ul", { class: "mr-legend", "aria-label": "States" }, ...items);
+      const { machines, names } = this.replay;
+      const lists = machines.map(({ states }, m) => {
+        const robots = names.filter((_, robot) => this.replay.machineOf[robot] === m);
+        const items = states.map((name, k) => make("li", {}, make("i", { style: `background:${this.replay.colour(k)}` }), make("span", { text: name })));
+        const whose = machines.length > 1 ? [make("li", { class: "mr-whose", text: `${robots.join(", ")}:` })] : [];
+        return make("ul", { class: "mr-legend", "aria-label": "States" }, ...whose, ...items);
+      });
+      return make("div", {}, ...lists);
     }
 
     buildPanel() {
       this.facts = make("dl", {});
       this.diagram = make("div", { class: "mr-diagram" });
-      if (this.replay.machine) {
-        const parsed = new DOMParser().parseFromString(this.replay.machine, "image/svg+xml");
-        this.diagram.append(document.importNode(parsed.documentElement, true));
-      }
       this.panel.append(this.facts, this.diagram);
+    }
+
+    /** Show the diagram of a robot's machine. */
+    showMachine(machine) {
+      if (this.shownMachine === machine) return;
+      this.shownMachine = machine;
+      this.diagram.replaceChildren();
+      if (!machine) return;
+      const parsed = new DOMParser().parseFromString(machine.diagram, "image/svg+xml");
+      this.diagram.append(document.importNode(parsed.documentElement, true));
     }
 
     listen(canvas, timeline) {
@@ -733,23 +756,25 @@ const MercatorReplay = (() => {
       const { replay } = this;
       const [x, y, heading] = replay.pose(robot, cycle);
       const state = replay.state(robot, cycle);
+      const machine = replay.machine(robot);
       const degrees = ((((heading * 180) / Math.PI) % 360) + 360) % 360;
       const facts = [
-        ["Robot", String(robot)],
-        ["State", `${state} ${replay.states[state].name}, for ${(replay.age(robot, cycle) * replay.period).toFixed(1)} s`],
+        ["Robot", replay.names[robot]],
+        ["State", `${machine ? machine.states[state] : state}, for ${(replay.age(robot, cycle) * replay.period).toFixed(1)} s`],
         ["Place", `${x.toFixed(3)} m, ${y.toFixed(3)} m`],
         ["Heading", `${degrees.toFixed(0)}°`],
       ];
-      const count = replay.reading("count", robot, cycle);
+      const count = replay.reading("neighbours", robot, cycle);
       if (count !== null) facts.push(["Neighbours", String(count)]);
       const ground = replay.reading("ground", robot, cycle);
-      if (ground !== null) facts.push(["Ground", replay.grounds[ground].name]);
+      if (ground !== null) facts.push(["Ground", replay.grounds[ground]]);
       if (replay.proximity) {
         const values = [...(replay.reading("proximity", robot, cycle, replay.proximity.angles.length) || [])];
         const nearest = Math.min(NOTHING, ...values);
-        if (values.length) facts.push(["Nearest", nearest === NOTHING ? "nothing in sight" : `${((nearest / 254) * replay.proximity.range).toFixed(2)} m`]);
+        if (values.length) facts.push(["Nearest", nearest === NOTHING ? "nothing in sight" : `${((nearest / replay.proximity.steps) * replay.proximity.range).toFixed(2)} m`]);
       }
       this.facts.replaceChildren(...facts.flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: value })]));
+      this.showMachine(machine);
       this.light(state, this.firedAt(robot, cycle));
     }
 
@@ -810,7 +835,7 @@ const MercatorReplay = (() => {
         ["presence", "Presence", "p", true],
         ["names", "Zones", "z", true],
         ["proximity", "Proximity", "x", has("proximity")],
-        ["neighbours", "Neighbours", "n", has("neighbours")],
+        ["neighbours", "Neighbours", "n", has("seen")],
         ["lidar", "Lidar", "l", this.replays.some((replay) => replay.lidar)],
         ["follow", "Follow", "f", true],
       ].filter(([, , , isThere]) => isThere);

@@ -1,0 +1,205 @@
+"""An experiment to be shown, whether it was simulated, read from a file or recorded by robots."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.arrays import Flags, Floats, Numbers
+from mercator_design.errors import MissionError, SimulationError
+from mercator_design.fsm.control import Controller
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.reference import Readings
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.trace import Trace
+from mercator_design.sim.devices import Recording
+from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.simulate import Simulator
+
+MAX_READINGS = 3_000_000
+"""Proximity readings that are shown; a longer experiment is shown without them."""
+
+_POINTS = 120  # of the curve of the score
+
+
+class Perceived(NamedTuple):
+    """What the robots perceived in each cycle; None is not known."""
+
+    neighbours: NDArray[np.uint8] | None = None  # (cycles, robots) how many, at most 255
+    ground: NDArray[np.uint8] | None = None  # (cycles, robots, 3) red, green, blue
+    proximity: Floats | None = None  # (cycles, robots, sensors) [m], inf: nothing in sight, -inf: too near
+    seen: Flags | None = None  # (cycles, robots, robots) whether a robot perceives another
+
+
+class ScoreCurve(NamedTuple):
+    """The score if the experiment had ended after some of its cycles."""
+
+    cycles: Numbers
+    scores: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownExperiment:
+    """One experiment, with what is known of it.
+
+    Attributes:
+        title: Of the experiment, for people.
+        trace: Poses and states.
+        robot_model: Of all robots.
+        mission: None: the robots are shown without an arena, and there is no score.
+        pfsms: Different PFSMs of the robots; empty: not known.
+        pfsm_of: (robots,) the PFSM of each robot, by its place in `pfsms`.
+        names: Of the robots; empty: their numbers.
+        fired: (cycles, robots) transition taken in a cycle, by its number in the state from 1, or 0; None: not known.
+        perceived: What the robots perceived.
+        recording: Of a simulated experiment.
+    """
+
+    title: str
+    trace: Trace
+    robot_model: RobotModel
+    mission: Mission | None = None
+    pfsms: tuple[Pfsm, ...] = ()
+    pfsm_of: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+    fired: NDArray[np.uint8] | None = None
+    perceived: Perceived = field(default_factory=Perceived)
+    recording: Recording | None = None
+
+    @classmethod
+    def simulated(cls, simulator: Simulator, pfsm: Pfsm, seed: int, *, title: str | None = None) -> Self:
+        """Run an experiment to be shown; errors are those of `Simulator.run`."""
+        outcome = simulator.run(pfsm, seed, record=True)
+        recording = outcome.recording
+        return cls(
+            title=title or f"{simulator.mission.name}, seed {seed}",
+            trace=outcome.trace,
+            robot_model=recording.robot_model,
+            mission=simulator.mission,
+            pfsms=(pfsm,),
+            pfsm_of=(0,) * outcome.trace.robots,
+            fired=_fired(pfsm, recording),
+            perceived=_perceived(recording),
+            recording=recording,
+        )
+
+    @property
+    def subtitle(self) -> str:
+        """Mission, robots and duration in a line."""
+        robots = f"{self.trace.robots} robot{'s' * (self.trace.robots != 1)}"
+        seconds = f"{self.trace.cycles * self.trace.control_period:g} s"
+        return ", ".join([*([self.mission.name] if self.mission else []), robots, seconds])
+
+    def state_names(self, pfsm: int) -> list[str]:
+        """The names of the states of a PFSM, by its place in `pfsms`."""
+        return [f"{k} {state.behaviour.replace('_', '-')}" for k, state in enumerate(self.pfsms[pfsm].states)]
+
+    @cached_property
+    def score(self) -> float | None:
+        """The mission's score of the trace; None if there is no mission, or it scores what is not known."""
+        return self._score(self.trace.cycles)
+
+    @cached_property
+    def curve(self) -> ScoreCurve:
+        """The score so far; empty if there is no score."""
+        found = []
+        if self.score is not None:
+            cycles = np.unique(np.linspace(1, self.trace.cycles, _POINTS).astype(np.int64))
+            found = [(cycle, score) for cycle in cycles.tolist() if (score := self._score(cycle)) is not None]
+        return ScoreCurve(
+            np.array([cycle for cycle, _ in found], dtype=np.int64), np.array([score for _, score in found])
+        )
+
+    def _score(self, cycles: int) -> float | None:
+        if self.mission is None:
+            return None
+        try:
+            return float(self.mission.objective(_until(self.trace, self.recording, cycles)))
+        except (MissionError, SimulationError):
+            return None
+
+
+def _until(trace: Trace, recording: Recording | None, cycles: int) -> Trace:
+    """The trace of the first cycles."""
+    poses, states, measure = trace.poses[: cycles + 1], trace.states[:cycles], trace.measure
+    if recording is not None:
+        history = recording.history._replace(poses=poses, states=states)
+        part = Recording(
+            recording.robot_model, recording.scene, history, recording.noise_keys, recording.control_period
+        )
+        measure = part.measure
+    return Trace(
+        poses=poses,
+        states=states,
+        floor=trace.floor,
+        zone_rows=trace.zone_rows,
+        control_period=trace.control_period,
+        measure=measure,
+    )
+
+
+def _fired(pfsm: Pfsm, recording: Recording) -> NDArray[np.uint8]:
+    """The transitions that the robots took; see `ShownExperiment`."""
+    states, readings, draws = recording.history.states, recording.recorded("readings"), recording.recorded("draws")
+    before = np.vstack([np.zeros((1, states.shape[1]), dtype=states.dtype), states[:-1]])
+    fired = np.zeros(states.shape, dtype=np.uint8)
+    controller = Controller(pfsm, recording.robot_model.reference_model)
+    for cycle, robot in np.argwhere(states != before):
+        state = int(before[cycle, robot])
+        taken = controller.transition(state, Readings(*readings[cycle, robot]), tuple(draws[cycle, robot]))
+        if taken is not None:
+            fired[cycle, robot] = 1 + pfsm.states[state].transitions.index(taken)
+    return fired
+
+
+def _perceived(recording: Recording) -> Perceived:
+    readings, model = recording.recorded("readings"), recording.robot_model
+    sensors = len(model.proximity.angles) if model.proximity else 0
+    shows_proximity = 0 < readings[..., 0].size * sensors <= MAX_READINGS
+    return perceived_of(
+        readings,
+        proximity=recording.measure("proximity") if shows_proximity else None,
+        seen=_seen(recording) if model.neighbours is not None else None,
+    )
+
+
+def perceived_of(readings: Floats, proximity: Floats | None = None, seen: Flags | None = None) -> Perceived:
+    """What robots perceived, from their readings (cycles, robots, fields of Readings) and what devices measured."""
+    first = Readings._fields.index("ground_red")
+    return Perceived(
+        neighbours=np.clip(readings[..., Readings._fields.index("neighbours")], 0, 255).astype(np.uint8),
+        ground=np.clip(np.rint(readings[..., first : first + 3]), 0, 255).astype(np.uint8),
+        proximity=proximity,
+        seen=seen,
+    )
+
+
+def _seen(recording: Recording) -> Flags:
+    """Which robots a robot perceives: those that stand where it measures a neighbour."""
+    poses = recording.history.poses[1:]
+    return robots_at(poses, recording.measure("neighbour_places"), recording.robot_model.body.corner)
+
+
+def robots_at(poses: Floats, places: Floats, near: float) -> Flags:
+    """Which robots stand at measured places.
+
+    Args:
+        poses: (cycles, robots, 3).
+        places: (cycles, robots, n, 2) distance [m] and bearing [rad] from each robot; NaN: none.
+        near: Distance [m] of a robot's centre from the place, at most.
+
+    Returns:
+        (cycles, robots, robots) whether the first perceives the second.
+    """
+    angles = poses[..., 2, None] + places[..., 1]
+    points = poses[..., None, :2] + places[..., :1] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    cycles, robots = poses.shape[:2]
+    seen = np.zeros((cycles, robots, robots), dtype=np.bool_)
+    for cycle, robot, row in np.argwhere(~np.isnan(places[..., 0])):
+        away = np.linalg.norm(poses[cycle, :, :2] - points[cycle, robot, row], axis=1)
+        away[robot] = np.inf
+        nearest = int(np.argmin(away))
+        seen[cycle, robot, nearest] |= bool(away[nearest] < near)
+    return seen

@@ -17,32 +17,33 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon as Area
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 from scipy import ndimage
 
-from mercator_design.arrays import Flags, Floats
-from mercator_design.missions.arena import Light
-from mercator_design.missions.floor import FloorTable
-from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Region, covers
-from mercator_design.report.pictures.figures import house_style, save_figure
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
+from mercator_design.view.figures import house_style, save_figure
+from mercator_design.view.scenery import (
+    OUTSIDE,
+    PIXELS,
+    arena_grid,
+    draw_arena,
+    draw_floor,
+    draw_light,
+    extent,
+    name_zones,
+)
 
 _WIDTH = 4.6  # of the picture [inches]
-_PIXELS = 800  # of the floor and the start area, along their longer side
 _BESIDE = 0.01  # visible distance of the start area's border from the walls, as a part of the arena's longer side
-_FINER = 2  # points along a pixel's side
-_CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 
-_OUTSIDE, _WALL, _OBSTACLE, _START, _HEADING = "#e4e9ee", "#2b3440", "#8c6239", "#0072b2", "#d55e00"
+_START, _HEADING = "#0072b2", "#d55e00"
 _START_AREA, _REACH_OF_CENTRES, _OUT_OF_REACH = "start area", "reach of centres", "out of reach"
 _REACH, _HIDDEN = "#5b6770", "#b3123f"
 _CORNER = 3  # cells of the grid of `Reach`: half the width of a place out of reach that is worth showing
-_LIGHT, _OFF = "#ffd23f", "#6b7580"
 
 
 def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
@@ -66,7 +67,7 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
 def preview(simulator: Simulator, *, seed: int) -> Figure:
     """The picture of a mission, of the instance of a seed; in metres."""
     mission, instance = simulator.mission, simulator.instance(seed)
-    low, high = _extent(mission)
+    low, high = extent(mission)
     size = high - low
     title = _title(mission)
     head, foot, side = 0.29 + 0.135 * (1 + title.count("\n")), 0.4, 0.5  # around the axes [inches]
@@ -75,7 +76,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     figure = Figure(figsize=(_WIDTH, height + head + foot))
     left, total = (_WIDTH - width + 0.5 * side) / 2.0, height + head + foot
     axes = figure.add_axes((left / _WIDTH, foot / total, width / _WIDTH, height / total))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", facecolor=_OUTSIDE)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", facecolor=OUTSIDE)
     axes.set_xlabel("x [m]", labelpad=1.0, loc="left")
     axes.set_ylabel("y [m]", labelpad=1.0)
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
@@ -83,8 +84,8 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
         axis.set_major_locator(MultipleLocator(_round_up(0.5 / scale)))
     figure.text(0.5, 1.0 - 0.06 / total, mission.name, ha="center", va="top", weight="bold", size=10.0)
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
-    _draw_arena(axes, mission)
-    _draw_floor(axes, mission, instance)
+    draw_arena(axes, mission)
+    draw_floor(axes, mission, instance.scene.floor)
     legend: list[Artist] = []
     if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission, mission.placement):
         legend.append(Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label=_START_AREA))
@@ -100,12 +101,10 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
         borderpad=0.0,
         columnspacing=1.0,
     )
-    for box in mission.arena.obstacles:
-        axes.add_patch(Area(box.corners(), facecolor=_OBSTACLE, edgecolor="white", linewidth=0.6, zorder=4))
     _draw_robots(axes, instance)
-    _name_zones(axes, mission, instance)
+    name_zones(axes, mission, instance.scene.floor, instance.zone_rows)
     for light in mission.lights:
-        _draw_light(axes, light, low, high)
+        draw_light(axes, light, low, high)
     return figure
 
 
@@ -134,69 +133,13 @@ def _round_up(step: float) -> float:
     return power * next(digit for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= step)
 
 
-def _extent(mission: Mission) -> tuple[Floats, Floats]:
-    """The lower left and upper right corner of what is shown: the arena, and lights and a room near it."""
-    corners = mission.arena.corners()
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    reach = 0.5 * float((high - low).max())
-    near = [np.array(light.position[:2]) for light in mission.lights]
-    near += list(mission.arena.room.corners()) if mission.arena.room else []
-    shown = [point for point in near if (point > low - reach).all() and (point < high + reach).all()]
-    points = np.vstack([corners, *shown])
-    low, high = points.min(axis=0), points.max(axis=0)
-    margin = 0.05 * float((high - low).max())
-    return low - margin, high + margin
-
-
-def _grid(low: Floats, high: Floats, along: int) -> Floats:
-    """The centres (rows, columns, 2) of the square cells of a grid, `along` the longer side, the first row at +y."""
-    cell = float((high - low).max()) / along
-    columns, rows = (max(1, math.ceil(length / cell - 1e-9)) for length in high - low)
-    x, y = low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)
-    return np.stack(np.meshgrid(x, y), axis=-1)
-
-
-def _bounds(grid: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a grid's cells."""
-    (left, top), (right, bottom) = grid[0, 0], grid[-1, -1]
-    half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0]) if grid.shape[1] > 1 else 0.5 * (top - grid[1, 0, 1])
-    return left - half, right + half, bottom - half, top + half
-
-
-def _arena_grid(mission: Mission, along: int) -> Floats:
-    corners = mission.arena.corners()
-    return _grid(corners.min(axis=0), corners.max(axis=0), along)
-
-
-def _draw_arena(axes: Axes, mission: Mission) -> None:
-    """The walls, whose inner face is the arena's border, and the room around them."""
-    if mission.arena.room is not None:
-        room = mission.arena.room.corners()
-        axes.add_patch(Area(room, facecolor="none", edgecolor=_WALL, linewidth=0.8, linestyle=(0, (5, 3)), zorder=1))
-    corners = mission.arena.corners()
-    axes.add_patch(Area(corners, facecolor="none", edgecolor=_WALL, linewidth=5.0, joinstyle="miter", zorder=2))
-
-
-def _draw_floor(axes: Axes, mission: Mission, instance: Instance) -> None:
-    """The colours of the floor, clipped to the arena."""
-    grid = _arena_grid(mission, _PIXELS * _FINER)
-    rows, columns = (n - n % _FINER for n in grid.shape[:2])
-    grid = grid[:rows, :columns]
-    colours = colours_at(instance.scene.floor, grid)
-    pixels = colours.reshape(rows // _FINER, _FINER, columns // _FINER, _FINER, 3).mean(axis=(1, 3))
-    image = axes.imshow(
-        np.round(pixels).astype(np.uint8), extent=_bounds(grid), interpolation="antialiased", aspect="equal", zorder=3
-    )
-    image.set_clip_path(Area(mission.arena.corners(), transform=axes.transData))
-
-
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     """The border of where the robots may start, within the arena; False if that is too small to show."""
-    grid = _arena_grid(mission, _PIXELS)
+    grid = arena_grid(mission, PIXELS)
     covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
     inside = np.array([mission.arena.contains(row) for row in grid])  # many walls: all rows at once fill the memory
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
-    smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * _PIXELS)).astype(float), 1.0)
+    smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
     x, y = grid[0, :, 0], grid[:, 0, 1]
@@ -250,69 +193,3 @@ def _draw_robots(axes: Axes, instance: Instance) -> None:
             Area(place + body @ turn, facecolor="#f7f7f7", edgecolor="black", linewidth=0.8, alpha=0.92, zorder=5)
         )
         axes.add_patch(Area(place + arrow @ turn, facecolor=_HEADING, edgecolor="none", zorder=6))
-
-
-def _name_zones(axes: Axes, mission: Mission, instance: Instance) -> None:
-    """Draw the names of connected zones where there is most space in them."""
-    grid = _arena_grid(mission, _CELLS)
-    inside = mission.arena.contains(grid.reshape(-1, 2)).reshape(grid.shape[:2])
-    for name, rows in instance.zone_rows.items():
-        zone = _covered(instance.scene.floor, rows, grid) & inside
-        if ndimage.label(zone)[1] == 1:
-            x, y = grid[_deepest_cell(zone)]
-            text = axes.text(x, y, name, ha="center", va="center", size=7.0, color="black", zorder=7)
-            text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-
-
-def _covered(floor: FloorTable, rows: tuple[int, ...], grid: Floats) -> Flags:
-    """The cells that some rows of a floor cover, also under later zones."""
-    zones = floor.zones[list(rows)]
-    zones[:, 6:] = 1.0
-    nothing = floor._replace(zones=zones, background=np.zeros(3), extent=np.zeros(4))
-    return np.asarray(colours_at(nothing, grid)[..., 0] > 0.0, dtype=np.bool_)
-
-
-def _deepest_cell(zone: Flags) -> tuple[int, int]:
-    """The cell farthest from the zone's border; of several, that nearest to their middle."""
-    depth = ndimage.distance_transform_edt(np.pad(zone, 1))[1:-1, 1:-1]
-    deepest = np.argwhere(depth >= depth.max() - 1.0)
-    row, column = deepest[np.argmin(np.linalg.norm(deepest - deepest.mean(axis=0), axis=1))]
-    return int(row), int(column)
-
-
-def _draw_light(axes: Axes, light: Light, low: Floats, high: Floats) -> None:
-    """A sun at the light's place on the ground, with its height; at the border, with its place, if that is far away.
-
-    It is hollow if the light is off.
-    """
-    place = np.array(light.position[:2])
-    margin = 0.04 * (high - low)
-    shown = np.clip(place, low + margin, high - margin)
-    on = light.intensity > 0.0
-    axes.scatter(
-        shown[:1],
-        shown[1:],
-        s=160.0,
-        marker=(14, 1, 0),
-        facecolors=_LIGHT if on else "none",
-        edgecolors="black" if on else _OFF,
-        linewidths=0.7,
-        zorder=8,
-    )
-    lines = [f"light, {light.position[2]:g} m high" if on else "light, off"]
-    if (shown != place).any():
-        lines.append(f"at ({place[0]:g}, {place[1]:g}) m")
-    if light.seen_by is not None:
-        lines.append(f"for robots {', '.join(map(str, light.seen_by))}")
-    upper, right = shown[1] > low[1] + 0.85 * (high - low)[1], shown[0] > 0.5 * (low + high)[0]
-    text = axes.annotate(
-        "\n".join(lines),
-        shown,
-        xytext=(-9 if right else 9, -4 if upper else 0),
-        textcoords="offset points",
-        ha="right" if right else "left",
-        va="top" if upper else "center",
-        size=6.5,
-        zorder=9,
-    )
-    text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])

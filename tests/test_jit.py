@@ -63,6 +63,17 @@ def test_the_second_process_finds_what_the_first_compiled(cache, filled):
 
 
 @pytest.mark.together
+def test_another_installation_of_the_same_sources_finds_it_too(cache, filled, tmp_path):
+    """Wherever it is, and whenever it was installed."""
+    package = Path(jit.__file__).parent
+    shutil.copytree(package, tmp_path / "site" / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in (tmp_path / "site").rglob("*.py"):
+        os.utime(file, (0, 0))
+    assert run(cache, PYTHONPATH=str(tmp_path / "site"), PYTHONSAFEPATH="1")[:3] == (True, filled[1], True)
+    assert len([*cache.glob("**/*.nbc")]) == 1
+
+
+@pytest.mark.together
 @pytest.mark.parametrize(("ending", "length"), [(".nbi", 0), (".nbi", 100), (".nbc", 0), (".nbc", 1000)])
 def test_a_damaged_file_is_replaced(cache, filled, ending, length):
     (file,) = cache.glob(f"**/*{ending}")

@@ -14,6 +14,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -95,10 +96,20 @@ def _is_trusted(group: int) -> bool:
 
 
 def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
-    """Make numba's cache of one function load only complete files, and raise only for a lack of memory."""
+    """Make numba's cache of one function load only complete files, and raise only for a lack of memory.
+
+    Installations with the same sources share compiled code: numba would look in a folder named by the path of the
+    source file, and of some versions only if the file is as old.
+    """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
     if files is None:  # nothing is cached
         return _Forgiving(cache)
+    implementation, function = cache._impl, cache._py_func  # noqa: SLF001
+    if f"{function.__module__}".startswith(f"{__package__.partition('.')[0]}."):
+        folder = str(Path(cache.cache_path).parent / f"{function.__module__}-numba-{version('numba')}")
+        implementation.locator.get_cache_path = lambda: folder
+        source = Path(function.__code__.co_filename).read_bytes()
+        files.__init__(folder, implementation.filename_base, hashlib.blake2b(source).digest())
     kind: Any = type(files)
 
     class Whole(kind):  # type: ignore[misc]  # as said above

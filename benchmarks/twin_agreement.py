@@ -39,7 +39,7 @@ from benchmarks.two_samples import POWER, mann_whitney, visible_shift
 from mercator_design.api import evaluate
 from mercator_design.designer import Designer
 from mercator_design.fsm import Pfsm, parse
-from mercator_design.fsm.text import fsm_file_text
+from mercator_design.fsm.files import fsm_file_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
 from mercator_design.race.racing.statistics import holm

@@ -29,7 +29,7 @@ _PLACES = {
     "load_robot_model": "sim.robot_model:load_robot_model",
     "parse_fsm": "fsm.text:parse",
     "race": "race",
-    "read_fsm": "fsm.text:read_fsm",
+    "read_fsm": "fsm.files:read_fsm",
     "simulate": "api:simulate",
 }
 """Name -> module and the name there; or a package."""

@@ -17,8 +17,8 @@ import click
 
 from mercator_design.config import spelling
 from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
+from mercator_design.fsm.files import FsmFile, read_fsm
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.fsm.text import FsmFile, read_fsm
 from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself

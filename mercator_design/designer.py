@@ -22,12 +22,13 @@ from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.digest import control_digest
+from mercator_design.fsm.files import fsm_file_text, read_fsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure
-from mercator_design.fsm.text import fsm_file_text, read_fsm, to_text
+from mercator_design.fsm.text import to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin

@@ -456,7 +456,7 @@ class TestPlacesToStart:
 
 
 def test_a_diagram(mdesign, fsm):
-    code, out, _ = mdesign("draw", fsm)
+    code, out, _ = mdesign("fsm", "show", fsm, "--format", "dot")
     assert code == 0
     assert out.startswith("digraph")
     assert "S0 -> C0x0 -> S1;" in out
@@ -772,8 +772,8 @@ class TestMessages:
             ["evaluate", "ignored.txt", "--lenient", "--mission", ESCAPE],
             ["record", "mission.txt", "-o", f"{ESCAPE}.csv"],
             ["record", "set.txt", "-o", "x.csv", "--devices", ESCAPE],
-            ["draw", ESCAPE],
-            ["draw", "token.txt"],
+            ["fsm", "show", ESCAPE],
+            ["fsm", "show", "token.txt"],
             ["missions", "show", ESCAPE],
             ["missions", "show", f"{ESCAPE}/"],
             ["missions", "preview", "aggregation", "-o", f"{ESCAPE}/x.png"],
@@ -829,7 +829,7 @@ class TestMessages:
             code, _, err = mdesign(*arguments)
             assert (code, len(err) < 2000) == (3, True)
 
-    @pytest.mark.parametrize("verb", [["robots", "show"], ["missions", "show"], ["validate"], ["draw"]])
+    @pytest.mark.parametrize("verb", [["robots", "show"], ["missions", "show"], ["validate"], ["fsm", "show"]])
     @pytest.mark.parametrize("content", [b"\xff\xfe\x00", None])
     def test_what_is_no_text_is_refused(self, mdesign, tmp_path, verb, content):
         file = tmp_path / "x.yaml" if content else Path("/dev/zero")

@@ -79,11 +79,11 @@ def commands_in(text):
 
 def test_commands_are_found():
     shown = "cd a && mdesign race b -j 2  # c\nsudo python3 mercator-robot.pyz stop; ls\n"
-    text = f"Run `mdesign\nvalidate a.yaml`.\n```sh\n{shown}```\n```\n$ mdesign draw f\n```\n"
+    text = f"Run `mdesign\nvalidate a.yaml`.\n```sh\n{shown}```\n```\n$ mdesign fsm show f\n```\n"
     assert list(commands_in(text)) == [
         ("mdesign", ["race", "b", "-j", "2"]),
         ("mercator-robot", ["stop"]),
-        ("mdesign", ["draw", "f"]),
+        ("mdesign", ["fsm", "show", "f"]),
         ("mdesign", ["validate", "a.yaml"]),
     ]
 

@@ -67,9 +67,12 @@ def test_light_verbs_need_no_more(tmp_path):
     fsm.write_text("--nstates 1 --s0 0 --rwm0 20\n")
     assert light("mdesign", "bundle", "-o", str(bundle))[0] == 0
     assert bundle.exists()
-    assert light("mdesign", "draw", str(fsm))[1].startswith("digraph")
+    assert light("mdesign", "fsm", "show", str(fsm))[1].startswith("<svg")
     assert light("mdesign", "deploy", "--help")[0] == 0
-    assert {name for name, verb in VERBS.items() if verb.is_light} == {"bundle", "draw", "deploy"}
+    named = light("mdesign", "fsm", "show", str(fsm), "--format", "yaml")[1]
+    fsm.write_text(named)
+    assert light("mdesign", "fsm", "show", str(fsm), "--format", "text")[1].endswith("--nstates 1 --s0 0 --rwm0 20\n")
+    assert {name for name, verb in VERBS.items() if verb.is_light} == {"bundle", "deploy", "fsm"}
 
 
 def test_python_says_what_to_install():

@@ -20,9 +20,11 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "deploy": LazyVerb(
         "mercator_design.cli.robots.deploy", "Copy an fsm.txt to robots, start and stop them.", is_light=True
     ),
-    "draw": LazyVerb("mercator_design.cli.draw", "Print the diagram of an fsm.txt as Graphviz text.", is_light=True),
     "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure a controller on fresh instances of a mission."),
     "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
+    "fsm": LazyVerb(
+        "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True
+    ),
     "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
     "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write its trace."),

@@ -11,8 +11,8 @@ from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
+from mercator_design.fsm.files import FsmFile, read_fsm
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.text import FsmFile, read_fsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import run_plugin

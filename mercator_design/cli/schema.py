@@ -1,4 +1,4 @@
-"""mdesign schema: the JSON Schema of missions and robot models, for editors."""
+"""mdesign schema: the JSON Schema of missions, robot models and PFSMs, for editors."""
 
 import json
 
@@ -7,15 +7,16 @@ import click
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import print_result
 from mercator_design.config.json_schema import json_schema
+from mercator_design.fsm.yaml_form import NamedPfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import RobotModel
 
 
 @click.command(short_help="Print a JSON Schema, for editors.")
-@click.argument("kind", type=click.Choice(["mission", "robot-model"]), default="mission")
+@click.argument("kind", type=click.Choice(["mission", "robot-model", "fsm"]), default="mission")
 @PLUGIN
 def schema(kind: str) -> None:
-    """Print the JSON Schema of a mission or a robot model, for an editor to complete and check such files.
+    """Print the JSON Schema of a mission, a robot model or an fsm.yaml, for an editor to complete and check such files.
 
     \b
     mdesign schema > mission.schema.json
@@ -24,6 +25,8 @@ def schema(kind: str) -> None:
     """  # noqa: D301 - click reads the control character
     if kind == "mission":
         found = json_schema(Mission, title="A mission", given=("name",))
+    elif kind == "fsm":
+        found = json_schema(NamedPfsm, title="A PFSM")
     else:
         found = json_schema(RobotModel, title="A robot model", given=("name",), based=True)
     print_result(json.dumps(found, indent=2))

@@ -26,7 +26,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 @LENIENT
 @PLUGIN
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
-    """Check missions and robot models (*.yaml, *.yml, names of shipped missions) and FSM files (all others).
+    """Check missions, robot models and fsm.yaml (*.yaml, *.yml, names of shipped missions) and fsm.txt (all others).
 
     A mission is valid only if its robots find places to start from. Prints a line for each file. The exit code is 3 if
     any file is invalid.
@@ -54,6 +54,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             )
         if "robots" in content and isinstance(content["robots"].content, list):
             raise MissionError(f"{file}: these are addresses of robots, robots.yaml: mdesign deploy --robots {file}")
+        if "states" in content:
+            return _described(file, flavour, lenient)
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
             warn([*model_warnings(model), *(warning.message for warning in angle_warnings(model))])
@@ -67,6 +69,11 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
         never = f"; never fires there: {dead}" if dead else ""
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"
+    return _described(file, flavour, lenient)
+
+
+def _described(file: Path, flavour: str | None, lenient: bool) -> str:
+    """Describe the PFSM of a file in a few words."""
     pfsm = read_controller(file, flavour, lenient=lenient).pfsm
     transitions = sum(len(state.transitions) for state in pfsm.states)
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"

@@ -5,7 +5,10 @@
     behaviours, conditions   the modules and their tables
     pfsm        states and transitions, validated
     control     one control cycle; the driver of one robot
-    text        AutoMoDe's command line and fsm.txt
+    text        AutoMoDe's command line
+    yaml_form   the same with names
+    files       fsm.txt and fsm.yaml
+    words/      modules and PFSMs in words
     space/      all PFSMs as a space of parameters, and steps from one PFSM to the next
     digest      whether two computers decide alike
 
@@ -13,9 +16,10 @@ Plain Python on the standard library, as it runs on the robot; the simulator com
 """
 
 from mercator_design.fsm.control import Controller
+from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
-from mercator_design.fsm.text import parse, read_fsm, to_text
+from mercator_design.fsm.text import parse, to_text
 
 __all__ = [
     "Controller",

@@ -1,4 +1,4 @@
-"""A controller as text: AutoMoDe's command line, and the fsm.txt file around it.
+"""A PFSM as AutoMoDe's command line.
 
     --nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1
 
@@ -8,13 +8,12 @@ program crashes on or silently reads as something else is refused, with the toke
 A caller who passes `tolerate` hears of each such thing instead, and gets what the original would have run.
 """
 
+import contextlib
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
 
-from mercator_design.errors import FsmError, excerpt
+from mercator_design.errors import FsmError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
@@ -28,11 +27,9 @@ from mercator_design.fsm.pfsm import (
     absolute_target,
     relative_target,
 )
-from mercator_design.system.files import Unreadable, read_small
 
 Tell = Callable[[str], None]
 
-_LONGEST_FILE = 64 * 1024
 _LONGEST_WARNING = 200
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
@@ -70,14 +67,34 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = Non
     for token in tokens:
         if len(token) > _LONGEST_TOKEN or not token.isprintable():
             raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}")
+    given = tokens
     if tolerate:
         tokens = _as_original(tokens, flavour, tolerate)
-    pfsm = _TokenReader(tokens, flavour, any_domain=tolerate is not None).pfsm()
+    try:
+        pfsm = _TokenReader(tokens, flavour, any_domain=tolerate is not None).pfsm()
+    except FsmError as error:
+        hint = other_flavour(flavour, lambda other: _TokenReader(given, other, any_domain=tolerate is not None).pfsm())
+        raise FsmError(f"{error}{hint}") from None
     if tolerate:
-        for place, module, parameter, value in _parameters(pfsm):
-            if not parameter.contains(value):
-                tolerate(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
+        out_of_domain(pfsm, tolerate)
     return pfsm
+
+
+def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
+    """What to say of a PFSM that cannot be read in its flavour, but in another; empty if it fits none."""
+    for other in FLAVOURS:
+        if other != flavour:
+            with contextlib.suppress(FsmError):
+                read(other)
+                return f"; it fits the flavour {other}: give --flavour {other}"
+    return ""
+
+
+def out_of_domain(pfsm: Pfsm, tell: Tell) -> None:
+    """Tell of each parameter that is outside its domain."""
+    for place, module, parameter, value in _parameters(pfsm):
+        if not parameter.contains(value):
+            tell(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
 
 
 def to_text(pfsm: Pfsm) -> str:
@@ -272,59 +289,3 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
     if ignored:
         tell(f"ignored: {ignored if len(ignored) <= _LONGEST_WARNING else ignored[:_LONGEST_WARNING] + ' ...'}")
     return clean
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FsmFile:
-    """What an fsm.txt holds: the PFSM, and what its comment lines say of it."""
-
-    pfsm: Pfsm
-    header: Mapping[str, str]
-
-
-def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
-    """Read an fsm.txt: comment lines `# key: value`, and one line of text.
-
-    Args:
-        path: The file.
-        flavour: Overrides the header's; without either it is watermelon.
-        tolerate: As for `parse`. A trailing line `score X`, as target runners log it, is accepted in any case.
-
-    Raises:
-        FsmError: naming file and line.
-    """
-    try:
-        lines = read_small(path, _LONGEST_FILE).decode("utf-8-sig").splitlines()
-    except Unreadable as error:
-        raise FsmError(f"{path}: {error}") from None
-    except UnicodeDecodeError as error:
-        raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
-    header: dict[str, str] = {}
-    found: list[tuple[int, str]] = []
-    for number, line in enumerate((line.strip() for line in lines), start=1):
-        if line.startswith("#"):
-            key, colon, value = line.lstrip("# ").partition(":")
-            if colon:
-                header[key.strip()] = value.strip()
-        elif line and not re.fullmatch(r"score\s+\S+", line):
-            found.append((number, line))
-    if len(found) != 1:
-        where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
-        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
-    number, line = found[0]
-    named = header.get("flavour", FLAVOURS[0])
-    if flavour is None and named not in FLAVOURS:
-        known = ", ".join(FLAVOURS)
-        raise FsmError(f"{path}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
-    try:
-        pfsm = parse(line, flavour or named, tolerate=tolerate)
-    except FsmError as error:
-        raise FsmError(f"{path}:{number}: {error}") from None
-    return FsmFile(pfsm=pfsm, header=header)
-
-
-def fsm_file_text(pfsm: Pfsm, header: Mapping[str, str]) -> str:
-    """The text of an fsm.txt; the flavour is always in its header."""
-    entries = {"flavour": pfsm.flavour, **header}
-    comments = [f"# {key}: {' '.join(str(value).split())}" for key, value in entries.items()]
-    return "\n".join([*comments, to_text(pfsm)]) + "\n"

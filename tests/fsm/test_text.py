@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.text import fsm_file_text, parse, read_fsm, to_text
+from mercator_design.fsm.files import fsm_file_text, read_fsm
+from mercator_design.fsm.text import parse, to_text
 from tests.fsm.strategies import pfsms
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
@@ -172,7 +173,7 @@ class TestFile:
         path.write_text(fsm_file_text(pfsm, {"mission": "aac", "score": "3.5"}))
         file = read_fsm(path)
         assert file.pfsm == pfsm
-        assert file.header == {"flavour": "chocolate", "mission": "aac", "score": "3.5"}
+        assert file.header == {"mission": "aac", "score": "3.5"}
 
     def test_bare_line_with_target_runner_score(self, tmp_path):
         path = tmp_path / "fsm_log.txt"

@@ -21,7 +21,7 @@ from mercator_design.fleet.check import check, table, wrong
 from mercator_design.fleet.deploy import Fleet, RobotOutcome
 from mercator_design.fleet.start import start
 from mercator_design.fsm import ReferenceModel
-from mercator_design.fsm.text import FsmFile
+from mercator_design.fsm.files import FsmFile
 from mercator_design.robot.cli.options import WITHOUT
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of, reference_model_of
 from mercator_design.robot.run.senses import why_device_is_needed

@@ -1,1 +1,1 @@
-"""Pictures: missions from above, PFSMs as diagrams."""
+"""Pictures: missions from above."""

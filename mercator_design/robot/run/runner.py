@@ -13,7 +13,7 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm import Controller, to_text
 from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.digest import control_digest
-from mercator_design.fsm.text import FsmFile
+from mercator_design.fsm.files import FsmFile
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES, DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
 from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted

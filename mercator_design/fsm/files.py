@@ -1,0 +1,130 @@
+"""Files of PFSMs: fsm.txt, which is AutoMoDe's command line below comments, and fsm.yaml, which people read.
+
+A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mercator_design.errors import FsmError, excerpt
+from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
+from mercator_design.fsm.text import Tell, other_flavour, out_of_domain, parse, to_text
+from mercator_design.fsm.yaml_form import is_state_name, parse_yaml, to_yaml
+from mercator_design.system.files import Unreadable, read_small
+
+_MAX_SIZE = 64 * 1024
+_FLAVOUR, _NAMES = "flavour", "state names"
+"""Keys of the header of an fsm.txt that say what the PFSM is; the others say what is known of it."""
+_IS_YAML = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
+"""How the first line of an fsm.yaml begins that is no comment."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FsmFile:
+    """What a file of a PFSM holds.
+
+    pfsm: The PFSM.
+    header: What is known of it: the comment lines of an fsm.txt, or `header` of an fsm.yaml.
+    names: The names of its states; by default those of their behaviours.
+    """
+
+    pfsm: Pfsm
+    header: Mapping[str, str]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.names:
+            object.__setattr__(self, "names", state_names(self.pfsm))
+
+
+def state_names(pfsm: Pfsm) -> tuple[str, ...]:
+    """A name for each state: its behaviour, with a number if several states have it."""
+    behaviours = [state.behaviour for state in pfsm.states]
+    several = Counter(behaviours)
+    return tuple(
+        f"{name} {behaviours[: i + 1].count(name)}" if several[name] > 1 else name for i, name in enumerate(behaviours)
+    )
+
+
+def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
+    """Read an fsm.txt or an fsm.yaml.
+
+    Args:
+        path: The file.
+        flavour: Overrides the file's; without either it is watermelon.
+        tolerate: As for `parse`; in an fsm.yaml, parameters may be outside their domains. A trailing line `score X`
+            in an fsm.txt, as target runners log it, is accepted in any case.
+
+    Raises:
+        FsmError: naming file and line.
+    """
+    try:
+        text = read_small(path, _MAX_SIZE).decode("utf-8-sig")
+    except Unreadable as error:
+        raise FsmError(f"{path}: {error}") from None
+    except UnicodeDecodeError as error:
+        raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
+    content = (line.strip() for line in text.splitlines())
+    first = next((line for line in content if line and not line.startswith("#")), "")
+    read = _read_yaml if _IS_YAML.match(first) else _read_text
+    return read(text, path, flavour, tolerate)
+
+
+def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+    lenient = tolerate is not None
+    try:
+        named = parse_yaml(text, str(path), flavour, any_domain=lenient)
+    except FsmError as error:
+        hint = other_flavour(flavour, lambda other: parse_yaml(text, str(path), other, any_domain=lenient))
+        raise FsmError(*error.messages[:-1], error.messages[-1] + hint) from None
+    pfsm = named.pfsm(any_domain=lenient)
+    if tolerate:
+        out_of_domain(pfsm, tolerate)
+    header = {key: " ".join(value.split()) for key, value in (named.header or {}).items()}
+    return FsmFile(pfsm=pfsm, header=header, names=named.names)
+
+
+def _read_text(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+    header: dict[str, str] = {}
+    found: list[tuple[int, str]] = []
+    for number, line in enumerate((line.strip() for line in text.splitlines()), start=1):
+        if line.startswith("#"):
+            key, _, value = line.lstrip("# ").partition(":")
+            if _ and key.strip():
+                header[" ".join(key.split())] = " ".join(value.split())
+        elif line and not re.fullmatch(r"score\s+\S+", line):
+            found.append((number, line))
+    if len(found) != 1:
+        where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
+        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
+    number, line = found[0]
+    named = header.pop(_FLAVOUR, FLAVOURS[0])
+    if flavour is None and named not in FLAVOURS:
+        known = ", ".join(FLAVOURS)
+        raise FsmError(f"{path}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
+    try:
+        pfsm = parse(line, flavour or named, tolerate=tolerate)
+    except FsmError as error:
+        raise FsmError(f"{path}:{number}: {error}") from None
+    names = tuple(name.strip() for name in header.pop(_NAMES).split(",")) if _NAMES in header else ()
+    if names and not (len(set(names)) == len(names) == len(pfsm.states) and all(map(is_state_name, names))):
+        expected = f"expected {len(pfsm.states)} different names with commas between"
+        raise FsmError(f"{path}: {_NAMES} in the header: {expected}, found '{excerpt(', '.join(names))}'")
+    return FsmFile(pfsm=pfsm, header=header, names=names)
+
+
+def fsm_file_text(pfsm: Pfsm, header: Mapping[str, str], names: tuple[str, ...] = ()) -> str:
+    """The text of an fsm.txt; the flavour is always in its header, names of states if they are not the usual ones."""
+    entries = {_FLAVOUR: pfsm.flavour, **header}
+    if names and names != state_names(pfsm):
+        entries[_NAMES] = ", ".join(names)
+    comments = [f"# {key}: {' '.join(str(value).split())}" for key, value in entries.items()]
+    return "\n".join([*comments, to_text(pfsm)]) + "\n"
+
+
+def fsm_yaml_text(file: FsmFile) -> str:
+    """The text of an fsm.yaml, without loss."""
+    return to_yaml(file.pfsm, file.names, file.header)

@@ -1,0 +1,210 @@
+"""What each behaviour and condition does, in words, and the meaning and unit of its parameters.
+
+A function for each module: its keyword-only parameters are the module's, with the comments that `mdesign schema fsm`
+and error messages show; it returns the words for given values. `cycle` is the control period [s].
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+from mercator_design.config.schema import unit_of
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS, logistic
+from mercator_design.fsm.modules import Module
+
+Words = Callable[..., str]
+
+
+def _exploration(
+    cycle: float,
+    *,
+    tau: int,  # [cycles] a turn away from an obstacle takes fewer cycles than this; 0 means 1
+) -> str:
+    """Drive straight on; before an obstacle, turn away from it for a random time."""
+    longest = max(1, tau - 1)
+    time = f"1 to {longest} cycles" if longest > 1 else "1 cycle"
+    return f"drives straight on; before an obstacle it turns away for {time} (at most {_seconds(longest, cycle)})"
+
+
+def _stop(_: float) -> str:
+    """Stand still."""
+    return "stands still"
+
+
+def _phototaxis(_: float) -> str:
+    """Go to the light, away from obstacles."""
+    return "goes to the light and keeps away from obstacles"
+
+
+def _anti_phototaxis(_: float) -> str:
+    """Go away from the light and from obstacles."""
+    return "goes away from the light and from obstacles"
+
+
+def _attraction(
+    _: float,
+    *,
+    alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
+) -> str:
+    """Go to the neighbours, away from obstacles."""
+    return f"goes to its neighbours (strength {alpha:g} of 1 to 5) and keeps away from obstacles"
+
+
+def _repulsion(
+    _: float,
+    *,
+    alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
+) -> str:
+    """Go away from the neighbours and from obstacles."""
+    return f"goes away from its neighbours (strength {alpha:g} of 1 to 5) and from obstacles"
+
+
+def _black_floor(
+    cycle: float,
+    *,
+    beta: float,  # [per cycle] probability where the ground is black
+) -> str:
+    """The ground is black."""
+    return _with_probability(beta, cycle, "where the ground is black")
+
+
+def _gray_floor(
+    cycle: float,
+    *,
+    beta: float,  # [per cycle] probability where the ground is gray
+) -> str:
+    """The ground is gray; green is as bright as gray."""
+    return _with_probability(beta, cycle, "where the ground is as bright as gray (green is)")
+
+
+def _white_floor(
+    cycle: float,
+    *,
+    beta: float,  # [per cycle] probability where the ground is white
+) -> str:
+    """The ground is white; yellow is as bright as white."""
+    return _with_probability(beta, cycle, "where the ground is as bright as white (yellow is)")
+
+
+def _neighbours_count(
+    _: float,
+    *,
+    xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
+    eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
+) -> str:
+    """The robot has many neighbours."""
+    return f"the more neighbours the likelier: {_by_neighbours(xi, eta, +1)}"
+
+
+def _inverted_neighbours_count(
+    _: float,
+    *,
+    xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
+    eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
+) -> str:
+    """The robot has few neighbours."""
+    return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, -1)}"
+
+
+def _fixed_probability(
+    cycle: float,
+    *,
+    beta: float,  # [per cycle] probability
+) -> str:
+    """By chance."""
+    return _with_probability(beta, cycle, "anywhere")
+
+
+def _floor_colour(
+    cycle: float,
+    *,
+    beta: float,  # [per cycle] probability where the ground has the colour
+    label: Literal["green", "blue", "red", "yellow"],  # the colour
+) -> str:
+    """The ground has a colour."""
+    return _with_probability(beta, cycle, f"where the ground is {label}")
+
+
+def _with_probability(beta: float, cycle: float, where: str) -> str:
+    if beta <= 0.0:
+        return "never"
+    if beta >= 1.0:
+        return f"at once {where}"
+    return f"with probability {beta:g} a cycle {where} (after {_seconds(1.0 / beta, cycle)} there, on average)"
+
+
+def _by_neighbours(xi: int, eta: float, sign: int) -> str:
+    """The probabilities with none and with about xi neighbours."""
+    numbers = sorted({0, max(0, int(xi) - 1), int(xi), int(xi) + 1})
+    found = [f"{_percent(logistic(sign * eta * (n - xi)))} with {n or 'none'}" for n in numbers]
+    return f"{', '.join(found[:-1])} and {found[-1]}, in each cycle"
+
+
+def _percent(probability: float) -> str:
+    percent = 100.0 * probability
+    return f"{percent:.0f} %" if 1.0 <= percent <= 99.0 else f"{percent:.2g} %" if percent < 1.0 else "nearly 100 %"
+
+
+def _seconds(cycles: float, cycle: float) -> str:
+    return f"{cycles * cycle:.3g} s"
+
+
+BEHAVIOUR_WORDS: Mapping[str, Words] = {
+    "exploration": _exploration,
+    "stop": _stop,
+    "phototaxis": _phototaxis,
+    "anti-phototaxis": _anti_phototaxis,
+    "attraction": _attraction,
+    "repulsion": _repulsion,
+}
+CONDITION_WORDS: Mapping[str, Words] = {
+    "black floor": _black_floor,
+    "gray floor": _gray_floor,
+    "white floor": _white_floor,
+    "neighbours count": _neighbours_count,
+    "inverted neighbours count": _inverted_neighbours_count,
+    "fixed probability": _fixed_probability,
+    "floor colour": _floor_colour,
+}
+_WORDS = {**BEHAVIOUR_WORDS, **CONDITION_WORDS}
+MODULES: Mapping[str, Module] = {module.name: module for module in (*BEHAVIOURS, *CONDITIONS)}
+"""Behaviours and conditions by name."""
+
+
+def value_of(name: str, value: float) -> int | float | str:
+    """The value of a parameter as people write it: a label by its colour."""
+    if name == "label" and value in range(len(COLOUR_LABELS)):
+        return COLOUR_LABELS[int(value)]
+    return int(value) if math.isfinite(value) and value == int(value) else float(value)
+
+
+def number_of(name: str, value: float | str) -> float:
+    """The number of a value; undoes `value_of`."""
+    return float(COLOUR_LABELS.index(value) if name == "label" and isinstance(value, str) else value)
+
+
+def named_values(module: str, values: tuple[float, ...]) -> dict[str, int | float | str]:
+    """The parameters of a module by name, as people write them."""
+    names = [parameter.name for parameter in MODULES[module].parameters]
+    return {name: value_of(name, value) for name, value in zip(names, values, strict=True)}
+
+
+def parameters_words(module: str, values: tuple[float, ...]) -> str:
+    """The parameters of a module with their units: "beta 0.5 per cycle"; empty if it has none."""
+    found = []
+    for name, value in named_values(module, values).items():
+        unit = unit_of(_WORDS[module], name)
+        found.append(f"{name} {value}{f' {unit}' * bool(unit)}")
+    return ", ".join(found)
+
+
+def module_words(module: str, values: tuple[float, ...], cycle: float) -> str:
+    """What a module with these parameters does: "stands still"; with which probability a condition holds."""
+    return _WORDS[module](cycle, **named_values(module, values))
+
+
+def with_parameters(module: str, values: tuple[float, ...]) -> str:
+    """A module with its parameters in one line: "black floor (beta 0.5 per cycle)"."""
+    parameters = parameters_words(module, values)
+    return f"{module} ({parameters})" if parameters else module

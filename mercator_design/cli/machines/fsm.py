@@ -8,6 +8,11 @@ import click
 from mercator_design.command import LazyGroup, LazyVerb
 
 VERBS: Final[Mapping[str, LazyVerb]] = {
+    "diff": LazyVerb("mercator_design.cli.machines.diff", "Say how two PFSMs differ.", is_light=True),
+    "explain": LazyVerb(
+        "mercator_design.cli.machines.explain", "Say in plain sentences what a PFSM does.", is_light=True
+    ),
+    "lint": LazyVerb("mercator_design.cli.machines.lint", "Find what is wrong or superfluous in a PFSM."),
     "show": LazyVerb("mercator_design.cli.machines.show", "Draw a PFSM, or write it in another form.", is_light=True),
 }
 

@@ -113,7 +113,7 @@ def _fixed_probability(
     beta: float,  # [per cycle] probability
 ) -> str:
     """By chance."""
-    return _with_probability(beta, cycle, "anywhere")
+    return _with_probability(beta, cycle, "")
 
 
 def _floor_colour(
@@ -130,8 +130,10 @@ def _with_probability(beta: float, cycle: float, where: str) -> str:
     if beta <= 0.0:
         return "never"
     if beta >= 1.0:
-        return f"at once {where}"
-    return f"with probability {beta:g} a cycle {where} (after {_seconds(1.0 / beta, cycle)} there, on average)"
+        return f"at once {where}".rstrip()
+    place = f" {where}" if where else ""
+    time = f"after {_seconds(1.0 / beta, cycle)}{' there' * bool(where)}, on average"
+    return f"with probability {beta:g} a cycle{place} ({time})"
 
 
 def _by_neighbours(xi: int, eta: float, sign: int) -> str:
@@ -143,7 +145,11 @@ def _by_neighbours(xi: int, eta: float, sign: int) -> str:
 
 def _percent(probability: float) -> str:
     percent = 100.0 * probability
-    return f"{percent:.0f} %" if 1.0 <= percent <= 99.0 else f"{percent:.2g} %" if percent < 1.0 else "nearly 100 %"
+    if percent < 0.05:
+        return "nearly 0 %"
+    if percent > 99.95:
+        return "nearly 100 %"
+    return f"{percent:.{0 if 1.0 <= percent <= 99.0 else 1}f} %"
 
 
 def _seconds(cycles: float, cycle: float) -> str:

@@ -40,7 +40,7 @@ def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: 
             yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"
     if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
         named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
-        yield f"never fires on {mission.name}, whose robots see {_seen(mission, model)}: {named}"
+        yield f"never fires on {mission.name}, whose robots see {seen_colours(mission, model)}: {named}"
     yield from swarm_warnings(mission, model)
     yield from floor_warnings(mission, model, numbered(CONDITIONS, flavour).values())
 
@@ -74,13 +74,13 @@ def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tu
 
 def _never_fires(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
     """Whether a condition on the ground has probability 0 for all readings; False if that is not known."""
-    levels = _levels(mission, model)
+    levels = ground_levels(mission, model)
     if "ground" not in condition.reads or levels is None:
         return False
-    return all(condition.function(model.reference_model, _readings(model, one), parameters) == 0.0 for one in levels)
+    return all(condition.function(model.reference_model, readings_on(model, one), parameters) == 0.0 for one in levels)
 
 
-def _levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
+def ground_levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
     """All possible readings of the ground; None if noise, a mean or votes make others possible."""
     if labels := simulated_labels(mission.floor, model):
         return [COLOURS[name] for name in labels]
@@ -91,7 +91,7 @@ def _levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
     return list(mission.floor.colours())
 
 
-def _seen(mission: Mission, model: RobotModel) -> str:
+def seen_colours(mission: Mission, model: RobotModel) -> str:
     """The colours of the floor as the robots see them."""
     named: Iterable[Colour] = simulated_labels(mission.floor, model) or mission.floor.colours().values()
     return ", ".join(str(colour) if isinstance(colour, str) else str(list(colour)) for colour in named)
@@ -131,7 +131,7 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
             noise = f"because of the noise of robot {model.name}"
             yield f"{place}: {written} counts as {label_of(labels, levels)}, but as {shares} of readings, {noise}"
             continue
-        readings = _readings(model, COLOURS[label_of(labels, levels)] if labels else levels)
+        readings = readings_on(model, COLOURS[label_of(labels, levels)] if labels else levels)
         holds = tuple(
             reader.function(model.reference_model, readings, (1.0, float(label)))
             for reader in readers
@@ -168,7 +168,7 @@ def _image_warnings(mission: Mission, model: RobotModel, labels: tuple[ColourNam
         yield f"{mission.where('floor.image')}: {counts}, because of the noise of robot {model.name}"
 
 
-def _readings(model: RobotModel, levels: RGB) -> Readings:
+def readings_on(model: RobotModel, levels: RGB) -> Readings:
     """The readings of a robot that has been on a floor of one colour for some time."""
     reference = model.reference_model
     red, green, blue = levels

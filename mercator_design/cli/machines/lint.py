@@ -1,0 +1,69 @@
+"""mdesign fsm lint: what is wrong or superfluous in a PFSM."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.inputs import ignore, simulator_of
+from mercator_design.cli.options import JSON, MISSION, PLUGIN, ROBOT_MODEL, SET
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result
+from mercator_design.errors import FsmError
+from mercator_design.fsm.files import read_fsm
+from mercator_design.sim.checks.lint import lint as findings_of
+from mercator_design.sim.robot_model import load_robot_model
+
+
+@click.command(short_help="Find what is wrong or superfluous in a PFSM.")
+@click.argument("fsm", type=FILE)
+@MISSION
+@ROBOT_MODEL
+@FLAVOUR
+@LENIENT
+@SET
+@PLUGIN
+@JSON
+def lint(
+    fsm: Path,
+    mission: str | None,
+    robot_model: str | None,
+    flavour: str | None,
+    lenient: bool,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Find what is wrong or superfluous in a PFSM, on its mission if one is known.
+
+    \b
+    unreachable-state  no transition that fires leads to the state
+    never-fires        the transition fires less than once in 10^6 cycles
+    always-fires       the transition fires in every situation
+    shadowed           the transition has no effect beside others
+    duplicate          another transition has its condition and target
+    missing-sense      the robot does not perceive what a module reads
+    nothing-to-read    a behaviour reads what the mission does not have
+    out-of-domain      a parameter is outside its domain (--lenient)
+    absorbing-state    a note: no transition that fires leads out of it
+
+    The exit code is 3 if FSM is invalid or there is a finding that is no note. With --json: a list of findings with
+    code, place, message and is_note.
+    """  # noqa: D301 - click reads the control character
+    file = read_fsm(fsm, flavour, tolerate=ignore if lenient else None)
+    if mission is not None or "mission" in file.header:
+        simulator = simulator_of(
+            fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides}, warn=ignore
+        )
+        found = findings_of(file.pfsm, file.names, simulator.mission, simulator.robot_model)
+    else:
+        model = load_robot_model(robot_model) if robot_model is not None else None
+        found = findings_of(file.pfsm, file.names, model=model)
+    if as_json:
+        print_result(json.dumps([asdict(one) for one in found], indent=2))
+    elif not found:
+        print_result(f"{fsm}: no findings")
+    else:
+        for one in found:
+            print_result(f"{one.code}{' (note)' * one.is_note}: {one.place}: {one.message}")
+    if not all(one.is_note for one in found):
+        raise click.exceptions.Exit(FsmError.exit_code)

@@ -1,10 +1,10 @@
 """Files of PFSMs: fsm.txt, which is AutoMoDe's command line below comments, and fsm.yaml, which people read.
 
-A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt.
+A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt. PyYAML is imported
+only for an fsm.yaml, because commands import this module at their start.
 """
 
 import re
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import Tell, other_flavour, out_of_domain, parse, to_text
-from mercator_design.fsm.yaml_form import is_state_name, parse_yaml, to_yaml
+from mercator_design.fsm.words.names import is_state_name, state_names
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 64 * 1024
@@ -40,15 +40,6 @@ class FsmFile:
             object.__setattr__(self, "names", state_names(self.pfsm))
 
 
-def state_names(pfsm: Pfsm) -> tuple[str, ...]:
-    """A name for each state: its behaviour, with a number if several states have it."""
-    behaviours = [state.behaviour for state in pfsm.states]
-    several = Counter(behaviours)
-    return tuple(
-        f"{name} {behaviours[: i + 1].count(name)}" if several[name] > 1 else name for i, name in enumerate(behaviours)
-    )
-
-
 def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
     """Read an fsm.txt or an fsm.yaml.
 
@@ -74,6 +65,8 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
 
 
 def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+    from mercator_design.fsm.yaml_form import parse_yaml
+
     lenient = tolerate is not None
     try:
         named = parse_yaml(text, str(path), flavour, any_domain=lenient)
@@ -127,4 +120,6 @@ def fsm_file_text(pfsm: Pfsm, header: Mapping[str, str], names: tuple[str, ...] 
 
 def fsm_yaml_text(file: FsmFile) -> str:
     """The text of an fsm.yaml, without loss."""
+    from mercator_design.fsm.yaml_form import to_yaml
+
     return to_yaml(file.pfsm, file.names, file.header)

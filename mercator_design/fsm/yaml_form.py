@@ -17,7 +17,6 @@ It is read as missions are (config/loading.py), so mistakes are reported all at 
 """
 
 import functools
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
@@ -48,9 +47,9 @@ from mercator_design.fsm.words.modules import (
     named_values,
     number_of,
 )
+from mercator_design.fsm.words.names import STATE_NAME
 
-_NAME = r"\w([\w .+-]{0,38}\w)?"
-StateName = Annotated[str, Pattern(_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
+StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
 HeaderKey = Annotated[str, Pattern(r"[^\s:#][^\s:]*( [^\s:]+)*", "words without a colon")]
 
 
@@ -236,8 +235,3 @@ def _parameter_lines(indent: str, words: Words, module: str, values: tuple[float
 def _scalar(value: float | str) -> str:
     """A text or number as YAML writes it, also for readers that guess types."""
     return str(yaml.dump(value, Dumper=Dumper, allow_unicode=True, width=1000)).partition("\n")[0]
-
-
-def is_state_name(text: str) -> bool:
-    """Whether a state may have this name."""
-    return re.fullmatch(_NAME, text) is not None

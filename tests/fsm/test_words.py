@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from mercator_design.fsm.files import state_names
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.modules import with_parameters
+from mercator_design.fsm.words.names import state_names
 from tests.fsm.strategies import pfsms
 from tests.fsm.test_structure import renumbered
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
@@ -13,19 +14,26 @@ _FIRST, _LAST = 10, 20
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
 
 
-def iterations_table(record: Record) -> list[str]:
-    """A line for each iteration that has ended.
+class Incumbent(NamedTuple):
+    """The best configuration of an iteration, with its scores at that time.
 
-    The mean is that of the best configuration over the n instances that it has seen by the end of the iteration, with
-    the scores at that time: an evaluator may replace them later. The last column is the mean difference to the best of
-    the iteration before, on the instances that both have seen by then, with its confidence interval.
+    scores: By instance; all that it has seen by the end of the iteration.
+    before: The scores of the best of the iteration before, by then; None if there was none, or it is the same one.
     """
+
+    ended: IterationEnded
+    scores: Mapping[int, float]
+    before: Mapping[int, float] | None
+
+
+def incumbents(record: Record) -> list[Incumbent]:
+    """The best of each iteration that has ended, with the scores at that time: an evaluator may replace them later."""
     iterations = [one for _, one in sorted(record.iterations.items())]
     bests = {one.elites[0] for one in iterations}
     finished = deque(one for one in _results_in_order(record) if one.configuration in bests)
     scores: dict[int, dict[int, float]] = {best: {} for best in bests}
+    found: list[Incumbent] = []
     before = None
-    rows: list[tuple[object, ...]] = [_HEAD]
     for ended in iterations:
         while finished and record.experiments[finished[0].experiment].iteration <= ended.iteration:
             one = finished.popleft()
@@ -33,8 +41,20 @@ def iterations_table(record: Record) -> list[str]:
                 scores[one.configuration].pop(one.instance, None)
             else:
                 scores[one.configuration][one.instance] = one.score
-        rows.append(_row(ended, before, scores))
-        before = ended.elites[0]
+        best = ended.elites[0]
+        found.append(Incumbent(ended, dict(scores[best]), None if before in (None, best) else dict(scores[before])))
+        before = best
+    return found
+
+
+def iterations_table(record: Record) -> list[str]:
+    """A line for each iteration that has ended.
+
+    The mean is that of the best configuration over the n instances that it has seen by the end of the iteration. The
+    last column is the mean difference to the best of the iteration before, on the instances that both have seen by
+    then, with its confidence interval.
+    """
+    rows: list[tuple[object, ...]] = [_HEAD, *map(_row, incumbents(record))]
     if len(rows) > 1 + _FIRST + _LAST:
         rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
@@ -55,20 +75,22 @@ def iteration_notes(record: Record) -> list[str]:
     ]
 
 
-def _row(ended: IterationEnded, before: int | None, scores: Mapping[int, Mapping[int, float]]) -> tuple[object, ...]:
-    best = ended.elites[0]
-    own = Scores(tuple(scores[best].values()))
+def _row(incumbent: Incumbent) -> tuple[object, ...]:
+    ended, own = incumbent.ended, Scores(tuple(incumbent.scores.values()))
     mean = f"{own.mean:.4g}" if own.values else ""
-    numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, best)
-    name = "final" if ended.postselection else str(ended.iteration)
-    return (name, *numbers, mean, len(own.values), _difference(scores, best, before))
+    numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, ended.elites[0])
+    return (iteration_name(ended), *numbers, mean, len(own.values), _difference(incumbent))
 
 
-def _difference(scores: Mapping[int, Mapping[int, float]], best: int, before: int | None) -> str:
+def iteration_name(ended: IterationEnded) -> str:
+    """The number of an iteration; that of the last comparison is "final"."""
+    return "final" if ended.postselection else str(ended.iteration)
+
+
+def _difference(incumbent: Incumbent) -> str:
+    scores, before = incumbent.scores, incumbent.before
     if before is None:
-        return ""
-    if before == best:
-        return "the same"
-    common = sorted(scores[best].keys() & scores[before].keys())
-    found = difference(*([scores[one][instance] for instance in common] for one in (best, before)))
+        return "" if incumbent.ended.iteration == 1 else "the same"
+    common = sorted(scores.keys() & before.keys())
+    found = difference(*([one[instance] for instance in common] for one in (scores, before)))
     return f"{found} (n={len(common)})" if found else ""

@@ -47,7 +47,7 @@ def run_summary(path: Path) -> str:
         RaceError: if there is no race, or its journal is corrupt.
     """
     reading = read_journal(path)
-    record, run = reading.record, _run(path, reading)
+    record, run = reading.record, run_of(path, reading)
     if not record.start:
         return f"{path}: no race has begun here yet"
     task = TASKS[record.start["task"]]
@@ -96,7 +96,7 @@ def _runs(folder: Path) -> list[dict[str, Any]]:
     runs = []
     for journal in journals:
         try:
-            runs.append(_run(journal.parent, read_journal(journal.parent)))
+            runs.append(run_of(journal.parent, read_journal(journal.parent)))
         except RaceError as error:
             state = "of another version" if isinstance(error, OtherVersion) else "damaged"
             notes = [*error.messages]
@@ -114,7 +114,8 @@ def _modified(file: Path) -> float:
 _KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score", "notes")
 
 
-def _run(path: Path, reading: Reading) -> dict[str, Any]:
+def run_of(path: Path, reading: Reading) -> dict[str, Any]:
+    """What a table of races says of one: see `_KEYS`."""
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
     is_running, (missing, warnings) = is_locked(path / JOURNAL), _warnings(path, record)

@@ -7,6 +7,7 @@ and viridis for scales. Marks have tooltips, and their values as `data-` attribu
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from html import unescape
 from typing import NamedTuple
 
 from mercator_design.view.markup import escaped, label
@@ -154,8 +155,8 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
 
 def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     """A row for each value: a dot with its interval, before its single values."""
-    left = 12.0 + _LETTER * max(len(label(row.name)) for row in rows)
-    right = 14.0 + _LETTER * max(len(row.remark) for row in rows)
+    left = 14.0 + 7.0 * max(len(unescape(label(row.name))) for row in rows)
+    right = 16.0 + 7.0 * max(len(row.remark) for row in rows)
     frame = _Frame(
         x=x,
         y=Axis(""),
@@ -194,7 +195,7 @@ def heat_map(
     """Coloured cells; NaN is left out."""
     known = [value for row in values for value in row if not math.isnan(value)]
     low, high = min(known, default=0.0), max(known, default=1.0)
-    left = 12.0 + _LETTER * max(map(len, map(label, rows)))
+    left = 14.0 + 7.0 * max(len(unescape(label(row))) for row in rows)
     top, height = 46.0, 20.0
     width = (WIDE - left - 12.0) / max(len(columns), 1)
     total = top + height * len(rows) + 40.0
@@ -300,7 +301,7 @@ class _Frame:
     def _axes(self) -> Iterator[str]:
         end = self.width - self.right
         marks = range(len(self.x.categories)) if self.x.categories else ticks(*self.x_range, whole=self.x.whole)
-        every = math.ceil(len(marks) * 30.0 / (end - self.left)) if self.x.categories else 1
+        every = math.ceil(len(marks) * 26.0 / (end - self.left)) if self.x.categories else 1
         for mark in marks[::every]:
             x = self.at(mark, 0.0)[0]
             name = self.x.categories[int(mark)] if self.x.categories else number(mark)

@@ -9,8 +9,10 @@ import click
 from click.core import ParameterSource
 
 from mercator_design.cli.options import FOLDER
+from mercator_design.cli.races.reporting import write_report
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_result
+from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
 from mercator_design.race.running.executors import Executor, ExecutorStopped
@@ -18,6 +20,7 @@ from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.report.columns import with_notes_wrapped
+from mercator_design.report.page.page import REPORT
 from mercator_design.report.progress import RaceDisplay
 from mercator_design.report.summary import race_summary
 from mercator_design.runs.files import read_provenance
@@ -116,8 +119,10 @@ def run(
     on_failure: OnFailure,
     optuna: str | None,
     interrupt: Interrupt,
+    reports: bool,
+    proof_runs: int | None = None,
 ) -> None:
-    """Run the race of a folder to its end, and print its summary.
+    """Run the race of a folder to its end, print its summary, and write its report.
 
     Args:
         folder: The run folder.
@@ -126,6 +131,8 @@ def run(
         on_failure: As in `RaceRun`.
         optuna: Optuna storage to copy the race into.
         interrupt: Handles signals that stop the race.
+        reports: Whether to write the report.
+        proof_runs: As in `write_report`.
     """
     record, jobs = folder.journal.record, executor.jobs
     for note in folder.journal.notes:
@@ -170,6 +177,22 @@ def run(
         folder.finish(race.result, seconds=round(display.seconds, 3))
     finally:
         print_result(with_notes_wrapped(summary, terminal_width()), nl=False)
+    if reports:
+        _report(folder, proof_runs, jobs, interrupt)
+
+
+def _report(folder: RunFolder, proof_runs: int | None, jobs: int, interrupt: Interrupt) -> None:
+    """Write the report of a race that has ended; if that is not possible, the race's results stay."""
+    output, later = folder.path / REPORT, f"to write it: {shlex.join(['mdesign', 'report', str(folder.path)])}"
+    try:
+        write_report(folder.path, output, task=folder.task, proof_runs=proof_runs, jobs=jobs, stopped=interrupt.came)
+    except ExecutorStopped:
+        interrupt.check(f"{folder.path}: the race has ended, its report is not written; {later}")
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with the report, the race is right
+        print_message(f"Warning: the report is not written: {described(error)}; {later}")
+    else:
+        print_result(f"Report     {output}")
 
 
 class _Messages:

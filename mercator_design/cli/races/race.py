@@ -21,6 +21,7 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
+from mercator_design.cli.races.reporting import NO_REPORT, PROOF_RUNS
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_message
 from mercator_design.designer import Designer
@@ -75,6 +76,8 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 )
 @click.option("--test-elites", type=click.IntRange(1, 10**6), metavar="N", help="Test the N best elites.  [default: 1]")
 @click.option("--test-iterations", is_flag=True, help="Test as many elites of each iteration, too.")
+@NO_REPORT
+@PROOF_RUNS
 @OPTUNA
 @SET
 @PLUGIN
@@ -96,13 +99,15 @@ def race(
     test_runs: int | None,
     test_elites: int | None,
     test_iterations: bool,
+    no_report: bool,
+    proof_runs: int | None,
     optuna: str | None,
     overrides: tuple[str, ...],
 ) -> None:
     """Design control software for MISSION, by iterated F-race unless another method is chosen.
 
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
-    fsm.txt in the results' folder, and a summary to stdout.
+    fsm.txt in the results' folder, a page on the race to report.html there, and a summary to stdout.
 
     An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
     larger --budget.
@@ -131,7 +136,16 @@ def race(
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
             folder.task.prepare(print_message)
-        run(folder, executor, executor_name, on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+        run(
+            folder,
+            executor,
+            executor_name,
+            on_failure=on_failure,
+            optuna=optuna,
+            interrupt=interrupt,
+            reports=not no_report,
+            proof_runs=proof_runs,
+        )
 
 
 def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:

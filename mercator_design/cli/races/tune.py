@@ -18,6 +18,7 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
+from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, print_message, print_result
 from mercator_design.errors import MercatorError, printable
@@ -82,6 +83,7 @@ _FIXED = (
 @OUTPUT
 @RESUME
 @ON_FAILURE
+@NO_REPORT
 @OPTUNA
 @click.pass_context
 def tune(
@@ -100,6 +102,7 @@ def tune(
     output: Path | None,
     resume: Path | None,
     on_failure: OnFailure,
+    no_report: bool,
     optuna: str | None,
 ) -> None:
     """Find parameters of the program of SCENARIO, irace's scenario.txt.
@@ -146,7 +149,15 @@ def tune(
     with folder, Interrupt(then=folder.task.stop, notice=NOTICE) as interrupt:
         if resume is not None and max_experiments is not None:
             folder.extend(max_experiments)
-        run(folder, executor, "threads", on_failure=on_failure, optuna=optuna, interrupt=interrupt)
+        run(
+            folder,
+            executor,
+            "threads",
+            on_failure=on_failure,
+            optuna=optuna,
+            interrupt=interrupt,
+            reports=not no_report,
+        )
 
 
 def _given(**options: Path | int | None) -> list[Assignment]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.special import stdtr
 
+from mercator_design.race.analysis.pairs import paired_p_value
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
@@ -65,20 +65,11 @@ def ablate(
         chosen = variants[int(np.argmin(means))]
         path.append((candidates[chosen], chosen))
     costs = measure([variant for _, variant in path], range(runs, 2 * runs))
-    p_values = holm(np.array([_p_value(costs[0], own) for own in costs[1:]])).tolist()
+    p_values = holm(np.array([paired_p_value(np.subtract(own, costs[0])) for own in costs[1:]])).tolist()
     return [
         Step(change=change, variant=variant, costs=tuple(own), p_value=p)
         for (change, variant), own, p in zip(path, costs, [math.nan, *p_values], strict=True)
     ]
-
-
-def _p_value(costs: Costs, others: Costs) -> float:
-    """The two-sided p-value of the paired t-test; 1 if all costs are equal."""
-    differences = np.array(others) - np.array(costs)
-    error = float(differences.std(ddof=1)) / math.sqrt(len(differences))
-    if error == 0:
-        return 0.0 if differences[0] else 1.0
-    return float(2 * stdtr(len(differences) - 1, -abs(float(differences.mean())) / error))
 
 
 class Flips:

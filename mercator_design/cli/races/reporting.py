@@ -1,0 +1,86 @@
+"""Writes the report of a race: at the end of the race, and by `mdesign report`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mercator_design.analysis.proof import Proof, default_runs, prove, read_proof
+from mercator_design.command import print_message
+from mercator_design.errors import RaceError
+from mercator_design.race.running.executors import ThreadExecutor, available_jobs
+from mercator_design.race.running.task import Task
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.page import report_page
+from mercator_design.report.progress import Display
+from mercator_design.runs.files import restored
+from mercator_design.system.files import write_text, writing
+
+PROOF_RUNS = click.option(
+    "--proof-runs",
+    type=click.IntRange(0, 10**6),
+    metavar="N",
+    help="In the report, compare the winner with others on N fresh instances, beyond the budget; 0: do not.  "
+    "[default: as many as take about a tenth of the race]",
+)
+NO_REPORT = click.option(
+    "--no-report", is_flag=True, envvar="MDESIGN_NO_REPORT", help="Do not write report.html into the results' folder."
+)
+
+
+def write_report(
+    folder: Path,
+    output: Path,
+    *,
+    task: Task[Any] | None = None,
+    proof_runs: int | None = None,
+    jobs: int | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Write the report of a race, and run the experiments of its proof if they have not run.
+
+    Args:
+        folder: The run folder.
+        output: The page.
+        task: The task, if this process has run the race.
+        proof_runs: Number of fresh instances. [default: those of the proof in the folder, else a tenth of the budget]
+        jobs: Experiments run at once. [default: the cores of this machine]
+        stopped: Returns whether to stop; called before each experiment.
+
+    Raises:
+        ExecutorStopped: see `stopped`.
+        MercatorError: There is no race, an experiment failed, or a file cannot be written.
+    """
+    facts = Facts.read(folder, task=task)
+    proof, without = _proof(facts, proof_runs, jobs, stopped, is_own=task is not None)
+    page = report_page(facts, proof, without)
+    with writing(output):
+        write_text(output, page)
+
+
+def _proof(
+    facts: Facts, runs: int | None, jobs: int | None, stopped: Callable[[], bool], *, is_own: bool
+) -> tuple[Proof | None, str]:
+    """The proof of a race that has ended, or why there is none."""
+    designer, record = facts.designer, facts.record
+    if designer is None or not facts.is_finished:
+        return None, ""
+    if runs == 0:
+        return None, "The winner was not compared with others on fresh instances; --proof-runs N does that."
+    known = read_proof(facts.folder, record)
+    if known is not None and runs in {None, len(known.seeds)}:
+        return known, ""
+    try:
+        if not is_own:
+            restored(facts.folder)
+    except RaceError as error:
+        return known, f"The winner was not compared with others on fresh instances: {error.messages[0]}"
+    designer.prepare(print_message)
+    runs = runs or default_runs(designer, record)
+    with ThreadExecutor(jobs or available_jobs()) as executor, Display("report: comparing the winner", 0) as display:
+
+        def watch(done: int, total: int) -> None:
+            display.show(done, total=total)
+
+        return prove(facts.folder, designer, record, executor, runs=runs, watch=watch, stopped=stopped), ""

@@ -1,0 +1,14 @@
+"""report.html: what a race did, and the proof of its choice, in one file that needs nothing else.
+
+facts       what the page is made of, read from the run folder
+markup      headings, figures, tables
+answer      the winner and its score
+request     what was asked
+course      budget, best configuration, convergence, elites
+choice      costs of the elites, tests between them, the winner on fresh instances
+importance  which modules explain the scores
+replays     the winner's median, best and worst run
+origin      failures, versions, commands
+page        the whole page, and its file
+follow      serves the page of a race that is running
+"""

@@ -1,0 +1,55 @@
+"""The answer first: the winner, its score, its control software."""
+
+from mercator_design.analysis.proof import Proof
+from mercator_design.fsm.text import to_text
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.report.page.choice import verdict
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.markup import Html, command, facts_list, figure, note, section
+from mercator_design.view.charts import number
+from mercator_design.view.diagram import diagram_svg
+
+
+def answer(facts: Facts, proof: Proof | None) -> Html:
+    """The section of the winner."""
+    if facts.best is None:
+        return section("answer", "No winner yet", note("No iteration has ended yet."))
+    name = "The winner" if facts.is_finished else "The best so far"
+    return section("answer", name, _score(facts, proof), _software(facts, facts.best))
+
+
+def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
+    """The scores that say most of the winner, and where they were measured."""
+    if facts.tested is not None:
+        return facts.tested, f"mean of {len(facts.tested.values)} tests on fresh instances"
+    if fresh is not None:
+        return fresh, f"mean of {len(fresh.values)} runs on fresh instances"
+    assert facts.best is not None  # noqa: S101 - `answer` has checked
+    own = Scores(tuple(facts.scores[facts.best].values()))
+    return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is rather too good"
+
+
+def _score(facts: Facts, proof: Proof | None) -> Html:
+    scores, where = headline(facts, None if proof is None else proof.winner)
+    interval = scores.confidence_interval
+    around = "" if interval is None else f"{number(interval[0])} to {number(interval[1])} at {CONFIDENCE:.0%}"
+    low, high = interval or (scores.mean, scores.mean)
+    data = f'data-score="{scores.mean:.6g}" data-low="{low:.6g}" data-high="{high:.6g}" data-n="{len(scores.values)}"'
+    return Html(
+        f'<p class="score" {data}><strong>{number(scores.mean)}</strong> <span>{around}</span></p>'
+        + note(f"{facts.score_name}: {where}.")
+        + ("" if proof is None else note(verdict(facts, proof)))
+    )
+
+
+def _software(facts: Facts, best: int) -> Html:
+    pfsm = facts.pfsm(best)
+    if pfsm is None:
+        values = facts.record.configurations[best]
+        line = command(facts.task.optimizer.space.command_line(values), "winner") if facts.task is not None else ""
+        return Html(facts_list(sorted(values.items())) + line)
+    caption = (
+        f"Configuration {best} as a state machine: robots begin in state 0; each condition is beside the transition "
+        "that it triggers."
+    )
+    return Html(figure(diagram_svg(pfsm), caption, facts.command) + command(to_text(pfsm), "winner"))

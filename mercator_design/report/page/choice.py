@@ -1,0 +1,121 @@
+"""The proof of the choice: the elites' scores, tests between them, and the winner on fresh instances."""
+
+import math
+
+from mercator_design.analysis.proof import ALONE, RUNNER_UP, Proof
+from mercator_design.race.analysis.pairs import Pair, compared
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
+from mercator_design.view.charts import Axis, Dot, heat_map, interval_chart, number
+
+_ALPHA = 0.05
+_MAX_COLUMNS = 120
+
+
+def choice(facts: Facts, proof: Proof | None, without: str) -> Html:
+    """The section of the proof.
+
+    Args:
+        facts: Of the race.
+        proof: The winner on fresh instances.
+        without: Why there is no proof, if there is none.
+    """
+    fresh = _fresh(facts, proof) if proof is not None else note(without) if without else Html()
+    return section("choice", "Why this one", fresh, _matrix(facts), _tests(facts))
+
+
+def verdict(facts: Facts, proof: Proof) -> str:
+    """What the proof says, in a sentence or two."""
+    better: list[str] = []
+    alike: list[str] = []
+    worse: list[str] = []
+    sign = 1.0 if facts.task is None or facts.task.maximise else -1.0
+    for pair in proof.pairs():
+        is_sure = pair.p_value < _ALPHA
+        group = alike if not is_sure else better if sign * pair.differences.mean > 0 else worse
+        group.append(str(pair.second))
+    parts = [
+        f"it is {how} {_listed(group)}"
+        for how, group in (
+            ("significantly better than", better),
+            ("not distinguishable from", alike),
+            ("significantly worse than", worse),
+        )
+        if group
+    ]
+    return f"The winner on {len(proof.seeds)} fresh instances: {'; '.join(parts)}."
+
+
+def _fresh(facts: Facts, proof: Proof) -> Html:
+    pairs = {pair.second: pair for pair in proof.pairs()}
+    dots, rows = [], []
+    for place, one in enumerate(proof.contestants):
+        scores = Scores(one.scores)
+        low, high = scores.confidence_interval or (scores.mean, scores.mean)
+        pair = pairs.get(one.name)
+        dots.append(
+            Dot(one.name, scores.mean, low, high, one.scores, "" if pair is None else _p(pair.p_value), min(place, 3))
+        )
+        rows.append((one.name, number(scores.mean), f"{number(low)} to {number(high)}", *_difference(pair)))
+    head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "winner's lead", "p (Holm)")
+    caption = (
+        f"The winner on {len(proof.seeds)} fresh instances, against the runner-up, random state machines (another one "
+        f"on each instance) and machines of one state: mean, interval of {CONFIDENCE:.0%}, single runs. p: of no "
+        "difference from the winner, by paired t-tests with Holm's correction. These runs do not count towards the "
+        "budget."
+    )
+    chart = figure(interval_chart(dots, Axis(facts.score_name)), caption, facts.command)
+    return Html(note(verdict(facts, proof)) + row_of(chart, table(head, rows, name="fresh")))
+
+
+def _matrix(facts: Facts) -> Html:
+    instances = sorted({instance for one in facts.elites for instance in facts.scores.get(one, {})})[-_MAX_COLUMNS:]
+    if not instances:
+        return Html()
+    values = [[facts.scores.get(one, {}).get(instance, math.nan) for instance in instances] for one in facts.elites]
+    means = [
+        Scores(tuple(facts.scores[one].values())).mean if one in facts.scores else math.nan for one in facts.elites
+    ]
+    names = [f"{facts.called(one)}, mean {number(mean)}" for one, mean in zip(facts.elites, means, strict=True)]
+    chart = heat_map(values, names, list(map(str, instances)), Axis("instance of the race"), Axis(facts.score_name))
+    caption = "The elites' scores on the instances of the race, the winner first; a blank was not run."
+    return figure(chart, caption, facts.command, is_wide=True)
+
+
+def _tests(facts: Facts) -> Html:
+    pairs = compared({one: facts.scores[one] for one in facts.elites if one in facts.scores})
+    if not pairs:
+        return Html()
+    rows = [
+        (facts.called(pair.first), facts.called(pair.second), len(pair.differences.values), *_difference(pair))  # type: ignore[arg-type]  # keys are numbers
+        for pair in pairs
+    ]
+    about = note(
+        "The elites in pairs, on the instances of the race that both have seen: difference of the means, and p of no "
+        "difference by paired t-tests with Holm's correction. The elites were chosen on these instances, so fresh ones "
+        "are fairer."
+    )
+    head, n = ("elite", "against", "n", "difference", "p (Holm)"), sum(pair.first == facts.best for pair in pairs)
+    others = folded("The other elites", table(head, rows[n:], name="other-pairs")) if rows[n:] else ""
+    return Html(about + table(head, rows[:n], name="pairs") + others)
+
+
+def _difference(pair: Pair | None) -> tuple[str, str]:
+    if pair is None:
+        return "", ""
+    interval = pair.differences.confidence_interval
+    half = 0.0 if interval is None else interval[1] - pair.differences.mean
+    return f"{pair.differences.mean:+.3g} ± {half:.2g}", _p(pair.p_value).removeprefix("p = ").removeprefix("p ")
+
+
+def _p(value: float) -> str:
+    return "p < 0.001" if value < 0.001 else f"p = {value:.2g}"
+
+
+def _listed(contestants: list[str]) -> str:
+    """Contestants in words; machines of one state are named together if there are several."""
+    simple = [name for name in contestants if name.endswith(ALONE)]
+    names = [f"the {name}" if name == RUNNER_UP else name for name in contestants if name not in simple]
+    names += simple if len(simple) < 3 else [f"{len(simple)} machines of one state"]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,160 @@
+"""How the race went: its budget, its best configuration, how it converged, its elites."""
+
+import math
+from itertools import accumulate
+
+from mercator_design.analysis.pruning import module_counts
+from mercator_design.race.analysis.convergence import first_iterations, spreads
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.report.iterations import Incumbent, incumbents, iteration_name
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
+from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, line_chart, number, parallel_chart
+
+_MAX_THREADS = 40
+_MAX_AXES = 14
+
+
+def course(facts: Facts) -> Html:
+    """The section of the race's iterations."""
+    found = incumbents(facts.record)
+    if not found:
+        return Html()
+    return section(
+        "course",
+        "How the race went",
+        row_of(_budget(facts), _incumbent(facts, found), _elimination(facts, found), _convergence(facts)),
+        _elites(facts),
+        folded("All iterations as a table", _table(found)),
+        *(note(f"Iteration {one.ended.iteration}: {one.ended.note}") for one in found if one.ended.note),
+    )
+
+
+def _budget(facts: Facts) -> Html:
+    first = first_iterations(facts.record)
+    used: dict[tuple[int, bool], int] = {}
+    iterations = [one for _, one in sorted(facts.record.iterations.items())]
+    for one in facts.record.experiments.values():
+        again = first[one.configuration] < one.iteration
+        used[one.iteration, again] = used.get((one.iteration, again), 0) + 1
+    kinds = [
+        Bars(name, [used.get((one.iteration, again), 0) for one in iterations])
+        for name, again in (("new configurations", False), ("elites again", True))
+    ]
+    chart = bar_chart(list(map(iteration_name, iterations)), kinds, Axis("iteration"), Axis("experiments"))
+    return figure(chart, "The budget, by iteration and by what it was spent on.", facts.command)
+
+
+def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
+    ends = accumulate(one.ended.used for one in found)
+    points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
+    intervals = [scores.confidence_interval or (scores.mean, scores.mean) for _, scores in points]
+    line = Line(
+        "best of each iteration",
+        [end for end, _ in points],
+        [scores.mean for _, scores in points],
+        [low for low, _ in intervals],
+        [high for _, high in intervals],
+    )
+    lines = [line]
+    if facts.tested is not None:
+        low, high = facts.tested.confidence_interval or (facts.tested.mean, facts.tested.mean)
+        ends_at = [points[0][0], points[-1][0]]
+        lines.append(Line("winner in its tests", ends_at, [facts.tested.mean] * 2, [low] * 2, [high] * 2))
+    caption = (
+        f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
+        "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few."
+    )
+    chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))
+    return figure(chart, caption, facts.command)
+
+
+def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
+    iterations = [one.ended for one in found]
+    lines = [
+        Line(name, [one.iteration for one in iterations], [getattr(one, key) for one in iterations])
+        for name, key in (("raced", "configurations"), ("alive at the end", "alive"), ("instances", "instances"))
+    ]
+    caption = (
+        "How each iteration eliminated: configurations that raced, those alive at its end, instances that it raced on."
+    )
+    chart = line_chart(lines, Axis("iteration", whole=True), Axis("number", whole=True, low=0.0))
+    return figure(chart, caption, facts.command)
+
+
+def _convergence(facts: Facts) -> Html:
+    if facts.task is None:
+        return Html()
+    found = spreads(facts.task.optimizer.space, facts.record)
+    lines = []
+    for name, kind in (("choices differ", "categories"), ("numbers spread", "numbers")):
+        known = [(one.iteration, value) for one in found if not math.isnan(value := getattr(one, kind))]
+        if known:
+            lines.append(Line(name, [x for x, _ in known], [y for _, y in known]))
+    if not lines:
+        return Html()
+    caption = (
+        "How the sampling converged: how different the new configurations of an iteration are; 1 as if drawn at "
+        "random, 0 if equal. Choices: the probability that two of them differ in a behaviour or condition; numbers: "
+        "their standard deviation."
+    )
+    axes = Axis("iteration", whole=True), Axis("spread, relative to random", low=0.0)
+    return figure(line_chart(lines, *axes), caption, facts.command)
+
+
+def _elites(facts: Facts) -> Html:
+    """The elites of all iterations as lines across what they are made of."""
+    first = first_iterations(facts.record)
+    numbers = [one for one in facts.former_elites if one in facts.scores][:_MAX_THREADS]
+    if len(numbers) < 2:
+        return Html()
+    made_of = [_made_of(facts, one) for one in numbers]
+    names = [name for name in made_of[0] if len({one[name] for one in made_of}) > 1][: _MAX_AXES - 1]
+    axes = [Axis("mean score"), *(_axis(name, [one[name] for one in made_of]) for name in names)]
+    last = max(first.values())
+    threads = [
+        Thread(
+            f"{facts.called(one)}, found in iteration {first[one]}",
+            [Scores(tuple(facts.scores[one].values())).mean, *(_place(axis, row[axis.name]) for axis in axes[1:])],
+            (first[one] - 1) / max(last - 1, 1),
+            is_bold=one == facts.best,
+        )
+        for one, row in zip(numbers, made_of, strict=True)
+    ]
+    chart = parallel_chart(axes, threads, Axis("iteration that found it", low=1, high=last))
+    what = "how many of each module they have" if facts.start["task"] == "mission" else "their parameters"
+    caption = (
+        f"The {len(numbers)} elites of all iterations, a line each: their mean score, and {what}, where they differ."
+    )
+    return figure(chart, caption, facts.command, is_wide=True)
+
+
+def _made_of(facts: Facts, configuration: int) -> dict[str, object]:
+    pfsm = facts.pfsm(configuration)
+    if pfsm is None:
+        values = facts.record.configurations[configuration]
+        names = dict.fromkeys(name for one in facts.former_elites for name in facts.record.configurations[one])
+        return {name: values.get(name) for name in names}
+    counts = {name.replace("_", " "): count for name, count in module_counts(pfsm).items()}
+    return {"states": len(pfsm.states), "transitions": sum(len(s.transitions) for s in pfsm.states), **counts}
+
+
+def _axis(name: str, values: list[object]) -> Axis:
+    words = sorted({value for value in values if isinstance(value, str)})
+    return Axis(name, categories=tuple(words)) if words else Axis(name)
+
+
+def _place(axis: Axis, value: object) -> float:
+    if isinstance(value, str):
+        return float(axis.categories.index(value))
+    return math.nan if value is None else float(value)  # type: ignore[arg-type]  # numbers, else
+
+
+def _table(found: list[Incumbent]) -> Html:
+    head = ("iteration", "planned", "used", "raced", "instances", "alive", "best", "mean", "n")
+    rows = []
+    for one in found:
+        ended, own = one.ended, Scores(tuple(one.scores.values()))
+        counts = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, ended.elites[0])
+        rows.append((iteration_name(ended), *counts, number(own.mean) if own.values else None, len(own.values)))
+    return table(head, rows, name="iterations")

@@ -1,0 +1,99 @@
+"""The page of a race: all sections in one HTML file that makes no request; and the page of a race that is followed."""
+
+from collections.abc import Sequence
+from importlib.resources import files
+
+from mercator_design.analysis.proof import Proof
+from mercator_design.errors import excerpt
+from mercator_design.report.page.answer import answer
+from mercator_design.report.page.choice import choice
+from mercator_design.report.page.course import course
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.importance import importance
+from mercator_design.report.page.markup import Html
+from mercator_design.report.page.origin import origin
+from mercator_design.report.page.replays import chosen_runs, replays, replays_of
+from mercator_design.report.page.request import request
+from mercator_design.view.charts import STYLE
+from mercator_design.view.markup import escaped
+from mercator_design.view.page import POLICY, viewer_script, viewer_style
+
+REPORT = "report.html"
+MAX_SIZE = 1_200_000
+"""Bytes of a page; replays that do not fit are left out."""
+_LINKS = {
+    "answer": "Winner",
+    "request": "Request",
+    "course": "Course",
+    "choice": "Proof",
+    "importance": "What matters",
+    "replays": "Replays",
+    "origin": "Origin",
+}
+
+
+def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> str:
+    """The page of a race, at whatever stage it is.
+
+    Args:
+        facts: Of the race.
+        proof: The winner on fresh instances.
+        without: Why there is no proof, if there is none.
+    """
+    first = [answer(facts, proof), request(facts), course(facts), choice(facts, proof, without), importance(facts)]
+    last = origin(facts)
+    runs = chosen_runs(facts, proof) if facts.is_finished else []
+    shown, problem = replays_of(facts, runs)
+    while True:
+        sections = [*first, replays(runs, shown, problem), last]
+        page = _page(facts, sections, viewer=bool(shown))
+        if len(page.encode()) <= MAX_SIZE or not shown:
+            return page
+        shown = shown[:-1]
+
+
+def live_part(facts: Facts) -> Html:
+    """The part of a page that changes while the race runs."""
+    record = facts.record
+    done = len(record.experiments)
+    bar = f'<progress max="{record.budget}" value="{done}">{done} of {record.budget}</progress>'
+    return Html(f'<p id="state">{_state(facts)}</p>{bar}{answer(facts, None)}{course(facts)}')
+
+
+def following_page(facts: Facts) -> str:
+    """The page of a race that is running, which asks for its live part again and again."""
+    sections = [Html(f'<div id="live">{live_part(facts)}</div>'), request(facts), origin(facts)]
+    return _page(facts, sections, viewer=False, follows=True)
+
+
+def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool = False) -> str:
+    title = escaped(excerpt(str(facts.start["name"])))
+    body = "".join(sections)
+    links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
+    styles = [*([viewer_style()] if viewer else []), STYLE, _asset("page.css")]
+    scripts = [*([viewer_script()] if viewer else []), _asset("page.js"), *([_asset("follow.js")] if follows else [])]
+    policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
+    return (
+        "<!doctype html>\n"
+        '<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f"<title>{title}: report of a race</title><style>{''.join(styles)}</style></head>\n"
+        f'<body><header class="top"><h1><bdi>{title}</bdi></h1><p>{_state(facts)}</p>'
+        f'<nav class="toc">{links}</nav></header>\n'
+        f"<main>{body}</main>\n"
+        f"<script>{chr(10).join(scripts)}</script></body></html>\n"
+    )
+
+
+def _state(facts: Facts) -> str:
+    record = facts.record
+    n = sum(not one.postselection for one in record.iterations.values())
+    return escaped(
+        f"Race by {facts.start['method']}, {facts.state}: {len(record.experiments)} of {record.budget} experiments, "
+        f"{n} iteration{'s' * (n != 1)}, {len(record.configurations)} configurations"
+    )
+
+
+def _asset(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")

@@ -18,6 +18,9 @@ settings.load_profile("project")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# A race would end with seconds of drawing its report; tests of the report delete this.
+os.environ["MDESIGN_NO_REPORT"] = "1"
+
 _foreign = jit._foreign
 
 

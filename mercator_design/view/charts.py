@@ -16,7 +16,7 @@ STYLE = """
 .chart{--ink:#1c2430;--faint:#667180;--grid:#dfe4ea;--k0:#0072b2;--k1:#d55e00;--k2:#009e73;--k3:#cc79a7;--k4:#e69f00;
 --k5:#56b4e9;--k6:#7a7a7a;width:100%;height:auto;display:block;font:12px system-ui,sans-serif;color:var(--ink)}
 @media (prefers-color-scheme:dark){.chart{--ink:#e6e9ee;--faint:#9aa5b1;--grid:#333b45;--k0:#4aa8e0;--k1:#f0803c;
---k2:#2fc49a;--k6:#a0a7b0}}
+--k2:#2fc49a;--k6:#a0a7b0}.chart .shade{filter:brightness(2)}}
 @media print{.chart{--ink:#000;--faint:#444;--grid:#ddd;--k0:#0072b2;--k1:#d55e00;--k2:#009e73}}
 .chart text{fill:var(--ink)}.chart .tick{fill:var(--faint);font-size:11px}.chart .grid{stroke:var(--grid)}
 .chart .axis{stroke:var(--faint)}
@@ -25,6 +25,7 @@ WIDTH, WIDE = 460.0, 940.0
 _LETTER = 6.3  # width of a letter, about
 _ROW = 24.0
 _N_COLOURS = 7
+_SHADE = ' class="shade"'  # brighter on dark screens
 _VIRIDIS = ((68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98),
             (173, 220, 48), (253, 231, 37))  # fmt: skip
 
@@ -247,10 +248,10 @@ def parallel_chart(axes: Sequence[Axis], threads: Sequence[Thread], scale: Axis)
         colour = "var(--k1)" if thread.is_bold else viridis(thread.share)
         drawn.append(
             f'<path d="M{_path(points)}" fill="none" stroke="{colour}" stroke-width="{3 if thread.is_bold else 1.6}" '
-            f'stroke-opacity="{1 if thread.is_bold else 0.75}" '
+            f'stroke-opacity="{1 if thread.is_bold else 0.75}"{"" if thread.is_bold else _SHADE} '
             f'data-name="{escaped(thread.name)}"><title>{escaped(thread.name)}</title></path>'
         )
-    drawn += _colour_bar(left, scale.title, number(scale.low or 0.0), number(scale.high or 0.0))
+    drawn += _colour_bar(left, scale.title, number(scale.low or 0.0), number(scale.high or 0.0), _SHADE)
     bold = [thread.name for thread in threads if thread.is_bold]
     if bold:
         drawn.append(f'<path d="M{WIDE - 300} 16h24" stroke="var(--k1)" stroke-width="3"/>')
@@ -336,9 +337,9 @@ def _legend_places(names: Sequence[str], left: float, width: float) -> Iterator[
         x += needed
 
 
-def _colour_bar(left: float, title: str, low: str, high: str) -> Iterator[str]:
+def _colour_bar(left: float, title: str, low: str, high: str, style: str = "") -> Iterator[str]:
     for k in range(24):
-        yield f'<rect x="{left + 60 + 5 * k:.1f}" y="10" width="5.3" height="12" fill="{viridis(k / 23)}"/>'
+        yield f'<rect{style} x="{left + 60 + 5 * k:.1f}" y="10" width="5.3" height="12" fill="{viridis(k / 23)}"/>'
     yield _text(left + 54, 20, low, "end", is_tick=True)
     yield _text(left + 186, 20, high, is_tick=True)
     yield _text(left + 240, 20, label(title, 60))

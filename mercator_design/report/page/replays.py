@@ -8,8 +8,8 @@ from mercator_design.errors import MercatorError
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, note, section
 from mercator_design.view.charts import number
-from mercator_design.view.markup import escaped
 from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.markup import escaped
 from mercator_design.view.page import script_json
 from mercator_design.view.replay import Replay, replay_of
 

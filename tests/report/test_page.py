@@ -1,0 +1,317 @@
+"""The report of a race: its numbers are those of the race, texts of others appear as text, it needs nothing else."""
+
+import errno
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from mercator_design.analysis import proof as proofs
+from mercator_design.analysis.proof import PROOF, prove, read_proof
+from mercator_design.cli.races import reporting
+from mercator_design.fsm.text import parse, to_text
+from mercator_design.race.racing.statistics import holm
+from mercator_design.race.racing.summary import Scores
+from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
+from mercator_design.report.iterations import incumbents
+from mercator_design.report.page import page as pages
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.page import REPORT, report_page
+
+pytestmark = pytest.mark.together
+
+RACE = ["race", "aggregation", "--budget", "240", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
+NASTY = "<script>alert(1)</script>\u202e\x1b[31m\u0000'\"&" + "x" * 10_000
+
+
+class Page(HTMLParser):
+    """A page's elements, and the text of its visible ones."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.text, self.scripts, self._inside = [], "", [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag in {"script", "style"}:
+            self._inside.append(tag)
+
+    def handle_endtag(self, tag):
+        if self._inside[-1:] == [tag]:
+            self._inside.pop()
+
+    def handle_data(self, data):
+        if not self._inside:
+            self.text += data
+        elif self._inside == ["script"]:
+            self.scripts.append(data)
+
+    def all(self, attribute):
+        """The attributes of the elements that have one."""
+        return [attributes for _, attributes in self.elements if attribute in attributes]
+
+
+@pytest.fixture(scope="module")
+def raced(tmp_path_factory, mdesign_once):
+    """The folder of a race with its report."""
+    folder = tmp_path_factory.mktemp("report") / "race"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MDESIGN_NO_REPORT")
+        mdesign_once(*RACE, "--proof-runs", 6, "-o", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def facts(raced):
+    return Facts.read(raced)
+
+
+@pytest.fixture(scope="module")
+def proof(raced, facts):
+    return read_proof(raced, facts.record)
+
+
+@pytest.fixture(scope="module")
+def page(raced):
+    return Page((raced / REPORT).read_text())
+
+
+@pytest.fixture
+def folder(raced, tmp_path):
+    """A copy of the race without its report and proof."""
+    shutil.copytree(raced, tmp_path / "r")
+    (tmp_path / "r" / REPORT).unlink()
+    (tmp_path / "r" / PROOF).unlink()
+    return tmp_path / "r"
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Leave out what takes long to draw."""
+    for name in ("request", "importance"):
+        monkeypatch.setattr(pages, name, lambda facts: "")
+    monkeypatch.setattr(pages, "chosen_runs", lambda facts, proof: [])
+
+
+class TestNumbers:
+    def test_score_is_that_of_the_winner_on_fresh_instances(self, page, proof, facts):
+        (shown,) = page.all("data-n")
+        scores = Scores(proof.contestants[0].scores)
+        low, high = scores.confidence_interval
+        for key, value in (("score", scores.mean), ("low", low), ("high", high), ("n", 6)):
+            assert float(shown[f"data-{key}"]) == pytest.approx(value, rel=1e-5, abs=1e-9)
+        pfsm = facts.pfsm(facts.best)
+        assert [facts.designer.simulator.run(pfsm, seed).score for seed in proof.seeds] == list(scores.values)
+
+    def test_software_is_the_winners(self, page, facts, raced):
+        assert to_text(facts.pfsm(facts.best)) in page.text
+        assert {one["data-state"] for one in page.all("data-state")} == {
+            str(k) for k in range(len(facts.pfsm(facts.best).states))
+        }
+        assert (raced / "fsm.txt").read_text().splitlines()[-1] in page.text
+
+    def test_bars_are_the_budget(self, page, facts):
+        bars = [one for tag, one in page.elements if tag == "rect" and "data-name" in one]
+        assert sum(float(one["data-value"]) for one in bars) == len(facts.record.experiments)
+
+    def test_best_of_each_iteration(self, page, facts):
+        points = [(float(one["data-x"]), float(one["data-y"])) for one in page.all("data-y")]
+        used = 0
+        for one in incumbents(facts.record):
+            used += one.ended.used
+            mean = Scores(tuple(one.scores.values())).mean
+            assert any(x == used and y == pytest.approx(mean, rel=1e-5) for x, y in points)
+
+    def test_cells_are_the_elites_results(self, page, facts):
+        cells = [float(one["data-value"]) for tag, one in page.elements if tag == "rect" and set(one) >= {"data-value"}
+                 and "data-name" not in one]  # fmt: skip
+        expected = [score for one in facts.elites for _, score in sorted(facts.scores[one].items())]
+        assert cells == pytest.approx(expected, rel=1e-5)
+
+    def test_comparisons_with_the_winner(self, page, proof):
+        winner, *others = proof.contestants
+        tested = [ttest_rel(winner.scores, one.scores).pvalue for one in others]
+        expected = holm(np.nan_to_num(np.array(tested), nan=1.0))
+        assert [pair.p_value for pair in proof.pairs()] == pytest.approx(expected.tolist())
+        shown = {one["data-name"]: float(one["data-mean"]) for one in page.all("data-mean")}
+        for one in proof.contestants:
+            assert shown[one.name] == pytest.approx(float(np.mean(one.scores)), rel=1e-5)
+        assert {"winner", "random machines", "exploration alone", "stop alone"} <= shown.keys()
+
+    def test_replays_are_the_median_best_and_worst(self, page, proof):
+        shown = {one["data-seed"]: float(one["data-score"]) for one in page.all("data-replay")}
+        scores = dict(zip(map(str, proof.seeds), proof.contestants[0].scores, strict=True))
+        assert shown.items() <= scores.items()
+        assert max(shown.values()) == max(scores.values())
+        assert min(shown.values()) == min(scores.values())
+
+    def test_every_section_is_there_with_its_link(self, page):
+        sections = [one["id"] for tag, one in page.elements if tag == "section"]
+        assert sections == ["answer", "request", "course", "choice", "importance", "replays", "origin"]
+        assert [one["href"] for one in page.all("href")] == [f"#{name}" for name in sections]
+
+    def test_every_figure_has_a_caption_with_its_command(self, page, raced):
+        n_figures = sum(tag == "figure" for tag, _ in page.elements)
+        captions = re.findall(r"<figcaption>.*?<code>(.*?)</code></figcaption>", (raced / REPORT).read_text())
+        assert len(captions) == n_figures >= 8
+        assert set(captions) <= {f"mdesign report {raced}", f"mdesign runs importance {raced}"}
+
+
+class TestAlone:
+    def test_it_names_nothing_outside(self, raced, page):
+        text = (raced / REPORT).read_text()
+        assert "default-src 'none'" in text
+        assert not re.findall(r"https?://(?!www\.w3\.org/)", text.replace("https://github.com", ""))
+        assert not page.all("src") or all(one["src"].startswith("data:") for one in page.all("src"))
+
+    def test_it_is_small(self, raced):
+        assert (raced / REPORT).stat().st_size < 300_000
+
+    def test_replays_that_do_not_fit_are_left_out(self, facts, proof, monkeypatch):
+        monkeypatch.setattr(pages, "MAX_SIZE", 0)
+        for name in ("request", "importance"):
+            monkeypatch.setattr(pages, name, lambda facts: "")
+        assert not Page(report_page(facts, proof)).all("data-replay")
+
+
+@pytest.mark.usefixtures("quick")
+class TestTexts:
+    def test_they_appear_as_text(self, folder):
+        facts = Facts.read(folder)
+        usual = Page(report_page(facts))
+        record = facts.record
+        record.start["name"] = record.start["mercator_design"] = NASTY
+        number = max(record.experiments)
+        record.experiments[number] = replace(record.experiments[number], score=None, failure=NASTY)
+        record.iterations[1] = replace(record.iterations[1], note=NASTY)
+        record.sessions[0] = replace(record.sessions[0], host=NASTY)
+        facts = replace(facts, notes=(NASTY,), folder=folder.parent / "<b>\u202e")
+        text = report_page(facts)
+        assert not any(mark in text for mark in ("<script>alert", "\u202e", "\x1b", "\u0000"))
+        page = Page(text)
+        assert page.text.count("<script>alert(1)</script>\\u202e\\x1b[31m\\x00'\"&xx") >= 5
+        assert [tag for tag, _ in page.elements if tag in {"script", "b"}] == ["script"]
+        assert len(page.scripts) == len(usual.scripts)
+
+    def test_of_the_mission(self, folder, monkeypatch):
+        monkeypatch.undo()
+        monkeypatch.setattr(pages, "chosen_runs", lambda facts, proof: [])
+        mission = folder / "mission.yaml"
+        described = "description: " + json.dumps("<script>alert(1)</script>\u202e")
+        mission.write_text(re.sub(r"^description: .*$", lambda _: described, mission.read_text(), flags=re.MULTILINE))
+        page = Page(report_page(Facts.read(folder)))
+        assert "<script>alert(1)</script>\\u202e" in page.text
+
+
+@pytest.mark.usefixtures("quick")
+class TestStages:
+    def test_a_race_that_was_stopped(self, folder, facts):
+        lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        (folder / "journal.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]))
+        stopped = Facts.read(folder)
+        text = Page(report_page(stopped)).text
+        assert not stopped.is_finished
+        assert "The best so far" in text
+        assert f"{len(stopped.record.experiments)} of 240 experiments" in text
+
+    def test_one_that_has_just_begun(self, folder):
+        lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        (folder / "journal.jsonl").write_bytes(b"".join(lines[:3]))
+        assert "No iteration has ended yet" in Page(report_page(Facts.read(folder))).text
+
+    def test_one_whose_files_are_lost(self, folder):
+        (folder / "mission.yaml").unlink()
+        page = Page(report_page(Facts.read(folder)))
+        assert "mission.yaml" in page.text
+        assert page.all("data-state")
+
+
+class TestProof:
+    def test_it_is_the_same_again_and_its_experiments_run_once(self, mdesign, folder, raced):
+        arguments = ("report", folder, "-o", folder / "a.html")
+        assert mdesign(*arguments, "--proof-runs", 6)[:2] == (0, f"{folder / 'a.html'}\n")
+        first = (folder / PROOF).read_bytes()
+        assert first == (raced / PROOF).read_bytes()
+        os.utime(folder / PROOF, (1, 1))
+        assert mdesign(*arguments)[0] == 0
+        assert (folder / PROOF).stat().st_mtime == 1
+        assert 'data-table="fresh"' in (folder / "a.html").read_text()
+
+    def test_it_does_not_change_the_race(self, raced, facts):
+        assert facts.record.digest() == facts.provenance.journal
+
+    @pytest.mark.usefixtures("quick")
+    def test_another_number_of_runs_or_none(self, mdesign, folder):
+        mdesign("report", folder, "--proof-runs", 0)
+        assert not (folder / PROOF).exists()
+        for runs in (5, 2):
+            mdesign("report", folder, "--proof-runs", runs)
+            assert len(json.loads((folder / PROOF).read_text())["seeds"]) == runs
+
+    def test_it_may_be_stopped(self, folder, facts):
+        with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped):
+            prove(folder, facts.designer, facts.record, executor, runs=2, stopped=lambda: True)
+        assert not (folder / PROOF).exists()
+
+    def test_of_another_end_it_is_not_shown(self, folder, facts, raced):
+        data = json.loads((raced / PROOF).read_text())
+        (folder / PROOF).write_text(json.dumps(data | {"journal": "0"}))
+        assert read_proof(folder, facts.record) is None
+
+    @pytest.mark.parametrize("text", ["", "[]", "{", '{"journal": "", "seeds": [1], "contestants": []}'])
+    def test_damaged_ones_are_refused(self, mdesign, folder, text):
+        (folder / PROOF).write_text(text)
+        code, _, err = mdesign("report", folder)
+        assert code == 1
+        assert PROOF in err
+
+    def test_machines_of_one_state_are_in_the_domains(self, proof):
+        alone = [one for one in proof.contestants if one.name.endswith(proofs.ALONE)]
+        assert len(alone) >= 4
+        assert all(len(parse(one.fsm).states) == 1 for one in alone)
+
+
+class TestCommand:
+    @pytest.mark.parametrize(
+        ("error", "words"),
+        [(OSError(errno.ENOSPC, "No space left on device"), "No space left"), (KeyError("x"), "KeyError")],
+    )
+    def test_a_report_that_fails_leaves_the_race(self, mdesign, folder, monkeypatch, error, words):
+        def fail(*_):
+            raise error
+
+        monkeypatch.delenv("MDESIGN_NO_REPORT")
+        monkeypatch.setattr(reporting, "write_text" if isinstance(error, OSError) else "report_page", fail)
+        if isinstance(error, OSError):
+            monkeypatch.setattr(reporting, "report_page", lambda *_: "")
+        code, out, err = mdesign("race", "--resume", folder, "--proof-runs", 0)
+        assert code == 0
+        assert "Winner" in out
+        assert "Report  " not in out
+        assert "Warning: the report is not written" in err
+        assert words in err
+        assert f"to write it: mdesign report {folder}" in err
+
+    def test_where_it_is(self, mdesign, folder, monkeypatch):
+        monkeypatch.delenv("MDESIGN_NO_REPORT")
+        monkeypatch.setattr(reporting, "report_page", lambda *_: "page")
+        code, out, _ = mdesign("race", "--resume", folder, "--proof-runs", 0)
+        assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
+        assert (folder / REPORT).read_text() == "page"
+
+    def test_none_if_not_asked_for(self, mdesign, folder):
+        assert "Report  " not in mdesign("race", "--resume", folder)[1]
+        assert not (folder / REPORT).exists()
+
+    def test_no_race(self, mdesign, tmp_path):
+        code, out, err = mdesign("report", tmp_path)
+        assert (code, out) == (1, "")
+        assert "journal.jsonl" in err

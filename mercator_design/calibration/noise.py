@@ -141,22 +141,22 @@ def fit_uniform(levels: Levels) -> Fit:
     lowest, highest, n = levels.count[first], levels.count[last], levels.counts
     step, one = levels.step, reach == 0.0
 
-    def parts(half_width: float) -> tuple[Floats, Floats]:
-        """The covered parts of the lowest and the highest cell of each channel."""
+    def parts(half_width: float | Floats) -> tuple[Floats, Floats]:
+        """The covered parts of the lowest and the highest cell of each channel; a column of half widths gives rows."""
         covered = np.minimum(2.0 * half_width - (reach - step), 2.0 * step)  # of both cells together
         low = np.clip(covered * lowest / (lowest + highest), covered - step, step)
         return low, covered - low
 
-    def log_likelihood(half_width: float) -> float:
+    def log_likelihood(half_width: float | Floats) -> Any:  # noqa: ANN401 - one, or a column of them
         low, high = parts(half_width)
         found = lowest * np.log(np.where(one, 1.0, low)) + highest * np.log(np.where(one, 1.0, high))
-        found += np.where(one, n * np.log(min(step, 2.0 * half_width)), (n - lowest - highest) * np.log(step))
-        return float(found.sum() - n.sum() * np.log(2.0 * half_width))
+        found += np.where(one, n * np.log(np.minimum(step, 2.0 * half_width)), (n - lowest - highest) * np.log(step))
+        return found.sum(axis=-1, keepdims=np.ndim(half_width) > 0) - n.sum() * np.log(2.0 * half_width)
 
     longest = float(reach.max())
     low, high = 0.5 * max(longest - step, 1e-3 * step), 0.5 * (longest + step)
     grid = np.linspace(low, high, _GRID)[1:]
-    likelihoods = np.array([log_likelihood(half_width) for half_width in grid])
+    likelihoods = log_likelihood(grid[:, np.newaxis])[:, 0]
     best = int(np.flatnonzero(likelihoods >= likelihoods.max() - _TIE)[-1])  # two levels only give a bound
     bounds = (grid[best - 1] if best else low + 1e-6 * step, grid[min(best + 1, len(grid) - 1)])
     found = optimize.minimize_scalar(
@@ -164,7 +164,7 @@ def fit_uniform(levels: Levels) -> Fit:
     )
     half_width = float(found.x)
     centres = np.where(one, bottom, bottom + 0.5 * step - parts(half_width)[0] + half_width)
-    return Fit(half_width, centres, 0.5 * step, log_likelihood(half_width))
+    return Fit(half_width, centres, 0.5 * step, float(log_likelihood(half_width)))
 
 
 FAMILIES = (
@@ -199,7 +199,8 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
     fits = [(family, family.fit(levels)) for family in FAMILIES]
     family, fit = max(fits, key=lambda each: each[1].log_likelihood)
     (other,) = (each for _, each in fits if each is not fit)
-    simulated = [_simulated(levels, family, fit, random) for _ in range(SIMULATIONS)]
+    distribution = family.distribution(fit.parameter)
+    simulated = [_simulated(levels, distribution, fit, random) for _ in range(SIMULATIONS)]
     refits = [family.fit(each) for each in simulated]
     distance = _distance(levels, family, fit)
     farther = sum(_distance(*each) >= distance for each in zip(simulated, [family] * SIMULATIONS, refits, strict=True))
@@ -217,10 +218,10 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
     )
 
 
-def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Generator) -> Levels:
+def _simulated(levels: Levels, distribution: Any, fit: Fit, random: np.random.Generator) -> Levels:  # noqa: ANN401
     channel = np.repeat(np.arange(len(fit.centres)), levels.counts)
     centres = fit.centres + random.uniform(-fit.slack, fit.slack, len(fit.centres))
-    noise = family.distribution(fit.parameter).rvs(len(channel), random_state=random)
+    noise = distribution.rvs(len(channel), random_state=random)
     return levels_of(channel, centres[channel] + noise, levels.step)
 
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from mercator_design.calibration import noise
 from mercator_design.calibration.scenes import read_recording
 from mercator_design.robot.logs.events import FORMAT
 from mercator_design.robot.logs.log import to_lines
@@ -27,6 +28,12 @@ MODEL = {
     "quaternion": Gaussian(sd=0.003),
 }
 """The noise of `recordings.NOISE` as robot models have it."""
+
+
+@pytest.fixture(autouse=True)
+def few_simulations(monkeypatch):
+    """Of fits, whose intervals and p-values test_noise.py tests."""
+    monkeypatch.setattr(noise, "SIMULATIONS", 39)
 
 
 @pytest.fixture
@@ -56,16 +63,16 @@ def test_every_sensor(calibrate, mdesign, tmp_path):
     model = load_robot_model(str(tmp_path / "model.yaml"))
     assert model.name == "ours"
     assert model.body == load_robot_model("mercator").body
-    for key, noise in MODEL.items():
+    for key, expected in MODEL.items():
         found, one = getattr(model, key).noise, sensors[key]
-        assert type(found) is type(noise), key
+        assert type(found) is type(expected), key
         assert one["scenes"] == 2
         name = one["distribution"]
         parameter = {"gaussian": "sd", "uniform": "half_width"}[name]
         assert getattr(found, parameter) == pytest.approx(one["parameter"], rel=1e-3)
         # Six standard errors of a standard deviation, which are more than a half width is ever off.
         error = 1.0 / np.sqrt(2.0 * (one["samples"] - one["channels"]))
-        assert one["parameter"] == pytest.approx(getattr(noise, parameter), rel=6.0 * error + 0.01), key
+        assert one["parameter"] == pytest.approx(getattr(expected, parameter), rel=6.0 * error + 0.01), key
         low, high = one["interval"]
         assert low < one["parameter"] < high
         assert one["aic_difference"] > 10.0
@@ -76,9 +83,9 @@ def test_every_sensor(calibrate, mdesign, tmp_path):
 
 
 def test_the_page_and_the_model_tell_what_was_found(mdesign, tmp_path):
-    noise = NOISE | {"velocity": recordings.gaussian(0.0), "ground": recordings.gaussian(0.0)}
+    given = NOISE | {"velocity": recordings.gaussian(0.0), "ground": recordings.gaussian(0.0)}
     sensors = ("proximity", "ground", "velocity")
-    file = write(tmp_path / "still.jsonl", measured(noise=noise, centres={name: CENTRES[name] for name in sensors}))
+    file = write(tmp_path / "still.jsonl", measured(noise=given, centres={name: CENTRES[name] for name in sensors}))
     code, out, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
     assert (code, err) == (0, "")
     title, *rows = out.splitlines()
@@ -200,9 +207,9 @@ def test_wild_samples_are_no_noise(calibrate, tmp_path):
 @pytest.mark.parametrize("sd", [0.4, 0.8, 1.4, 2.1])
 def test_noise_of_few_steps_has_no_wild_samples(calibrate, tmp_path, sd):
     """Where the median of distances is a whole step, and tells little."""
-    noise = {"ground": recordings.gaussian(sd)}
+    given = {"ground": recordings.gaussian(sd)}
     centres = {"ground": [100.0, 120.5, 140.3]}
-    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=centres)))
+    sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=given, centres=centres)))
     assert sensors["ground"]["samples"] == 3600, notes
     assert sensors["ground"]["parameter"] == pytest.approx(sd, rel=0.12)
 
@@ -231,16 +238,16 @@ def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monk
         return [[angle + off, round(reach - 0.04 * off, 5)] for angle, reach in usual(ranges, front)]
 
     monkeypatch.setattr(recordings, "turn", turn)
-    noise = {"lidar": recordings.gaussian(0.0005)}
-    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=noise, centres=only("lidar"))))
+    given = {"lidar": recordings.gaussian(0.0005)}
+    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=given, centres=only("lidar"))))
     assert sensors["lidar"]["distribution"] == "gaussian"
     assert sensors["lidar"]["parameter"] == pytest.approx(0.0005, rel=0.03)
 
 
 def test_a_lidar_that_sees_nothing(calibrate, tmp_path):
     """As one whose beams go above the walls."""
-    noise = NOISE | {"lidar": recordings.gaussian(0.0)}
-    file = write(tmp_path / "still.jsonl", measured(noise=noise, centres=only("ground") | {"lidar": [0.0] * 120}))
+    given = NOISE | {"lidar": recordings.gaussian(0.0)}
+    file = write(tmp_path / "still.jsonl", measured(noise=given, centres=only("ground") | {"lidar": [0.0] * 120}))
     sensors, notes, _ = calibrate(file)
     assert [*sensors] == ["ground"]
     assert "\n# lidar: too little that can be used; as in the base\n" in (tmp_path / "model.yaml").read_text()
@@ -258,8 +265,8 @@ def test_samples_that_follow_each_other(calibrate, tmp_path):
 
 def test_noise_that_the_step_hides(calibrate, tmp_path):
     centres = {"ground": [100.0, 120.5, 140.0]}
-    noise = {"ground": recordings.gaussian(0.05)}
-    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(noise=noise, centres=centres)))
+    given = {"ground": recordings.gaussian(0.05)}
+    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(noise=given, centres=centres)))
     assert sensors["ground"]["distribution"] is None
     assert sensors["ground"]["step"] == 1.0
     assert "null  # less than the step of its values, 1; 1800 samples" in (tmp_path / "model.yaml").read_text()

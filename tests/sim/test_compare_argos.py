@@ -21,7 +21,7 @@ from mercator_design.sim.simulate import Simulator
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")
 SCORES = read(DATA / "argos_scores.json.gz")
-FEWER = ("--runs", "80")
+FEWER = ("--runs", "40")
 """Experiments of ours for each controller: not five times as many as were recorded."""
 TRACES = {run["name"]: run for run in read(DATA / "argos_traces.json.gz")["runs"]}
 
@@ -40,7 +40,7 @@ def run(tmp_path, capsys):
     return compared
 
 
-def cut(mission, n=40):
+def cut(mission, n=20):
     """The first runs of each controller of a mission."""
     found = copy.deepcopy([one for one in SCORES["runs"] if one["mission"] == mission])
     for one in found:
@@ -109,9 +109,9 @@ def test_a_scaled_score_column(run):
 
 def test_statistics_that_are_a_little_off(run):
     """6 mm/s slower."""
-    runs = cut("coverage_v30_n3_r0.4")[:2]
+    runs = cut("coverage_v30_n3_r0.4", 40)[:2]
     runs[1]["stats"]["speed_mps"] = [speed - 0.006 for speed in runs[1]["stats"]["speed_mps"]]
-    code, text = run(runs, *FEWER)
+    code, text = run(runs, "--runs", "80")
     assert code == 1
     assert f"rejected: coverage_v30_n3_r0.4, {runs[1]['name']}: speed_mps" in text
 
@@ -132,7 +132,7 @@ def test_controllers_that_are_mixed_up(run):
     for one, column in zip(runs, columns[1:] + columns[:1], strict=True):
         one["scores"] = column
         del one["stats"]
-    code, text = run(runs, "--runs", "80")
+    code, text = run(runs, *FEWER)
     assert code == 1
     assert "NOT reached: aggregation: Spearman" in text
 
@@ -314,7 +314,7 @@ def test_missions_that_cannot_be_given(run, mission, tmp_path):
 
 def test_one_run_of_each_controller(run):
     """Nothing is called reached that no data could have made fail."""
-    code, text = run(cut("aggregation", 1))
+    code, text = run(cut("aggregation", 1), *FEWER)
     assert code == 1
     assert "cannot tell: aggregation: Spearman" in text
     assert "cannot tell: scores: with so few runs, none of 5 tests can reject" in text
@@ -323,16 +323,16 @@ def test_one_run_of_each_controller(run):
 
 
 def test_two_runs_of_each_controller(run):
-    code, text = run(cut("aggregation", 2))
+    code, text = run(cut("aggregation", 2), *FEWER)
     assert code == 0
     assert "reached: scores: 0 of 5 tests reject" in text
     assert "aggregation: none, by a single controller" in text
 
 
 def test_few_runs_of_one_controller_beside_others(run):
-    code, text = run([*cut("aggregation")[:4], *cut("aggregation", 2)[4:]], "--runs", "50")
+    code, text = run([*cut("aggregation")[:4], *cut("aggregation", 2)[4:]], "--runs", "30")
     assert code == 0
-    assert "| aggregation | 5 | 40, 50 |" in text
+    assert "| aggregation | 5 | 20, 30 |" in text
 
 
 def test_equal_scores_in_all_runs(run):
@@ -364,9 +364,9 @@ def test_a_mission_that_is_not_known(run):
         ({"scores": [10**400, 1]}, "scores: expected 2 numbers"),
         ({"scores": 5}, "scores: expected a list"),
         ({"stats": 7}, "stats: expected an object"),
-        ({"stats": {"prox": [0.5]}}, "prox: expected 40 numbers"),
-        ({"stats": {"occ": 3}}, "occ: expected 40 x 4 numbers"),
-        ({"stats": {"occ": [[1, 0]] * 40}}, "occ: expected 40 x 4 numbers"),
+        ({"stats": {"prox": [0.5]}}, "prox: expected 20 numbers"),
+        ({"stats": {"occ": 3}}, "occ: expected 20 x 4 numbers"),
+        ({"stats": {"occ": [[1, 0]] * 20}}, "occ: expected 20 x 4 numbers"),
     ],
 )
 def test_controllers_that_cannot_be_compared(run, wrong, words):
@@ -382,13 +382,13 @@ def test_statistics_that_are_not_there(run):
     good, some = cut("aggregation")[:2]
     some["scores"][3] = math.nan
     some["stats"] = {
-        "prox": [None] * 40,
+        "prox": [None] * 20,
         "nn": [None, *some["stats"]["nn"][1:]],
         "occ": [None, *some["stats"]["occ"][1:]],
     }
-    code, text = run([good, {**some, "seeds": [0] * 40}], "--runs", "40")
+    code, text = run([good, {**some, "seeds": [0] * 20}], "--runs", "20")
     assert code == 0
-    assert f"failed when it was recorded: aggregation: {some['name']}: 1 of 40 runs" in text
+    assert f"failed when it was recorded: aggregation: {some['name']}: 1 of 20 runs" in text
     assert "statistics: 0 of 31 tests" in text
 
 

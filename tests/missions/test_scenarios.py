@@ -16,6 +16,8 @@ from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES
 
 ROOT = Path(__file__).parents[2]
 EXPECTED = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["missions"]
+FEW = 6
+"""Experiments of each FSM, unless rounding may change most of its scores."""
 
 
 @pytest.mark.parametrize("name", shipped.missions())
@@ -34,9 +36,12 @@ class TestEveryMission:
         assert name in EXPECTED, f"no scores of {name}; make them with: python benchmarks/expected_scores.py {name}"
         simulator = expected.simulator(name)
         for label, text in expected.fsms(simulator.mission)[1].items():
-            found, entry = run(simulator, text), EXPECTED[name][label]
-            assert entry["low"] - 1e-9 <= np.mean(found) <= entry["high"] + 1e-9, f"{label}: expected {entry}"
-            assert not expected.unlike(found, entry["scores"]), f"{label}: expected {entry['scores']}, found {found}"
+            entry = EXPECTED[name][label]
+            n = FEW if entry["scores"].count(None) <= expected.RUNS // 2 else expected.RUNS
+            found, scores = run(simulator, text, n), entry["scores"][:n]
+            assert not expected.unlike(found, scores), f"{label}: expected {scores}, found {found}"
+            if n == expected.RUNS:  # scores of few seeds can be known, but the mean is within a band
+                assert entry["low"] - 1e-9 <= np.mean(found) <= entry["high"] + 1e-9, f"{label}: expected {entry}"
 
     def test_enough_is_expected_of_it_to_tell_one_mission_from_another(self, name):
         entries = EXPECTED[name].values()
@@ -50,10 +55,10 @@ class TestEveryMission:
         assert name == "directional_gate" or any(entry["low"] > least for entry in entries)
 
 
-def run(simulator, text):
+def run(simulator, text, n):
     pfsm = parse(text, expected.fsms(simulator.mission)[0])
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(lambda seed: simulator.run(pfsm, seed).score, range(1, 1 + expected.RUNS)))
+        return list(pool.map(lambda seed: simulator.run(pfsm, seed).score, range(1, 1 + n)))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +88,9 @@ def run(simulator, text):
 def test_another_mission_does_not_score_as_expected(name, changes):
     mission = load_mission(name, [*changes, f"duration={expected.simulator(name).mission.duration}"])
     simulator, texts = expected.Simulator(mission), expected.fsms(mission)[1]
-    assert any(expected.unlike(run(simulator, texts[label]), EXPECTED[name][label]["scores"]) for label in texts)
+    assert any(
+        expected.unlike(run(simulator, texts[label], FEW), EXPECTED[name][label]["scores"][:FEW]) for label in texts
+    )
 
 
 def test_nothing_is_expected_of_missions_that_are_gone():

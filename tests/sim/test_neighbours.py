@@ -172,7 +172,8 @@ class TestMemory:
     """Robot 0 drives past robot 1 and loses it from sight."""
 
     def seen(self, memory, **constants):
-        constants = {"neighbour_memory": memory, "neighbour_count_memory": memory, "neighbour_range": 0.5} | constants
+        cycles = float(memory)  # as all constants are: another type would compile the engine anew
+        constants = {"neighbour_memory": cycles, "neighbour_count_memory": cycles, "neighbour_range": 0.5} | constants
         model = seeing(constants=constants)
         world = simulator(
             robots=2, duration=20, apothem=3.0, robot_model=model, placement=at((0, 0, 0), (-0.42, 0, math.pi))

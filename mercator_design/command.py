@@ -167,6 +167,13 @@ class LazyVerb(NamedTuple):
     is_light: bool = False  # whether it runs without the packages of the designer
 
 
+def lack_of_designer(what: str, error: ModuleNotFoundError) -> MercatorError:
+    """What to say where a package is not installed that only the designer needs."""
+    return MercatorError(
+        f"{what} needs the designer: the package {error.name} is not installed; in the clone: pip install '.[design]'"
+    )
+
+
 class LazyGroup(click.Group):
     """Commands, some of which are imported when they are used, so that `--help` is quick and needs few packages."""
 
@@ -189,10 +196,7 @@ class LazyGroup(click.Group):
             package = verb.module.rpartition(".")[0]
             if error.name is None or (error.name.startswith("mercator_design.") and error.name != package):
                 raise  # a bug in this program
-            raise MercatorError(
-                f"{cmd_name} needs the designer: the package {error.name} is not installed; "
-                "in the clone: pip install '.[design]'"
-            ) from None
+            raise lack_of_designer(cmd_name, error) from None
         command: click.Command = getattr(module, cmd_name)
         return command
 

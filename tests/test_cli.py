@@ -577,7 +577,7 @@ class TestSchema:
         model = json.loads(mdesign("schema", "robot-model")[1])
         for file in shipped.robot_models().values():
             Draft202012Validator(model).validate(yaml.safe_load(file.read_text()))
-        assert mdesign("schema", "fsm")[0] == 2
+        assert mdesign("schema", "race")[0] == 2
 
     def test_knows_plugins(self, tmp_path):
         plugin = tmp_path / "mine.py"

@@ -14,8 +14,8 @@ from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.view.diagram import diagram_svg
 from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.machines.diagram import diagram_svg
 from mercator_design.view.packing import PackedArrays
 
 Replay: TypeAlias = dict[str, Any]

@@ -1,18 +1,27 @@
 """mdesign fsm show: a PFSM as a picture, or in another form."""
 
+import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, OUTPUT_FILE, print_result, read_controller
+from mercator_design.command import (
+    FILE,
+    FLAVOUR,
+    LENIENT,
+    OUTPUT_FILE,
+    lack_of_designer,
+    print_result,
+    read_controller,
+)
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
-from mercator_design.view.diagram import diagram_svg
-from mercator_design.view.notations import to_dot, to_mermaid, to_tikz
+from mercator_design.view.machines.diagram import diagram_svg
+from mercator_design.view.machines.notations import to_dot, to_mermaid, to_tikz
 
-FORMATS: Mapping[str, Callable[[FsmFile], str]] = {
-    "svg": lambda file: diagram_svg(file.pfsm),
+_RUNS, _SEED = 10, 1
+_FORMATS: Mapping[str, Callable[[FsmFile], str]] = {
     "dot": lambda file: to_dot(file.pfsm),
     "mermaid": lambda file: to_mermaid(file.pfsm, file.names),
     "tikz": lambda file: to_tikz(file.pfsm, file.names),
@@ -28,24 +37,63 @@ _SUFFIXES = {
 @click.command(short_help="Draw a PFSM, or write it in another form.")
 @click.argument("fsm", type=FILE)
 @click.option(
-    "--format", "form", type=click.Choice(list(FORMATS)), help="The form.  [default: by the suffix of FILE, else svg]"
+    "--format",
+    "form",
+    type=click.Choice(["svg", *_FORMATS]),
+    help="The form.  [default: by the suffix of FILE, else svg]",
 )
 @click.option("-o", "--output", type=OUTPUT_FILE, help="File to write.  [default: stdout]")
+@click.option("--mission", help="Mission on which to measure what robots do in each state. YAML file or shipped name.")
+@click.option("-n", "--runs", type=click.IntRange(1, 10**6), help=f"Experiments to measure.  [default: {_RUNS}]")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help=f"Seed of these experiments.  [default: {_SEED}]")
 @FLAVOUR
 @LENIENT
-def show(fsm: Path, form: str | None, output: Path | None, flavour: str | None, lenient: bool) -> None:
+def show(
+    fsm: Path,
+    form: str | None,
+    output: Path | None,
+    mission: str | None,
+    runs: int | None,
+    seed: int | None,
+    flavour: str | None,
+    lenient: bool,
+) -> None:
     """Draw a PFSM as SVG, or write it as Graphviz text, Mermaid, TikZ, fsm.yaml or fsm.txt.
 
     fsm.yaml and fsm.txt hold the same: `mdesign fsm show fsm.txt -o fsm.yaml` makes one of the other, without loss.
+
+    With --mission, the picture has the share of time that robots are in each state, and how often each of them changes
+    from one state to another, in experiments on fresh instances.
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     if form is None:
         form = "svg" if output is None else _SUFFIXES.get(output.suffix.lower())
     if form is None:
         raise click.UsageError(f"expected --format, or a file that ends in {', '.join(_SUFFIXES)}; found {output}")
-    text = FORMATS[form](file)
+    if mission is not None and form != "svg":
+        raise click.UsageError("--mission needs --format svg")
+    if mission is None and (runs is not None or seed is not None):
+        raise click.UsageError("--runs and --seed need --mission")
+    if form != "svg":
+        text = _FORMATS[form](file)
+    elif mission is None:
+        text = diagram_svg(file.pfsm, file.names, caption=[f"mdesign fsm show {shlex.quote(str(fsm))}"])
+    else:
+        text = _measured(fsm, file, mission, runs or _RUNS, _SEED if seed is None else seed)
     if output is None:
         print_result(text, nl=False, exact=True)
     else:
         with writing(output):
             write_text(output, text)
+
+
+def _measured(fsm: Path, file: FsmFile, mission: str, runs: int, seed: int) -> str:
+    """The picture with what robots did on a mission."""
+    try:
+        from mercator_design.cli.machines.measure import measured
+    except ModuleNotFoundError as error:
+        raise lack_of_designer("--mission", error) from None
+    found, experiments = measured(fsm, file, mission, runs, seed)
+    words = ["mdesign", "fsm", "show", str(fsm), "--mission", mission, "--runs", str(runs), "--seed", str(seed)]
+    meaning = "% of time: of all robots; per s: how often a robot changes to the next state"
+    return diagram_svg(file.pfsm, file.names, measured=found, caption=[experiments, meaning, shlex.join(words)])

@@ -1,0 +1,1 @@
+"""PFSMs as diagrams, and in the notations of other programs."""

@@ -7,7 +7,7 @@ from mercator_design.report.page.choice import verdict
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, command, facts_list, figure, note, section
 from mercator_design.view.charts import number
-from mercator_design.view.diagram import diagram_svg
+from mercator_design.view.machines.diagram import diagram_svg
 
 
 def answer(facts: Facts, proof: Proof | None) -> Html:

@@ -1,6 +1,6 @@
 """The proof of a race's choice: its winner on fresh instances, against others.
 
-The others are the runner-up, random PFSMs (another on each instance), and PFSMs of one state, the simplest machines.
+The others are the runner-up, random PFSMs (another on each instance), and PFSMs of one state, the simplest ones.
 The experiments do not count towards the budget. Instances and random PFSMs depend on the race's seed alone. The results
 are kept in the run folder.
 """
@@ -30,7 +30,7 @@ from mercator_design.seeds import generator, instance_seed
 from mercator_design.system.files import Unreadable, read_small, write_text
 
 PROOF = "proof.json"
-RUNNER_UP, RANDOM, ALONE = "runner-up", "random machines", " alone"
+RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
 """Names of contestants; that of a PFSM of one state is its behaviour with `ALONE`."""
 _MAX_SIZE = 16 * 1024 * 1024  # bytes
 _SHARE = 0.08  # of the budget
@@ -152,7 +152,7 @@ def prove(
 def _contestants(designer: Designer, record: Record) -> list[tuple[str, Callable[[int], Pfsm]]]:
     """The name of each contestant, and its PFSM on an instance; the winner first."""
     flavour, space = designer.flavour, designer.optimizer.space
-    draws = generator(designer.optimizer.seed, "proof, random machines")
+    draws = generator(designer.optimizer.seed, "proof, random PFSMs")
     randoms: list[Pfsm] = []
 
     def random(instance: int) -> Pfsm:

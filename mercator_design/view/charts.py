@@ -16,7 +16,7 @@ STYLE = """
 .chart{--ink:#1c2430;--faint:#667180;--grid:#dfe4ea;--k0:#0072b2;--k1:#d55e00;--k2:#009e73;--k3:#cc79a7;--k4:#e69f00;
 --k5:#56b4e9;--k6:#7a7a7a;width:100%;height:auto;display:block;font:12px system-ui,sans-serif;color:var(--ink)}
 @media (prefers-color-scheme:dark){.chart{--ink:#e6e9ee;--faint:#9aa5b1;--grid:#333b45;--k0:#4aa8e0;--k1:#f0803c;
---k2:#2fc49a;--k6:#a0a7b0}.chart .shade{filter:brightness(2)}}
+--k2:#2fc49a;--k6:#a0a7b0}.chart .shade{filter:brightness(1.6)}}
 @media print{.chart{--ink:#000;--faint:#444;--grid:#ddd;--k0:#0072b2;--k1:#d55e00;--k2:#009e73}}
 .chart text{fill:var(--ink)}.chart .tick{fill:var(--faint);font-size:11px}.chart .grid{stroke:var(--grid)}
 .chart .axis{stroke:var(--faint)}

@@ -21,6 +21,7 @@ from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.report.iterations import incumbents
 from mercator_design.report.page import page as pages
+from mercator_design.report.page import request as requests
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.page import REPORT, report_page
 
@@ -144,7 +145,7 @@ class TestNumbers:
         shown = {one["data-name"]: float(one["data-mean"]) for one in page.all("data-mean")}
         for one in proof.contestants:
             assert shown[one.name] == pytest.approx(float(np.mean(one.scores)), rel=1e-5)
-        assert {"winner", "random machines", "exploration alone", "stop alone"} <= shown.keys()
+        assert {"winner", "random PFSMs", "exploration alone", "stop alone"} <= shown.keys()
 
     def test_replays_are_the_median_best_and_worst(self, page, proof):
         shown = {one["data-seed"]: float(one["data-score"]) for one in page.all("data-replay")}
@@ -202,8 +203,8 @@ class TestTexts:
         assert len(page.scripts) == len(usual.scripts)
 
     def test_of_the_mission(self, folder, monkeypatch):
-        monkeypatch.undo()
-        monkeypatch.setattr(pages, "chosen_runs", lambda facts, proof: [])
+        monkeypatch.setattr(pages, "request", requests.request)
+        monkeypatch.setattr(requests, "_picture", lambda *_: "")
         mission = folder / "mission.yaml"
         described = "description: " + json.dumps("<script>alert(1)</script>\u202e")
         mission.write_text(re.sub(r"^description: .*$", lambda _: described, mission.read_text(), flags=re.MULTILINE))
@@ -235,6 +236,7 @@ class TestStages:
 
 
 class TestProof:
+    @pytest.mark.usefixtures("quick")
     def test_it_is_the_same_again_and_its_experiments_run_once(self, mdesign, folder, raced):
         arguments = ("report", folder, "-o", folder / "a.html")
         assert mdesign(*arguments, "--proof-runs", 6)[:2] == (0, f"{folder / 'a.html'}\n")

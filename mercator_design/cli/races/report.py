@@ -5,25 +5,37 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.options import FOLDER, JOBS, PLUGIN
-from mercator_design.cli.races.reporting import PROOF_RUNS, write_report
+from mercator_design.cli.races.reporting import PROOF_RUNS, latest_report, write_report
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import OUTPUT_FILE, print_result
+from mercator_design.command import OUTPUT_FILE, print_message, print_result
 from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.report.page.page import REPORT
 
 
-@click.command(short_help="Write the report of a race as a page.")
+@click.command(short_help="Write the report of a race as a page, or follow a race.")
 @click.argument("directory", type=FOLDER)
 @click.option("-o", "--output", type=OUTPUT_FILE, help=f"The page to write.  [default: {REPORT} in DIRECTORY]")
 @PROOF_RUNS
 @JOBS
+@click.option("--follow", is_flag=True, help="Serve the page of a running race on this computer, until the race ends.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port for --follow.  [default: a free one]")
 @PLUGIN
-def report(directory: Path, output: Path | None, proof_runs: int | None, jobs: int | None) -> None:
+def report(
+    directory: Path, output: Path | None, proof_runs: int | None, jobs: int | None, follow: bool, port: int
+) -> None:
     """Write the report of the race in DIRECTORY, which may be running, interrupted or finished.
 
     The report is one HTML file that needs no network. If the race has ended, its winner is compared with others on
     fresh instances; the results are kept in the folder, so these experiments run only once.
+
+    With --follow, the page is served on the loopback while the race runs, and shows its progress. Ctrl-C ends this
+    (exit code 130), not the race; else it ends with the race (exit code 0).
     """
+    if follow:
+        if output is not None or proof_runs is not None:
+            raise click.UsageError("--follow writes nothing: it cannot be given with --output or --proof-runs")
+        _follow(directory, port)
+        return
     output = output or directory / REPORT
     with Interrupt() as interrupt:
         try:
@@ -32,3 +44,12 @@ def report(directory: Path, output: Path | None, proof_runs: int | None, jobs: i
             interrupt.check("interrupted")
             raise
     print_result(output)
+
+
+def _follow(directory: Path, port: int) -> None:
+    from mercator_design.report.page.follow import Follower
+
+    with Follower(directory, lambda: latest_report(directory), port) as server:
+        print_result(server.address)
+        server.serve()
+    print_message(f"The process that ran {directory} has ended")

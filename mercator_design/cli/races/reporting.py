@@ -12,9 +12,9 @@ from mercator_design.errors import RaceError
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.page import report_page
+from mercator_design.report.page.page import REPORT, report_page
 from mercator_design.report.progress import Display
-from mercator_design.runs.files import restored
+from mercator_design.runs.files import JOURNAL, restored
 from mercator_design.system.files import write_text, writing
 
 PROOF_RUNS = click.option(
@@ -57,6 +57,21 @@ def write_report(
     page = report_page(facts, proof, without)
     with writing(output):
         write_text(output, page)
+
+
+def latest_report(folder: Path) -> str:
+    """The report that the race has written, or one of this moment, without experiments, if it has not.
+
+    Raises:
+        MercatorError: There is no race.
+    """
+    written = folder / REPORT
+    try:
+        if written.stat().st_mtime >= (folder / JOURNAL).stat().st_mtime:
+            return written.read_text(encoding="utf-8")
+    except OSError:
+        pass
+    return report_page(Facts.read(folder))
 
 
 def _proof(

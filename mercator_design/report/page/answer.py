@@ -1,12 +1,18 @@
 """The answer first: the winner, its score, its control software."""
 
 from mercator_design.analysis.proof import Proof
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.explain import explanation
+from mercator_design.fsm.words.modules import module_words
+from mercator_design.fsm.words.names import state_names
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.report.page.choice import verdict
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.markup import Html, command, facts_list, figure, note, section
+from mercator_design.report.page.markup import Html, command, facts_list, figure, folded, note, section, text
+from mercator_design.sim.checks.lint import lint
 from mercator_design.view.charts import number
+from mercator_design.view.markup import escaped
 from mercator_design.view.machines.diagram import diagram_svg
 
 
@@ -49,7 +55,26 @@ def _software(facts: Facts, best: int) -> Html:
         line = command(facts.task.optimizer.space.command_line(values), "winner") if facts.task is not None else ""
         return Html(facts_list(sorted(values.items())) + line)
     caption = (
-        f"Configuration {best} as a state machine: robots begin in state 0; each condition is beside the transition "
+        f"Configuration {best} as a PFSM: robots begin in state 0; each condition is beside the transition "
         "that it triggers."
     )
-    return Html(figure(diagram_svg(pfsm), caption, facts.command) + command(to_text(pfsm), "winner"))
+    diagram = figure(diagram_svg(pfsm), caption, facts.command)
+    return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
+
+
+def _words(facts: Facts, pfsm: Pfsm) -> Html:
+    """What the control software does, in a sentence and in full, and what is superfluous in it."""
+    if facts.designer is None:
+        return Html()
+    mission, model = facts.designer.simulator.mission, facts.designer.simulator.robot_model
+    names, cycle = state_names(pfsm), mission.control_period
+    does = dict.fromkeys(module_words(state.behaviour, state.parameters, cycle) for state in pfsm.states)
+    when = "; its conditions decide when" if len(does) > 1 else ""
+    findings = "".join(
+        f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in lint(pfsm, names, mission, model)
+    )
+    return Html(
+        note(f"A robot {'; or it '.join(does)}{when}.")
+        + (f"<ul>{findings}</ul>" if findings else "")
+        + folded("All states and conditions in words", text(explanation(pfsm, names, cycle)))
+    )

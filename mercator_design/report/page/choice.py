@@ -27,6 +27,7 @@ def choice(facts: Facts, proof: Proof | None, without: str) -> Html:
 
 def verdict(facts: Facts, proof: Proof) -> str:
     """What the proof says, in a sentence or two."""
+    simple = [one.name for one in proof.contestants if one.name.endswith(ALONE)]
     better: list[str] = []
     alike: list[str] = []
     worse: list[str] = []
@@ -36,7 +37,7 @@ def verdict(facts: Facts, proof: Proof) -> str:
         group = alike if not is_sure else better if sign * pair.differences.mean > 0 else worse
         group.append(str(pair.second))
     parts = [
-        f"it is {how} {_listed(group)}"
+        f"it is {how} {_listed(group, simple)}"
         for how, group in (
             ("significantly better than", better),
             ("not distinguishable from", alike),
@@ -58,10 +59,10 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
             Dot(one.name, scores.mean, low, high, one.scores, "" if pair is None else _p(pair.p_value), min(place, 3))
         )
         rows.append((one.name, number(scores.mean), f"{number(low)} to {number(high)}", *_difference(pair)))
-    head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "winner's lead", "p (Holm)")
+    head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "winner's difference", "p (Holm)")
     caption = (
-        f"The winner on {len(proof.seeds)} fresh instances, against the runner-up, random state machines (another one "
-        f"on each instance) and machines of one state: mean, interval of {CONFIDENCE:.0%}, single runs. p: of no "
+        f"The winner on {len(proof.seeds)} fresh instances, against the runner-up, random PFSMs (another one on each "
+        f"instance) and PFSMs of one state: mean, interval of {CONFIDENCE:.0%}, single runs. p: of no "
         "difference from the winner, by paired t-tests with Holm's correction. These runs do not count towards the "
         "budget."
     )
@@ -113,9 +114,9 @@ def _p(value: float) -> str:
     return "p < 0.001" if value < 0.001 else f"p = {value:.2g}"
 
 
-def _listed(contestants: list[str]) -> str:
-    """Contestants in words; machines of one state are named together if there are several."""
-    simple = [name for name in contestants if name.endswith(ALONE)]
-    names = [f"the {name}" if name == RUNNER_UP else name for name in contestants if name not in simple]
-    names += simple if len(simple) < 3 else [f"{len(simple)} machines of one state"]
+def _listed(contestants: list[str], simple: list[str]) -> str:
+    """Contestants in words; all PFSMs of one state are named together."""
+    names = [f"the {name}" if name == RUNNER_UP else name for name in contestants]
+    if set(simple) <= set(names):
+        names = [*(name for name in names if name not in simple), "every PFSM of one state"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -24,7 +24,7 @@ def importance(facts: Facts) -> Html:
         Dot(one.name.replace("_", " "), one.share, one.share - 1.96 * one.error, one.share + 1.96 * one.error)
         for one in explanation.parameters[:_MOST]
     ]
-    what = "the number of each module in a machine" if facts.designer is not None else "each parameter"
+    what = "the number of each module in a PFSM" if facts.designer is not None else "each parameter"
     caption = (
         f"How much {what} explains of the differences between the {explanation.configurations} configurations that "
         f"were raced: share of the variance, with its interval of {CONFIDENCE:.0%}. In all, "

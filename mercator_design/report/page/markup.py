@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from mercator_design.view.markup import escaped
+from mercator_design.view.markup import escaped, escaped_lines
 
 
 class Html(str):
@@ -62,6 +62,11 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, name: str
 def folded(title: str, *parts: str) -> Html:
     """Parts that are shown when the title is clicked."""
     return Html(f"<details><summary>{escaped(title)}</summary>{''.join(parts)}</details>")
+
+
+def text(lines: str) -> Html:
+    """A text of several lines."""
+    return Html(f"<pre>{escaped_lines(lines)}</pre>")
 
 
 def command(text: str, name: str = "") -> Html:

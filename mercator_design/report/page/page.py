@@ -70,6 +70,7 @@ def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool 
     title = escaped(excerpt(str(facts.start["name"])))
     body = "".join(sections)
     links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
+    head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
     styles = [*([viewer_style()] if viewer else []), STYLE, _asset("page.css")]
     scripts = [*([viewer_script()] if viewer else []), _asset("page.js"), *([_asset("follow.js")] if follows else [])]
     policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
@@ -79,8 +80,7 @@ def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool 
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         f"<title>{title}: report of a race</title><style>{''.join(styles)}</style></head>\n"
-        f'<body><header class="top"><h1><bdi>{title}</bdi></h1><p>{_state(facts)}</p>'
-        f'<nav class="toc">{links}</nav></header>\n'
+        f'<body><header class="top"><h1><bdi>{title}</bdi></h1>{head}</header>\n'
         f"<main>{body}</main>\n"
         f"<script>{chr(10).join(scripts)}</script></body></html>\n"
     )

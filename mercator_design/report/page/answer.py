@@ -12,8 +12,8 @@ from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, command, facts_list, figure, folded, note, section, text
 from mercator_design.sim.checks.lint import lint
 from mercator_design.view.charts import number
-from mercator_design.view.markup import escaped
 from mercator_design.view.machines.diagram import diagram_svg
+from mercator_design.view.markup import escaped
 
 
 def answer(facts: Facts, proof: Proof | None) -> Html:
